@@ -64,6 +64,10 @@ class PoleAxes:
     directions: dict[Pole, Floats]
     errors: dict[Pole, Floats]
 
+    def largest_error(self, poles: Iterable[Pole]) -> Floats:
+        """Return the largest error bound (n,) of the axes of some poles (rad)."""
+        return np.max([self.errors[pole] for pole in poles], axis=0)
+
 
 class LinkMotion:
     """Velocities of all links in given motions at n configurations.
@@ -153,6 +157,14 @@ class LinkMotion:
         """Return the sizes (n,) of w and dw of a pole's links relative to each other."""
         w, dw = self.relative(*pole)
         return np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
+
+    def rests(self, pole: Pole) -> Bools:
+        """Return whether (n,) the two links of a pole rest relative to each other.
+
+        Their relative speed is then at most a multiple of its rounding error.
+        """
+        speed, _ = self.speeds(pole)
+        return speed <= REST_ROUNDING_FACTOR * self.rounding
 
     def pole_axes(self, poles: Iterable[Pole], plan: Plan | None) -> PoleAxes:
         """Return the axes of poles with bounds of their errors.
@@ -391,8 +403,7 @@ class CurveMotion:
         """
         curve = self.curve
         node_links = self.links_at(curve.s)
-        node_speeds, _ = node_links.speeds(pole)
-        if np.all(node_speeds <= REST_ROUNDING_FACTOR * node_links.rounding):
+        if np.all(node_links.rests(pole)):
             return None
 
         def projected_rate(s: Floats) -> tuple[Floats, Floats]:
@@ -414,10 +425,10 @@ class CurveMotion:
         # minimum of the whole vector nearby, which is more accurate.
         s = self._refine_zeros(zeros.places, is_double, pole)
         # Bounds of the errors of the arc lengths, first as if all zeros were simple.
-        # `speed` is the size of the relative rate, `slope` that of its derivative by s, and
+        # `slope` is the size of the derivative of the relative rate by s, and
         # `links.rounding` a bound of the rounding error of the rate.
         links = self.links_at(s)
-        speed, slope = links.speeds(pole)
+        _, slope = links.speeds(pole)
         rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * curve.length
         # A simple zero moves by the error of the rate over its slope. `EPS` prevents a
         # division by zero.
@@ -434,9 +445,9 @@ class CurveMotion:
         curvature = np.maximum(slope_aside / step, EPS)
         errors[is_double] = np.sqrt(2.0 * links.rounding[is_double] / curvature)
         errors = np.minimum(errors, curve.length)
-        # The links rest where the whole vector vanishes, up to a multiple of its rounding.
-        # At other zeros only the component along `PROJECTION` vanishes.
-        is_rest = speed <= REST_ROUNDING_FACTOR * links.rounding
+        # The links rest where the whole vector vanishes. At other zeros only the component
+        # along `PROJECTION` vanishes.
+        is_rest = links.rests(pole)
         distances_to_ends = (s, curve.length - s)
         for end_status, distance in zip(curve.ends, distances_to_ends, strict=True):
             if end_status == Status.AT_SINGULARITY:

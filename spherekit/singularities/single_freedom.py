@@ -3,15 +3,20 @@
 On a configuration curve the rate of the input w_ir and that of an output w_os, per unit of
 arc length, are smooth functions. If only the rate of the output is zero at a point of the
 curve, this is a singularity of type I. If only that of the input is zero, it is of type II.
-If both are zero, it is a self-motion. Type III occurs where curves cross. The coefficients
-c and d of the input-output relation c y' = d q' vanish at all of these crossings. They also
-vanish where the four links of the relation are badly chosen, which is no singularity.
+If both are zero, it is a self-motion. Type III occurs where curves cross.
+
+Each type is checked by input-output relations c y' = d q' (Di Gregorio 2012). q' is the
+rate of the input. y' is the rate of the output in the relation of form "i". In that of form
+"ii" it is the rate of the output link relative to the reference link of the input. c and d
+follow from pole axes, the axes about which links turn relative to each other. They vanish
+at all crossings. They also vanish where the links of the relation are badly chosen, which
+is no singularity.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -23,11 +28,7 @@ from spherekit.planning.pole_planner import plan
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_crossing import Crossing, find_crossing
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.singularities.curve_velocities import (
-    REST_ROUNDING_FACTOR,
-    CurveMotion,
-    LinkMotion,
-)
+from spherekit.singularities.curve_velocities import CurveMotion, LinkMotion
 from spherekit.singularities.geometric_conditions import (
     TYPE_OF_VANISHING,
     RelationAt,
@@ -77,19 +78,19 @@ NO_ZERO = np.array([[np.nan], [np.nan], [np.inf]])
 class CurveRelations:
     """Rates and input-output relations at n points of a configuration curve.
 
-    The input is the rotation of a link i relative to r, with the rate q'. The output is the
-    rotation of a link o relative to s. A relation is an equation c y' = d q' in one of two
-    forms. In form "i", y' is the rate of the output. In form "ii" it is the rate of o
-    relative to r. c and d are triple products of pole axes, the axes about which two of
-    these links turn relative to each other (Di Gregorio 2012).
+    A relation is an equation c y' = d q', where q' is the rate of the input. c and d are
+    triple products of pole axes, the axes about which links turn relative to each other (Di
+    Gregorio 2012).
 
     Attributes
     ----------
     input_rate, output_rate
         (n,) rates of the input and of the output by the arc length of the curve.
     relations
-        The relation in form "i", then that in form "ii". Form "ii" does not exist if o is i
-        or r. c and d are NaN at points at which one of the pole axes is unknown.
+        One or two relations. In the first one (form "i"), y' is the rate of the output. In
+        the second one (form "ii"), it is the rate of the output link relative to the
+        reference link of the input. It does not exist if the output link is a link of the
+        input. c and d are NaN at points at which one of the pole axes is unknown.
     """
 
     input_rate: Floats
@@ -119,10 +120,8 @@ class SingleFreedomSingularities:
     input, outputs
         The input as link numbers (i, r), and each output as link numbers (o, s).
     links
-        For each output the four links of the relation c y' = d q' in each of its forms. q'
-        is the rate of the input. y' is the rate of the output in form "i", and the rate of
-        o relative to r in form "ii". Form "ii" does not exist if o is i or r. If s is r,
-        form "ii" uses another link for s.
+        For each output the links of its relations, by form "i" and, if it exists, "ii". A
+        relation of form "ii" may use another link s than the reference link of the output.
 
     Raises
     ------
@@ -139,16 +138,7 @@ class SingleFreedomSingularities:
     ) -> None:
         """Prepare velocities along the curves, and choose the links of all relations.
 
-        The input is the rotation of a link i relative to r, with the rate q'. An output is
-        the rotation of a link o relative to s. A relation is an equation c y' = d q' whose
-        coefficients follow from the poles of these links. In form "i", y' is the rate of
-        the output. In form "ii" it is the rate of o relative to r. Its coefficients contain
-        the axes of o and i relative to s. With s = r both coefficients would be zero, so
-        `_links_of_form_ii` then chooses another link for s.
-
-        At configurations with c = d = 0 a form does not determine the ratio of the rates.
-        These configurations differ between the forms, so both are used. The class explains
-        the parameters.
+        The class explains the parameters.
         """
         mechanism = position_analysis.mechanism
         if len(position_analysis.inputs) != 1:
@@ -174,6 +164,7 @@ class SingleFreedomSingularities:
             except PlanError:
                 return None
 
+        self._plan_poles = plan_poles
         self.curve_motions = [
             CurveMotion(position_analysis, curve, plan_poles) for curve in curves
         ]
@@ -185,60 +176,65 @@ class SingleFreedomSingularities:
         else:
             self.input = ordered_pole(mechanism, input)
         self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)
-        # For each output the links i, r, o, s of its relation in each form.
-        self.links: list[dict[Form, FourLinks]] = []
-        for output in self.outputs:
-            links_by_form: dict[Form, FourLinks] = {"i": FourLinks(*self.input, *output)}
-            second_links = self._links_of_form_ii(links_by_form["i"])
-            if second_links is not None:
-                links_by_form["ii"] = second_links
-            self.links.append(links_by_form)
+        self.links = [self._choose_links(output) for output in self.outputs]
 
-    def _links_of_form_ii(self, links: FourLinks) -> FourLinks | None:
-        """Return the links of form "ii" of the relation, None if this form does not exist.
+    def _choose_links(self, output: tuple[int, int]) -> dict[Form, FourLinks]:
+        """Return the links of the relations between an output and the input, by form.
 
-        The input is the rotation of link i relative to r, with the rate q'. Form "ii"
-        relates it to the rate y' of link o relative to r. There is no form "ii" if o is r,
-        which does not move relative to itself, or i, whose rate is q' itself. Let u_ab be
-        the axis about which link a rotates relative to b (pole axis). Then c y' = d q' with
+        Form "i" is the relation of the output link relative to its reference link. Form
+        "ii" is that of the output link relative to the reference link of the input, if
+        these are different links, and if the output link is not the input link itself. Both
+        are used because they fail, with c = d = 0, at different configurations.
 
-            c = u_or . (u_os x u_is),   d = u_ir . (u_os x u_is).
+        Parameters
+        ----------
+        output
+            Numbers of the output link and of its reference link.
+        """
+        links_by_form: dict[Form, FourLinks] = {"i": FourLinks(*self.input, *output)}
+        links = links_by_form["i"]
+        if links.o in (links.r, links.i):
+            return links_by_form
+        # The formulas of form "ii" use s as an auxiliary link, which can be any fourth one.
+        # The reference link of the output is taken, unless it is that of the input.
+        auxiliary_link: int | None = links.s
+        if links.s == links.r:
+            auxiliary_link = self._choose_auxiliary_link(links)
+        if auxiliary_link is not None:
+            links_by_form["ii"] = replace(links, s=auxiliary_link)
+        return links_by_form
 
-        s is an auxiliary link. With s = r both coefficients would always be zero, so
-        another link is taken then: the one whose axes u_os and u_is are farthest from
-        parallel, by the sum of the sines between them over the nodes of all configuration
-        curves.
+    def _choose_auxiliary_link(self, links: FourLinks) -> int | None:
+        """Return the auxiliary link that makes a relation of form "ii" most accurate.
+
+        Both coefficients of this relation contain the sine of the angle between two pole
+        axes: those about which the output link and the input link turn relative to the
+        auxiliary link. They vanish where these axes are parallel. The link is therefore
+        taken whose axes are farthest from parallel, by the sum of these sines over the
+        nodes of all configuration curves. The result is None if there is no further link.
 
         Parameters
         ----------
         links
-            The links of form "i".
+            The input link i, the output link o, and their reference links.
         """
-        if links.o in (links.r, links.i):
-            return None
-        if links.s != links.r:
-            return links
         link_count = len(self.position_analysis.mechanism.links)
-        # `different` are the numbers of i, r, o and s, each once.
-        candidates = [k for k in range(link_count) if k not in links.different]
+        candidates = [link for link in range(link_count) if link not in links.different]
         if not candidates:
             return None
-        output_poles = [pole_of(links.o, candidate) for candidate in candidates]
-        input_poles = [pole_of(links.i, candidate) for candidate in candidates]
-        # The two poles of each candidate, one candidate after the other.
-        poles: list[Pole] = []
-        for poles_of_candidate in zip(output_poles, input_poles, strict=True):
-            poles += poles_of_candidate
+        # For each candidate the poles of the output link and of the input link.
+        pole_pairs = [
+            (pole_of(links.o, candidate), pole_of(links.i, candidate))
+            for candidate in candidates
+        ]
+        poles = list(chain.from_iterable(pole_pairs))
         sum_of_sines = np.zeros(len(candidates))
         for curve_motion in self.curve_motions:
             axes = curve_motion.pole_axes(curve_motion.curve.s, poles).directions
-            products = [
-                cross(axes[output_pole], axes[input_pole])
-                for output_pole, input_pole in zip(output_poles, input_poles, strict=True)
-            ]
-            # (candidates, points of the curve) sine of the angle between the two axes.
-            sum_of_sines += np.nansum(np.linalg.norm(products, axis=2), axis=1)
-        return replace(links, s=candidates[int(np.argmax(sum_of_sines))])
+            for k, (output_pole, input_pole) in enumerate(pole_pairs):
+                products = cross(axes[output_pole], axes[input_pole])
+                sum_of_sines[k] += np.nansum(np.linalg.norm(products, axis=1))
+        return candidates[int(np.argmax(sum_of_sines))]
 
     def poles(self, output: int) -> list[Pole]:
         """Return the poles of the relations of an output, each once.
@@ -269,23 +265,23 @@ class SingleFreedomSingularities:
         curve_motion = self.curve_motions[curve]
         # Unit vectors along the pole axes, with senses that are continuous along the curve.
         axes = curve_motion.oriented_axes(s, self.poles(output))
-        links = curve_motion.links_at(s)  # the angular velocities of all links
+        link_motion = curve_motion.links_at(s)  # the angular velocities of all links
         return CurveRelations(
-            input_rate=_relative_rate(links, axes, self.input),
-            output_rate=_relative_rate(links, axes, self.outputs[output]),
-            relations=self._relations(output, axes),
+            input_rate=_relative_rate(link_motion, axes, self.input),
+            output_rate=_relative_rate(link_motion, axes, self.outputs[output]),
+            relations=self._compute_relations(output, axes),
         )
 
-    def _relations(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
-        """Return the relations c y' = d q' of an output in both forms.
+    def _compute_relations(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
+        """Return the equations that connect the rates of an output and of the input.
 
-        The input is the rotation of an input link i relative to its reference link r, with
-        the rate q'. The output is the rotation of an output link o relative to its
-        reference link s. Form "i" shows where the output rests: y' is its rate. Form "ii"
-        shows where the output link rests relative to the reference link of the input: y' is
-        the rate of o relative to r. Form "ii" does not exist if o is one of the links i and
-        r. c and d are triple products of pole axes, the axes about which two of these links
-        turn relative to each other.
+        Each is a relation c y' = d q', where q' is the rate of the input. c and d are
+        computed from pole axes alone, the axes about which links turn relative to each
+        other. There are one or two relations, which differ in the rate y':
+
+        - It is the rate of the output in the first relation (form "i").
+        - It is the rate of the output link relative to the reference link of the input in
+          the second one (form "ii"), if it exists.
 
         Parameters
         ----------
@@ -293,10 +289,6 @@ class SingleFreedomSingularities:
             Position of the output in `outputs`.
         axes
             (n, 3) unit vectors along the pole axes, by pole (pair of links).
-
-        Returns
-        -------
-        The relation in form "i" and, if it exists, that in form "ii".
         """
         return [
             make_relation(form, links, pole_axis=lambda pole: axes[pole])
@@ -384,8 +376,8 @@ class SingleFreedomSingularities:
         # Texts that say why a type is not certain. If the output is the input itself, both
         # rest together without doubt.
         notes = explain_doubts(rests, types, is_input=output_links == self.input)
-        links = curve_motion.links_at(rests.s)
-        relations = self._compare_relations(output, links, types)
+        link_motion = curve_motion.links_at(rests.s)
+        relations = self._check_types(output, link_motion, types)
         # A rate changes its sign at a simple zero: the motion reverses. At a double zero it
         # does not.
         input_turns = rests.input_rests & ~rests.input_is_double
@@ -399,7 +391,7 @@ class SingleFreedomSingularities:
                 output=output_links,
                 places=((number, s[k]),),
                 error=errors[k],
-                values=links.values[k],
+                values=link_motion.values[k],
                 input_turns=bool(input_turns[k]),
                 output_turns=bool(output_turns[k]),
                 double=bool(is_double[k]),
@@ -409,87 +401,58 @@ class SingleFreedomSingularities:
             for k in range(len(types))
         ]
 
-    def _compare_relations(
-        self, output: int, links: LinkMotion, types: Sequence[Type]
+    def _check_types(
+        self, output: int, link_motion: LinkMotion, types: Sequence[Type]
     ) -> list[tuple[RelationAt, ...]]:
-        """Return the relations of an output at singularities, compared with the rates.
+        """Check the types of n singularities by the input-output relations of an output.
 
-        The input is the motion of link i relative to r, the output that of link o relative
-        to s. A relation is an equation c y' = d q' of two rates:
-
-        - q' is the rate of the input.
-        - y' is the rate of the output in form "i". In form "ii" it is the rate of link o
-          relative to r.
-
-        c and d follow from pole axes, the axes about which links turn relative to each
-        other. If y' is zero, d should vanish (type I). If q' is zero, c should vanish (type
-        II). In each form the type by c and d is compared with that of the output by the
-        rates. A note explains a difference.
+        The types follow from rates: the output rests at type I, the input at type II. In a
+        relation c y' = d q' between both rates, d should then vanish at type I and c at
+        type II. c and d are computed from pole axes, independently of the rates. Each
+        `RelationAt` has the type by c and d, and a note if this type differs.
 
         Parameters
         ----------
         output
             Position of the output in `outputs`.
-        links
-            Velocities of the links at n singularities.
+        link_motion
+            Velocities of the links at the singularities.
         types
             Type of each singularity by the rates.
 
         Returns
         -------
-        For each singularity the relation of form "i" and, if it exists, of form "ii".
+        For each singularity its one or two relations, as in `CurveRelations`.
         """
-        # For each form a list with one item per singularity.
-        relations_by_form: list[list[RelationAt]] = []
-        names = self.position_analysis.mechanism.links
         poles = tuple(self.poles(output))
-        # The order in which poles are constructed from each other depends on the mechanism
-        # only. It is the same for all configuration curves, so the first one is asked.
-        pole_plan = self.curve_motions[0].plan_poles(poles)
-        axes = links.pole_axes(poles, pole_plan)
-        # Whether the two links of a pole rest relative to each other: their relative speed
-        # is then at most a multiple of its rounding error.
-        is_resting: dict[Pole, Bools] = {}
-        for pole in poles:
-            speed, _ = links.speeds(pole)
-            is_resting[pole] = speed <= REST_ROUNDING_FACTOR * links.rounding
-        for relation in self._relations(output, axes.directions):
-            # Error bounds (rad) of all pole axes from which c and d are computed. They are
-            # those of any two of the links of the form.
-            errors = [axes.errors[pole] for pole in relation.links.poles]
-            relations_by_form.append(
-                compare_with_rates(
-                    relation,
-                    names,
-                    output_rate=_relative_rate(links, axes.directions, relation.output),
-                    input_rate=_relative_rate(links, axes.directions, self.input),
-                    axis_errors=np.max(errors, axis=0),
-                    types_by_rates=types,
-                    is_resting=is_resting,
-                )
+        axes = link_motion.pole_axes(poles, self._plan_poles(poles))
+        is_resting = {pole: link_motion.rests(pole) for pole in poles}
+        input_rate = _relative_rate(link_motion, axes.directions, self.input)
+        relations = [
+            compare_with_rates(
+                relation,
+                self.position_analysis.mechanism.links,
+                output_rate=_relative_rate(link_motion, axes.directions, relation.output),
+                input_rate=input_rate,
+                axis_errors=axes.largest_error(relation.links.poles),
+                types_by_rates=types,
+                is_resting=is_resting,
             )
-        return list(zip(*relations_by_form, strict=True))
+            for relation in self._compute_relations(output, axes.directions)
+        ]
+        # From one list for each relation to one tuple for each singularity.
+        return list(zip(*relations, strict=True))
 
     @cached_property
     def notes(self) -> list[str]:
-        """Texts about relations c y' = d q' that say nothing about rates on a whole curve.
+        """Texts about relations that say nothing about the rates on a whole curve.
 
-        q' is the rate of the input, a link i relative to a link r. In form "i" of the
-        relation, y' is the rate of the output, a link o relative to a link s. In form "ii"
-        it is that of o relative to r. c and d follow from the pole axes of these links: the
-        axes about which any two of them turn relative to each other.
-
-        A relation says nothing on a whole curve in two cases:
-
-        - The four links are different, and all their pole axes are in one plane on the
-          curve. c and d are then zero.
-        - Only three of the links are different, and their pole axes are on one line on the
-          curve. c and d are then undefined (NaN).
-
-        In both cases the types of singularities follow from the rates alone. Curves on
-        which the input or the output rests are left out.
+        A relation c y' = d q' gives the ratio y' / q' of the rates of output and input. It
+        gives none if c and d are zero or unknown. If this is so on a whole curve, the links
+        of the relation are badly chosen, and the types of singularities follow from the
+        rates alone. Curves on which the input or the output rests are left out.
         """
-        names = self.position_analysis.mechanism.links
+        link_names = self.position_analysis.mechanism.links
         notes: list[str] = []
         resting = {(point.curve, point.output) for point in self.resting_curves}
         for output, output_links in enumerate(self.outputs):
@@ -497,22 +460,11 @@ class SingleFreedomSingularities:
                 if (number, output_links) in resting:
                     continue
                 axes = curve_motion.pole_axes(curve_motion.curve.s, self.poles(output))
-                for relation in self._relations(output, axes.directions):
-                    # The median over the nodes of the curve decides. A relation that
-                    # vanishes can be far from zero at nodes where a pole axis is not
-                    # accurate. One that does not vanish can be zero at single nodes.
-                    # Undefined coefficients (NaN) count as zero.
-                    sizes = np.nan_to_num(np.hypot(relation.c, relation.d))
-                    if np.median(sizes) >= VANISHING_RELATION:
-                        continue
-                    links = relation.links.different
-                    link_names = ", ".join(names[k] for k in links)
-                    case = "lie in one plane" if len(links) == 4 else "are one line"
-                    notes.append(
-                        f"curve {number}: the axes of the links {link_names} {case} "
-                        f"everywhere, so form {relation.form} is undefined: the rates "
-                        "determine the types"
-                    )
+                notes += [
+                    _explain_vanishing_relation(relation, number, link_names)
+                    for relation in self._compute_relations(output, axes.directions)
+                    if _vanishes_on_curve(relation)
+                ]
         return notes
 
     @cached_property
@@ -577,10 +529,9 @@ class SingleFreedomSingularities:
     ) -> tuple[RelationAt, ...]:
         """Return the relations c y' = d q' on each curve through a crossing of curves.
 
-        q' is the rate of the input. In form "i" of the relation, y' is the rate of the
-        output. In form "ii" it is that of the output link relative to the reference link of
-        the input. c and d follow from pole axes, the axes about which links turn relative
-        to each other.
+        q' is the rate of the input, and y' that of the output link, as in `CurveRelations`.
+        c and d follow from pole axes, the axes about which links turn relative to each
+        other.
 
         Several curves of configurations meet at a crossing, and each is another motion of
         the mechanism. The configuration alone leaves the motion open, and c = d = 0 (type
@@ -596,13 +547,13 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        The relations of form "i" and, if it exists, of form "ii" on the first curve, then
-        on the second one, and so on. Nothing if the crossing was not located.
+        The one or two relations on the first curve, then those on the second one, and so
+        on. Nothing if the crossing was not located.
         """
         if crossing is None:
             return ()
         curve_count = len(crossing.tangents)
-        links = LinkMotion(
+        link_motion = LinkMotion(
             self.position_analysis,
             values=np.tile(crossing.values, (curve_count, 1)),
             tangents=crossing.tangents,
@@ -615,10 +566,10 @@ class SingleFreedomSingularities:
         is_input = {*self.outputs[output]} == {*self.input}
         relations: list[RelationAt] = []
         # By the rates, the configuration is of type III on each curve. A relation gives a
-        # type, too: `relation.type`. If it is not III, `_compare_relations` adds a note. It
-        # is None if neither c nor d vanishes, and the note is then replaced here.
+        # type, too: `relation.type`. If it is not III, `_check_types` adds a note. It is
+        # None if neither c nor d vanishes, and the note is then replaced here.
         types = [Type.III] * curve_count
-        for relations_of_curve in self._compare_relations(output, links, types):
+        for relations_of_curve in self._check_types(output, link_motion, types):
             for relation in relations_of_curve:
                 if relation.type is None and not is_input:
                     relation = replace(relation, note=ONE_CURVE_NOTE)
@@ -655,6 +606,44 @@ class SingleFreedomSingularities:
             default=0,
         )
         return least if least > 1 else None
+
+
+def _vanishes_on_curve(relation: Relation) -> bool:
+    """Return whether c and d of a relation c y' = d q' vanish on a whole curve.
+
+    The median over the nodes of the curve decides. A relation that vanishes can be far from
+    zero at nodes where a pole axis is not accurate. One that does not vanish can be zero at
+    single nodes. Unknown coefficients (NaN) count as zero.
+    """
+    sizes = np.nan_to_num(np.hypot(relation.c, relation.d))
+    return bool(np.median(sizes) < VANISHING_RELATION)
+
+
+def _explain_vanishing_relation(
+    relation: Relation, curve: int, link_names: Sequence[str]
+) -> str:
+    """Return the note why a relation does not determine rates on a whole curve.
+
+    c and d are products of the pole axes of the links, about which they turn relative to
+    each other. The coefficients of four links are zero if all axes are in one plane. Those
+    of three links are unknown if all axes are on one line.
+
+    Parameters
+    ----------
+    relation
+        The relation c y' = d q' between the rates of output and input.
+    curve
+        Number of the curve.
+    link_names
+        Names of all links of the mechanism.
+    """
+    links = relation.links.different
+    names = ", ".join(link_names[link] for link in links)
+    case = "lie in one plane" if len(links) == 4 else "are one line"
+    return (
+        f"curve {curve}: the axes of the links {names} {case} everywhere, so form "
+        f"{relation.form} is undefined: the rates determine the types"
+    )
 
 
 @dataclass(frozen=True)
