@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,10 @@ from spherekit.arrays import Floats
 from spherekit.errors import ModelError
 from spherekit.geometry.parametric_curve import axes_about
 from spherekit.geometry.rotation import about_z
-from spherekit.mechanism.changed_axes import AxisRotations, redescribe, rotate_profile
+from spherekit.mechanism.changed_axes import redescribe, rotate_profile
 from spherekit.mechanism.elements import (
     Angles,
+    LinkSizes,
     Pair,
     PoseGeometry,
     Profile,
@@ -40,7 +41,7 @@ description by arcs and angles although the reference pose could be kept.
 """
 
 DISPLACEMENT_SHIFT_TOLERANCE_RAD = 1e-12
-"""Smallest change of the zero of a displacement that a warning states.
+"""Smallest change (rad) of the displacement along a circle that a warning states.
 
 A smaller change is caused by rounding.
 """
@@ -59,9 +60,10 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     locked at another value than it has in this pose, the pose is impossible afterwards. The
     result is then given by the arcs and angles of its links.
 
-    If both links have contacts, the profiles of one of them get new link axes. These define
-    the point of a circle from which its displacement is counted. If this point changes, a
-    warning (`UserWarning`) states by how much the displacement changes.
+    The contacts of the other link are described in the axes of the new link. The
+    displacement of a contact along a circle is counted from azimuth 0 about the centre,
+    which depends on these axes. If it changes, a warning (`UserWarning`) states the
+    difference.
 
     Parameters
     ----------
@@ -75,9 +77,9 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     Raises
     ------
     ModelError
-        If there is no such R pair, if its joint limits exclude the value, if all declared
-        inputs would be locked, or if the point of a contact from which the arc lengths of
-        its profile are measured would be lost.
+        If there is no such R pair, if its joint limits exclude the value, or if all
+        declared inputs would be locked. Also if new axes would change how a contact rolls,
+        or the position of a profile that is a Fourier series.
 
     Examples
     --------
@@ -102,9 +104,9 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
 def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
     """Return the mechanism with one R pair locked, its two links being one.
 
-    The new link has the name and the axes of one of them, the kept link. The parts of the
-    removed link are moved to it. If the geometry is a reference pose, it stays one only if
-    the pair is locked at its value in this pose. Otherwise it becomes sizes of links.
+    The kept link stays, and the removed link becomes a part of it. If the geometry is a
+    reference pose, it stays one only if the pair is locked at its value in this pose.
+    Otherwise it becomes sizes of links.
 
     Parameters
     ----------
@@ -115,61 +117,21 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
     value
         Value (rad) at which its variable is locked.
     """
-    where = f"{mechanism.name}: lock: pair {pair.name}"
+    message_start = f"{mechanism.name}: lock: pair {pair.name}"
     # Whether the reference pose of the mechanism can be kept.
-    is_at_reference = _is_at_reference_value(mechanism, pair, value, where)
+    is_at_reference = _is_at_reference_value(mechanism, pair, value, message_start)
     kept_link, removed_link = _choose_kept_link(mechanism, pair)
     for parallel in mechanism.pairs:
         if parallel.name != pair.name and set(parallel.links) == {kept_link, removed_link}:
             raise ModelError(
-                f"{where} joins the same two links as pair {parallel.name}; locking it "
-                f"would lock pair {parallel.name} too"
+                f"{message_start} joins the same two links as pair {parallel.name}; "
+                f"locking it would lock pair {parallel.name} too"
             )
-    # Rotation from the axes of the removed link to those of the kept link. In a reference
-    # pose the axes of all links coincide. Otherwise the second link is turned relative to
-    # the first by the value of the pair, between the frames of the pair in both links.
+    # In a reference pose the axes of all links coincide.
     rotation = np.eye(3)
     if not is_at_reference:
-        first_frame, second_frame = (
-            frames_of_end[pair.name] for frames_of_end in pair_frames(mechanism)
-        )
-        rotation = first_frame @ about_z(value) @ second_frame.T
-        if kept_link != pair.links[0]:
-            rotation = rotation.T
-
-    def rotate_contact_profile(
-        profile: Profile, rotation: Floats, contact: Pair
-    ) -> Profile:
-        """Return a profile in rotated link axes, or raise `ModelError`.
-
-        A circle or a Fourier series starts at azimuth 0 about its centre. The link axes
-        define this azimuth, so in rotated axes another point is the start, from which arc
-        lengths are counted. That changes the position of a Fourier series, and the rolling
-        of a contact (Cr), in which both arc lengths belong together. These two are refused.
-        If a circle slides, only the displacement along it gets another zero. A warning
-        states this.
-        """
-        if contact.type == "Cr" or profile.kind == "fourier":
-            raise ModelError(
-                f"{where}: locking this pair at this angle changes the axes of a link with "
-                f"a profile of {contact.name}, so the start of the profile would be lost. "
-                f"If {contact.name} slides, give the profile by points; or lock another "
-                "pair, or this pair at another angle"
-            )
-        rotated_profile = rotate_profile(profile, rotation, contact)
-        shift = _displacement_shift(profile, rotated_profile, rotation)
-        # The second curve of an external contact is measured clockwise about its centre.
-        is_second = contact.links[1] == removed_link
-        if is_second and contact.contact == "external":
-            shift = -shift
-        if abs(shift) > DISPLACEMENT_SHIFT_TOLERANCE_RAD:
-            warnings.warn(
-                f"{where}: the displacement s_{contact.name}_{removed_link} along a circle "
-                f"becomes s_{contact.name}_{kept_link} and is counted from another point "
-                f"of the circle, which adds {shift:.9g} rad",
-                stacklevel=2,
-            )
-        return rotated_profile
+        rotation = _relative_rotation(mechanism, pair, value, kept_link)
+    merge = _LinkMerge(kept_link, removed_link, rotation, message_start)
 
     # Expressions of loads get the value of the locked pair in place of its name.
     parts = redescribe(
@@ -180,7 +142,7 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
             f"theta_{pair.name}": f"({value!r})",
             f"dtheta_{pair.name}": "(0)",
         },
-        rotate_pair_profile=rotate_contact_profile,
+        rotate_pair_profile=merge.rotate_contact_profile,
     )
     remaining_pairs = tuple(item for item in parts["pairs"] if item.name != pair.name)
     geometry = mechanism.geometry
@@ -189,8 +151,7 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
             _without_pair(geometry.axes, pair), _without_pair(geometry.values, pair)
         )
     else:
-        rotations = {kept_link: np.eye(3), removed_link: rotation}
-        geometry = _join_link_sizes(mechanism, pair, remaining_pairs, rotations)
+        geometry = _join_link_sizes(mechanism, pair, remaining_pairs, merge)
     return replace(
         mechanism,
         links=tuple(link for link in mechanism.links if link != removed_link),
@@ -205,10 +166,119 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
     )
 
 
-def _displacement_shift(
+def _relative_rotation(
+    mechanism: Mechanism, pair: Pair, value: float, kept_link: str
+) -> Floats:
+    """Return the rotation (3, 3) to the axes of one link of a pair from those of the other.
+
+    Parameters
+    ----------
+    mechanism, pair
+        The mechanism and an R pair of it.
+    value
+        Value (rad) of the variable of the pair.
+    kept_link
+        The link of the pair to whose axes the rotation leads.
+    """
+    # The second link is turned relative to the first by the value of the pair, between the
+    # frames of the pair in both links.
+    first_frames, second_frames = pair_frames(mechanism)
+    second_to_first = first_frames[pair.name] @ about_z(value) @ second_frames[pair.name].T
+    return second_to_first if kept_link == pair.links[0] else second_to_first.T
+
+
+@dataclass(frozen=True)
+class _LinkMerge:
+    """The two links of a locked pair, one of which becomes a part of the other.
+
+    Attributes
+    ----------
+    kept_link
+        The link whose name and axes the joined link has.
+    removed_link
+        The link that becomes a part of the kept link.
+    rotation
+        (3, 3) rotation from the axes of the removed link to those of the kept link.
+    message_start
+        Beginning of messages, with the names of the mechanism and of the locked pair.
+    """
+
+    kept_link: str
+    removed_link: str
+    rotation: Floats
+    message_start: str
+
+    def rotate_frame(self, frame: Floats, link: str) -> Floats:
+        """Return the frame of a pair in a link, in the axes that the link has afterwards.
+
+        Parameters
+        ----------
+        frame
+            (3, 3) frame of the pair in the axes of the link.
+        link
+            A link of the mechanism. Only the removed link gets other axes.
+        """
+        return self.rotation @ frame if link == self.removed_link else frame
+
+    def rotate_contact_profile(
+        self, profile: Profile, rotation: Floats, contact: Pair
+    ) -> Profile:
+        """Return a profile of the removed link in the axes of the kept link.
+
+        Arc lengths along a circle or a Fourier series are counted from azimuth 0 about its
+        centre. Azimuth 0 depends on the link axes, so other axes give another start:
+
+        - A sliding circle keeps its shape, and only its displacement is counted from
+          another point. A warning states the difference.
+        - A Fourier series would be turned about its centre, and a rolling contact (Cr)
+          would pair other points of both curves. These two are refused.
+
+        Parameters
+        ----------
+        profile
+            The profile, in axes of the removed link.
+        rotation
+            (3, 3) rotation to the axes of the kept link.
+        contact
+            The contact to which the profile belongs.
+
+        Raises
+        ------
+        ModelError
+            If the start of the profile has to be kept and would be lost.
+        """
+        if contact.type == "Cr" or profile.kind == "fourier":
+            raise ModelError(
+                f"{self.message_start}: locking this pair at this angle changes the axes "
+                f"of a link with a profile of {contact.name}, so the start of the profile "
+                f"would be lost. If {contact.name} slides, give the profile by points; or "
+                "lock another pair, or this pair at another angle"
+            )
+        rotated_profile = rotate_profile(profile, rotation, contact)
+        added_displacement = _arc_between_starts(profile, rotated_profile, rotation)
+        # In an external contact, the arc length of the second curve grows clockwise.
+        is_second_curve = contact.links[1] == self.removed_link
+        if is_second_curve and contact.contact == "external":
+            added_displacement = -added_displacement
+        if abs(added_displacement) > DISPLACEMENT_SHIFT_TOLERANCE_RAD:
+            warnings.warn(
+                f"{self.message_start}: the displacement "
+                f"s_{contact.name}_{self.removed_link} along a circle becomes "
+                f"s_{contact.name}_{self.kept_link} and is counted from another point "
+                f"of the circle, which adds {added_displacement:.9g} rad",
+                stacklevel=2,
+            )
+        return rotated_profile
+
+
+def _arc_between_starts(
     profile: Profile, rotated_profile: Profile, rotation: Floats
 ) -> float:
-    """Return the arc by which rotated link axes move the zero of a circle.
+    """Return the arc between the old and the new start of a circle in rotated link axes.
+
+    The displacement of a contact is the arc length from the start of the circle to the
+    contact point. The start is at azimuth 0 about the centre, and azimuth 0 is towards an
+    axis of the link. Rotated link axes therefore have another start.
 
     Parameters
     ----------
@@ -221,16 +291,16 @@ def _displacement_shift(
 
     Returns
     -------
-    The arc length (rad) from the new zero of the displacement to the old one, positive
-    counter-clockwise about the centre. It is 0 for profiles by points, which have their
-    zero at the first point.
+    The arc length (rad) from the new to the old start, positive counter-clockwise about the
+    centre. It is 0 for profiles by points, which start at the first point.
     """
     if profile.round_axis is None or rotated_profile.round_axis is None:
         return 0.0
-    # Unit vectors to azimuth 0, 90 degrees and the centre are the columns of `axes_about`.
-    old_zero = rotation @ axes_about(profile.round_axis)[:, 0]
+    # The columns of `axes_about` point to azimuth 0, to azimuth 90 degrees and to the
+    # centre.
+    old_start = rotation @ axes_about(profile.round_axis)[:, 0]
     new_axes = axes_about(rotated_profile.round_axis)
-    azimuth = np.arctan2(new_axes[:, 1] @ old_zero, new_axes[:, 0] @ old_zero)
+    azimuth = np.arctan2(new_axes[:, 1] @ old_start, new_axes[:, 0] @ old_start)
     radius = 0.5 * np.pi if profile.radius is None else profile.radius
     return float(np.sin(radius) * azimuth)
 
@@ -261,15 +331,14 @@ def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
 def _join_link_sizes(
     mechanism: Mechanism,
     locked: Pair,
-    pairs: Sequence[Pair],
-    rotations: AxisRotations,
+    remaining_pairs: Sequence[Pair],
+    merge: _LinkMerge,
 ) -> SizeGeometry:
     """Return the sizes of a mechanism in which the two links of a locked pair are one.
 
-    Sizes are the arcs and angles between the axes of a link. Each pair also has a zero: the
-    angle in its first link from which its variable is counted. The joined link, and all
-    links without sizes, get sizes from the frames of their pairs. The sizes of all other
-    links stay as they are.
+    Sizes are the arcs and angles between the axes of a link. The joined link gets sizes
+    from the frames of its pairs, and all other links keep theirs. A mechanism that is given
+    in a reference pose has no sizes yet, so all of its links get them from frames.
 
     Parameters
     ----------
@@ -277,45 +346,71 @@ def _join_link_sizes(
         The mechanism with all links.
     locked
         The locked pair.
-    pairs
+    remaining_pairs
         The other pairs, with the joined link.
-    rotations
-        Rotations of the two joined links to the axes of the new link.
+    merge
+        The two links that are joined.
     """
-    # A mechanism that is given in a reference pose has axes instead of sizes. All links
-    # then get sizes.
-    sizes = SizeGeometry({})
+    old_sizes = SizeGeometry({})
     if isinstance(mechanism.geometry, SizeGeometry):
-        sizes = mechanism.geometry
-    other_links = {
-        link: link_sizes
-        for link, link_sizes in sizes.links.items()
-        if link not in rotations
+        old_sizes = mechanism.geometry
+    kept_sizes = {
+        link: sizes
+        for link, sizes in old_sizes.links.items()
+        if link not in (merge.kept_link, merge.removed_link)
     }
+    frames = _frames_at_new_sizes(mechanism, locked, kept_sizes, merge)
+    new_sizes = sizes_from_frames(remaining_pairs, frames, kept_sizes)
+    # A zero is the angle in the first link of a pair from which its variable is counted.
     # Pairs between two links that keep their sizes also keep their zeros.
-    changed_pairs = []
-    for pair in mechanism.pairs:
-        has_unchanged_links = all(link in other_links for link in pair.links)
-        if pair.kind.has_axis and pair != locked and not has_unchanged_links:
-            changed_pairs.append(pair)
-    # The frames of these pairs in their first and second links. Frames in the two joined
-    # links are rotated to the axes of the new link.
+    zeros = {**_without_pair(old_sizes.zeros, locked), **new_sizes.zeros}
+    return SizeGeometry(new_sizes.links, zeros)
+
+
+def _frames_at_new_sizes(
+    mechanism: Mechanism,
+    locked: Pair,
+    kept_sizes: Mapping[str, LinkSizes],
+    merge: _LinkMerge,
+) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Return the frames of all pairs that have a link without sizes.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with all links.
+    locked
+        The locked pair, which is left out.
+    kept_sizes
+        Sizes of the links that keep them.
+    merge
+        The two links that are joined. Frames in the removed link are returned in the axes
+        of the kept link.
+
+    Returns
+    -------
+    The frames (3, 3) of the pairs in their first links, and those in their second links,
+    each by pair.
+    """
     old_first_frames, old_second_frames = pair_frames(mechanism)
     first_frames = {}
     second_frames = {}
-    for pair in changed_pairs:
-        first_rotation, second_rotation = (
-            rotations.get(link, np.eye(3)) for link in pair.links
+    for pair in mechanism.pairs:
+        keeps_all_sizes = all(link in kept_sizes for link in pair.links)
+        if pair == locked or not pair.kind.has_axis or keeps_all_sizes:
+            continue
+        first_link, second_link = pair.links
+        first_frames[pair.name] = merge.rotate_frame(
+            old_first_frames[pair.name], first_link
         )
-        first_frames[pair.name] = first_rotation @ old_first_frames[pair.name]
-        second_frames[pair.name] = second_rotation @ old_second_frames[pair.name]
-    joined = sizes_from_frames(pairs, (first_frames, second_frames), other_links)
-    zeros = {**_without_pair(sizes.zeros, locked), **joined.zeros}
-    return SizeGeometry(joined.links, zeros)
+        second_frames[pair.name] = merge.rotate_frame(
+            old_second_frames[pair.name], second_link
+        )
+    return first_frames, second_frames
 
 
 def _is_at_reference_value(
-    mechanism: Mechanism, pair: Pair, value: float, where: str
+    mechanism: Mechanism, pair: Pair, value: float, message_start: str
 ) -> bool:
     """Check that a pair can be locked, and return whether its axes need not change.
 
@@ -328,7 +423,7 @@ def _is_at_reference_value(
         The mechanism and the pair to lock.
     value
         Value of its variable (rad).
-    where
+    message_start
         Beginning of messages.
 
     Raises
@@ -337,14 +432,14 @@ def _is_at_reference_value(
         If the pair cannot be locked at this value.
     """
     if not pair.kind.has_axis:
-        raise ModelError(f"{where} is a contact; only R pairs can be locked")
+        raise ModelError(f"{message_start} is a contact; only R pairs can be locked")
     if not math.isfinite(value):
-        raise ModelError(f"{where}: found {value}, needs a finite angle")
+        raise ModelError(f"{message_start}: found {value}, needs a finite angle")
     for limit in mechanism.joint_limits:
         if limit.pair == pair.name and not limit.low <= value <= limit.high:
             raise ModelError(
-                f"{where}: {degrees_text(value)} deg ({value:.6g} rad) is outside its "
-                f"joint limits, {degree_range_text(limit.low, limit.high)} deg "
+                f"{message_start}: {degrees_text(value)} deg ({value:.6g} rad) is outside "
+                f"its joint limits, {degree_range_text(limit.low, limit.high)} deg "
                 f"({limit.low:.6g} to {limit.high:.6g} rad)"
             )
     # Only a mechanism given in a reference pose has a value that is kept.
@@ -358,11 +453,10 @@ def _is_at_reference_value(
     rolling = [contact.name for contact in mechanism.pairs if contact.rolls]
     if rolling:
         raise ModelError(
-            f"{where} is locked at {value:.6g} rad, but is at {reference_value:.6g} rad in "
-            f"the reference pose. The file does not determine how far {rolling[0]} has "
-            "rolled between these two angles; lock the pair at its angle in the "
-            "reference pose, or "
-            "define the mechanism by arcs and angles"
+            f"{message_start} is locked at {value:.6g} rad, but is at "
+            f"{reference_value:.6g} rad in the reference pose. The file does not determine "
+            f"how far {rolling[0]} has rolled between these two angles; lock the pair at "
+            "its angle in the reference pose, or define the mechanism by arcs and angles"
         )
     return False
 
