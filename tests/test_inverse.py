@@ -361,8 +361,8 @@ def test_all_mid_plane_symmetric_solutions_are_found():
     normals, _ = form.normals_to(directions @ form.frame)
     # The elbows (directions, legs, 3) are NaN if a leg does not reach the mid-plane. This
     # is the same for both elbows that a leg can have, of which `modes` selects one.
-    _, heights = form.plane.elbows(normals, modes=1)
-    is_reached = np.isfinite(heights).all(axis=1)
+    _, triple_products = form.plane.elbows(normals, modes=1)
+    is_reached = np.isfinite(triple_products).all(axis=1)
     assert 2 <= np.sum(is_reached) < 4
     solutions = kinematics.solutions(directions)
     assert np.max(np.abs(solutions.directions - directions[solutions.row])) < 1e-14

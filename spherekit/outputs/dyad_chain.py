@@ -44,13 +44,11 @@ class DyadPlacement:
         Numbers of the two links of the dyad.
     near_support, far_support
         Numbers of the links that the outer pairs connect the dyad to.
-    parity
-        1 or -1. For given axes a and c of the near and far pair, the middle axis b has two
-        possible positions, with opposite signs of b . (a x c). An assembly mode of the
-        mechanism chooses one by the sign of the triple product of the same axes, in the
-        order of the pairs in the mechanism. `parity` is -1 if this order is an odd
-        permutation of b, a, c. The product of `parity` and the sign of the mode is the sign
-        of b . (a x c).
+    positive_mode_side
+        1 or -1. A mode chooses the side of the plane through the outer axes on which the
+        middle axis is. This is the side for a dyad with the sign 1 in the mode. With the
+        sign -1, the middle axis is on the other side. Side 1 means that b . (a x c) is
+        positive, with the axes a, b and c of the near, middle and far pair.
     arcs
         Angles (rad) between the axes of the near link and between those of the far link.
     """
@@ -62,7 +60,7 @@ class DyadPlacement:
     far_link: int
     near_support: int
     far_support: int
-    parity: int
+    positive_mode_side: int
     arcs: tuple[float, float]
 
     @property
@@ -95,21 +93,21 @@ class DyadPlacement:
 
 @dataclass(frozen=True)
 class AxisSource:
-    """A pair and a link from which the axis of a requested pair is computed.
+    """The pair and the link by which the axis of a requested pair is known earliest.
 
-    Links are placed one after another. The requested pair belongs to a given link. Its axis
-    is known as soon as this link is placed. It is known earlier if another pair of the link
-    has the same axis and joins the link to one that was placed before.
+    Links are placed one after another. Pairs on one axis line share their axis, so it is
+    known when the first link with one of these pairs is placed. Example: a link hangs on an
+    earlier link, its support, by pair 1, and its pair 2 is coaxial with pair 1. The axis of
+    pair 2 is then known from the support, by pair 1.
 
     Attributes
     ----------
     pair
-        Number of the pair whose axis is used: the requested one, or one whose axis
-        coincides with it.
+        Number of the requested pair, or of one on the same axis line.
     link
-        Number of the link of this pair that is placed first.
+        Number of the link with this pair that is placed first.
     sense
-        1 if the axis of this pair has the direction of the requested axis, -1 if it has the
+        1 if the axis of `pair` has the direction of the requested axis, -1 if it has the
         opposite direction.
     """
 
@@ -257,9 +255,9 @@ class DyadChain:
             # The sum of both ends less one of them is the other one.
             near_support=sum(self.ends[near_pair]) - near_link,
             far_support=sum(self.ends[far_pair]) - far_link,
-            # 1 or -1. Let a, b, c be the axes of the near, middle and far pair. Then
-            # b . (a x c) has the sign parity * (sign of the dyad in the assembly mode).
-            parity=group.dyad_parity,
+            # The sign in a mode is that of the triple product of the axes in the order of
+            # the group's pairs. In another order the product can have the opposite sign.
+            positive_mode_side=group.dyad_parity,
             # The angles between the axes at both ends of the near link, and at both ends of
             # the far link.
             arcs=(
@@ -276,30 +274,31 @@ class DyadChain:
         return dyad.far_pair, dyad.far_support
 
     def _find_axis_source(self, pair: int, link: int) -> AxisSource:
-        """Return the pair and link from which the axis of a pair is known first.
+        """Return the pair and link by which the axis of a pair is known earliest.
 
-        Links are placed one after another, so an axis is known as soon as a link in which
-        it is fixed is placed. The outer pair of a dyad's link joins it to a link that is
-        placed earlier, its support. The axis of the outer pair is fixed in both. If the
-        axis of the given pair lies on the axis of the outer pair, both are known from the
-        support already. They may be known from a link before that in the same way.
+        Links are placed one after another. The search goes back from the given link to its
+        support, the link that it hangs on, and from there to earlier supports. It goes back
+        as long as the pair at the support has the same axis line.
 
         Parameters
         ----------
         pair, link
             Numbers of the pair and of one of its links.
         """
-        # The base and the posed link belong to no dyad and are placed first. 1.0 says that
-        # the axis has its own direction, not the opposite one.
-        if link not in self.dyad_of_link:
-            return AxisSource(pair, link, 1.0)
-        outer_pair, support = self.support_of(link)
-        if not self.is_coaxial(pair, outer_pair, link):
-            return AxisSource(pair, link, 1.0)
-        cosine = self.axis_in(pair, link) @ self.axis_in(outer_pair, link)
-        # The same question for the outer pair and the support (this method with a cache).
-        source = self.axis_source(outer_pair, support)
-        return AxisSource(source.pair, source.link, source.sense * float(np.sign(cosine)))
+        source_pair = pair
+        source_link = link
+        sense = 1.0
+        # The base and the posed link belong to no dyad. They are placed first.
+        while source_link in self.dyad_of_link:
+            outer_pair, support = self.support_of(source_link)
+            if not self.is_coaxial(source_pair, outer_pair, source_link):
+                break
+            source_axis = self.axis_in(source_pair, source_link)
+            cosine = source_axis @ self.axis_in(outer_pair, source_link)
+            sense *= float(np.sign(cosine))
+            source_pair = outer_pair
+            source_link = support
+        return AxisSource(source_pair, source_link, sense)
 
     def axis_in(self, pair: int, link: int) -> Floats:
         """Return the axis (3,) of a pair in the axes of one of its links."""

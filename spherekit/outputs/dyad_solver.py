@@ -147,10 +147,11 @@ class DyadKinematics(ClosedKinematics):
 
 @dataclass(frozen=True)
 class EntryAngle:
-    """The angle of an entry pair as a linear function of the inputs q: ratios . q + offset.
+    """The angle of an entry pair as a linear function of the inputs: ratios . q + offset.
 
-    A mechanism with toothed wheels is solved without them. Entry pairs are the pairs of the
-    rest that are inputs themselves, or that inputs drive through the wheels.
+    A mechanism with toothed wheels is divided into the wheels and the linkage that carries
+    the output. At an entry pair the linkage is driven: by the wheels, or by an input
+    directly. The inputs have the angles q.
 
     Attributes
     ----------

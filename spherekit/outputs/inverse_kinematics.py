@@ -575,19 +575,29 @@ class InverseKinematics:
         if self._closing_link is not None:
             with np.errstate(all="ignore"):
                 return self._solve_all_turns(self._closing_link, pose_array)
-        # The coordinates of the pose are the inputs of the mechanism with virtual links. A
-        # pointing output has the azimuth and the tilt of its direction.
-        if self.wrist.points:
-            coordinates = azimuth_tilt(pose_array)
-        else:
-            coordinates = euler_zyz(pose_array)
-        # `self.solver` finds the configurations of the mechanism with virtual links. Its
-        # inputs are the coordinates of the pose. The second solver is that of the user's
-        # mechanism (`own`), whose output is free. It decides which variables and inputs are
-        # returned, and turns wheels by whole revolutions until they mesh as in the file.
-        released_solver = PositionSolver(self.own, plan_assembly(self.own))
+        return self._solve_held_output(pose_array)
+
+    def _solve_held_output(self, poses: Floats) -> PoseSolutions:
+        """Return the configurations of the mechanism while its output is held at poses.
+
+        Virtual links hold the output. The angles of their pairs are the coordinates of the
+        pose. They are the inputs of the mechanism with virtual links, at which the position
+        solver finds all configurations.
+
+        Parameters
+        ----------
+        poses
+            (n, 3, 3) orientations or (n, 3) directions of the output.
+
+        Returns
+        -------
+        The configurations without the virtual pairs, as those of the user's mechanism.
+        """
+        # A pointing output has the azimuth and the tilt of its direction as coordinates.
+        coordinates = azimuth_tilt(poses) if self.wrist.points else euler_zyz(poses)
+        own_solver = PositionSolver(self.own, plan_assembly(self.own))
         return find_configurations(
-            self.solver, self.wrist.output, coordinates, released_solver
+            self.solver, self.wrist.output, inputs=coordinates, released=own_solver
         )
 
     def _solve_all_turns(

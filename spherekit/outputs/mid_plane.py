@@ -29,34 +29,54 @@ can be missed. Smaller: more time.
 
 @dataclass(frozen=True)
 class ElbowFeet:
-    """The two possible elbows of each leg at m poses.
+    """The two possible elbows of each leg at m poses, by the point half-way between them.
 
-    A leg has two links of equal arcs a. The first one leads from the base axis of the leg
-    to its elbow, the axis between both links. Axes are unit vectors. At each pose, all
-    elbows are in the mid-plane, in which base and end effector mirror each other. Its unit
-    normal is n. The two elbows of a leg are ``foot + height * direction`` with
-    ``height = s * sqrt(height_square)`` and the sign s = 1 or -1.
+    The elbow of a leg is the axis between its two links. It is in the mid-plane, at the arc
+    of a link from the base axis of the leg. Two unit vectors fulfil both conditions. They
+    differ only in the sign of the triple product n . (base axis x elbow), with the unit
+    normal n of the mid-plane:
 
-    The height is the triple product n . (base axis x elbow), so its sign s is the mode of
-    the leg. It is not the distance of the elbow from the foot, which is height / cos(h)
-    with the angle h between the base axis and the mid-plane. The square of the height has a
-    formula without loss of digits at the limit of the reach, where both elbows meet.
+        elbow = foot + triple_product * direction.
+
+    This sign is the mode of the leg.
 
     Attributes
     ----------
     foot
         (m, legs, 3) point of the mid-plane half-way between both elbows.
     direction
-        (m, legs, 3) vector of the length 1 / cos(h) in the mid-plane, at right angles to
-        the base axis. It points towards the elbow of the sign 1.
-    height_square
-        (m, legs) square of the height, by its formula sin(a + h) sin(a - h). It is negative
-        where the leg does not reach the mid-plane.
+        (m, legs, 3) vector in the mid-plane at right angles to the base axis. It is the
+        change of the elbow per unit of the triple product, so its length is not 1.
+    triple_product_square
+        (m, legs) square of the triple product, which is equal for both elbows. It is
+        negative where the leg does not reach the mid-plane, and zero at the limit of the
+        reach, where both elbows meet.
     """
 
     foot: Floats
     direction: Floats
-    height_square: Floats
+    triple_product_square: Floats
+
+    def elbows(self, modes: ArrayLike) -> tuple[Floats, Floats]:
+        """Return the elbows in given modes, and their triple products.
+
+        Parameters
+        ----------
+        modes
+            (legs,) or (m, legs) signs, 1 or -1, of the triple products.
+
+        Returns
+        -------
+        elbows
+            (m, legs, 3) unit vectors, NaN out of reach.
+        triple_products
+            (m, legs) numbers n . (base axis x elbow), NaN out of reach.
+        """
+        with np.errstate(all="ignore"):
+            # The square root of a negative square is NaN.
+            triple_products = np.multiply(np.sqrt(self.triple_product_square), modes)
+            elbows = self.foot + triple_products[..., None] * self.direction
+        return elbows, triple_products
 
 
 @dataclass(frozen=True)
@@ -114,18 +134,12 @@ class MidPlane:
         -------
         elbows
             (n, legs, 3) unit vectors, NaN where a leg does not reach the mid-plane.
-        heights
-            (n, legs) triple products n . (base axis x elbow) with the normal n. They have
-            the signs of the modes. A height is proportional to the distance of the elbow
-            from the point half-way between both elbows (the foot). It is 0 at the limit of
-            the reach, where both elbows coincide, and NaN out of reach.
+        triple_products
+            (n, legs) numbers n . (base axis x elbow) with the normal n. They have the signs
+            of the modes. They are 0 at the limit of the reach, where both elbows coincide,
+            and NaN out of reach.
         """
-        feet = self.elbow_feet(normals)
-        with np.errstate(all="ignore"):
-            # The square root of a negative square is NaN.
-            heights = np.multiply(np.sqrt(feet.height_square), modes)
-            elbows = feet.foot + heights[..., None] * feet.direction
-        return elbows, heights
+        return self.elbow_feet(normals).elbows(modes)
 
     def elbow_feet(self, normals: Floats) -> ElbowFeet:
         """Return the points half-way between both possible elbows of each leg.
@@ -142,17 +156,16 @@ class MidPlane:
 
         Notes
         -----
-        Let e be an elbow, b the base axis of its leg, a the arc of the leg, and h the angle
+        Let e be an elbow, b the base axis of its leg, a the arc of a link, and h the angle
         from b to the mid-plane, positive on the side of the normal n. The projection p of b
         onto the mid-plane has the length cos(h). In the mid-plane, e has components along p
         and n x p:
 
-        - e . p = e . b = cos(a). The foot is therefore cos(a) p / cos(h)^2.
-        - e . (n x p) = n . (b x e), which is called the height. The other part of e is the
-          height times the vector (n x p) / cos(h)^2, the direction.
+        - e . p = e . b = cos(a), so the foot is cos(a) p / cos(h)^2.
+        - e . (n x p) = n . (b x e), so the direction is (n x p) / cos(h)^2.
 
-        Since e has the length 1, the square of the height is cos(h)^2 - cos(a)^2, which is
-        sin(a + h) sin(a - h). The product loses no digits near the limit of the reach.
+        Since e has the length 1, the square of the triple product is cos(h)^2 - cos(a)^2 =
+        sin(a + h) sin(a - h). This product loses no digits near the limit of the reach.
         """
         # (n, legs) and (n, legs, 3).
         sine_h = normals @ self.axes.T
@@ -161,15 +174,15 @@ class MidPlane:
         # sin(a) cos(h) and cos(a) sin(h): their sum and difference are the two sines.
         sine_cosine = np.sin(self.arcs) * np.sqrt(cosine_h_square)
         cosine_sine = np.cos(self.arcs) * sine_h
-        height_square = (sine_cosine + cosine_sine) * (sine_cosine - cosine_sine)
+        triple_product_square = (sine_cosine + cosine_sine) * (sine_cosine - cosine_sine)
         # At the limit of the reach rounding errors decide about the sign.
-        height_square[np.abs(height_square) <= REACH_SLACK] = 0.0
+        triple_product_square[np.abs(triple_product_square) <= REACH_SLACK] = 0.0
         with np.errstate(all="ignore"):
             scaled_projection = projection / cosine_h_square[..., None]
             return ElbowFeet(
                 foot=np.cos(self.arcs)[:, None] * scaled_projection,
                 direction=cross(normals[:, None], scaled_projection),
-                height_square=height_square,
+                triple_product_square=triple_product_square,
             )
 
     def readings(self, elbows: Floats) -> Floats:
@@ -256,7 +269,7 @@ class MidPlane:
         signs = np.ones(len(self.arcs))
         for driven_signs in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
             signs[self.driven] = driven_signs
-            elbows, _heights = self.elbows(normals, signs)
+            elbows, _products = self.elbows(normals, signs)
             # The variables of the base pairs of all legs.
             readings = self.readings(elbows)
             inputs_by_mode[driven_signs] = readings[:, self.driven]

@@ -335,7 +335,7 @@ class MidPlaneArchitecture:
         -------
         (n, links, 3, 3) rotations from the axes of each link to those of the base.
         """
-        elbows, _heights = self.plane.elbows(normals, modes)
+        elbows, _products = self.plane.elbows(normals, modes)
         link_count = len(self.mechanism.links)
         rotations = nans((len(normals), link_count, 3, 3))
         rotations[:, 0] = np.eye(3)
@@ -485,7 +485,7 @@ class MidPlaneArchitecture:
         """
         # The axis of an elbow is NaN if the leg does not reach the plane. A sign for each
         # leg chooses one of two elbows. Both are NaN together, so all signs are 1 here.
-        elbows, _heights = self.plane.elbows(normal[None], np.ones(len(self.legs)))
+        elbows, _products = self.plane.elbows(normal[None], np.ones(len(self.legs)))
         short_legs = np.flatnonzero(np.isnan(elbows[0, :, 0])).tolist()
         if short_legs:
             nearest_normal = self.plane.nearest(normal, SUGGESTION_MARGIN_RAD)

@@ -310,8 +310,8 @@ class _MidPlaneCurveSearch:
         in the plane have angles from h to pi - h to b. An elbow exists if a is one of them.
 
         The measure is sin(a + h) sin(a - h). If there is an elbow, it is the square of the
-        triple product n . (b x e) with the unit normal n of the plane, called the height of
-        the elbow. If there is none, the measure is negative.
+        triple product n . (b x e) with the unit normal n of the plane. If there is none,
+        the measure is negative.
 
         Parameters
         ----------
@@ -325,11 +325,10 @@ class _MidPlaneCurveSearch:
         (n,) measures, negative out of reach. They are NaN where another leg does not reach
         the mid-plane, because there is no configuration.
         """
-        # (n, legs) measures of all legs. A foot is the point half-way between the two
-        # elbows that a leg can have.
-        height_square = self.form.plane.elbow_feet(normals).height_square
-        others_reach = np.all(np.delete(height_square, leg, axis=1) >= 0.0, axis=1)
-        return np.where(others_reach, height_square[:, leg], np.nan)
+        # (n, legs) measures of all legs.
+        measures = self.form.plane.elbow_feet(normals).triple_product_square
+        others_reach = np.all(np.delete(measures, leg, axis=1) >= 0.0, axis=1)
+        return np.where(others_reach, measures[:, leg], np.nan)
 
     def _find_reason(self, normals: Floats, signs: Integers) -> str:
         """Return the reason why a curve is singular of type II, as text.
@@ -353,7 +352,7 @@ class _MidPlaneCurveSearch:
             elbows that the leg can have.
         """
         first, second = self.form.plane.driven
-        elbows, _heights = self.form.plane.elbows(normals, signs)
+        elbows, _products = self.form.plane.elbows(normals, signs)
         sine = np.linalg.norm(cross(elbows[:, first], elbows[:, second]), axis=1)
         if np.nanmedian(sine) < COLLINEAR_ELBOWS_SINE:
             names = " and ".join(self.form.mechanism.input_pairs)

@@ -164,7 +164,7 @@ class _MidPlaneMode:
 
     def cosine(self, first_pair: int, second_pair: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs."""
-        elbows, _heights = self._elbows
+        elbows, _products = self._elbows
         first_axis = self.form.axis(first_pair, self.normals, elbows)
         second_axis = self.form.axis(second_pair, self.normals, elbows)
         return np.broadcast_to(np.vecdot(first_axis, second_axis), len(self.directions))
@@ -180,7 +180,7 @@ class _MidPlaneMode:
     @property
     def inputs(self) -> Floats:
         """(n, inputs) rad in (-pi, pi], NaN out of reach."""
-        elbows, _heights = self._elbows
+        elbows, _products = self._elbows
         return self.form.plane.readings(elbows)[:, self.driven]
 
     @property
@@ -223,8 +223,8 @@ class _MidPlaneMode:
         its reach: n, base axis and elbow are in one plane. Or the output points in its home
         direction: p = m.
         """
-        # Elbows and their heights n . (base axis x elbow).
-        elbows, elbow_heights = self._elbows
+        # The triple products are n . (base axis x elbow).
+        elbows, triple_products = self._elbows
         numerators = cross(elbows[:, self.driven], self.directions[:, None])
         # Elbows and directions are in mirror axes: x halves the angle between the base axes
         # of the two driven legs, and z is normal to both. The result is rotated to the axes
@@ -233,7 +233,7 @@ class _MidPlaneMode:
         # positive sense.
         senses = self.form.plane.senses[self.driven]
         numerators = (numerators @ self.form.frame.T) * senses[:, None]
-        denominators = elbow_heights[:, self.driven] * self.home_distance[:, None]
+        denominators = triple_products[:, self.driven] * self.home_distance[:, None]
         fractions = InputRates(numerators, denominators)
         return fractions.rates, fractions.type_1
 
@@ -241,18 +241,20 @@ class _MidPlaneMode:
     def type_1_square(self) -> Floats:
         """(n, inputs) squares of `type_1`, continued out of reach with negative values."""
         # Out of reach the foot half-way between both elbows takes the place of the elbow,
-        # and the square of the height is negative.
+        # and the square of the triple product is negative.
         square = self.type_1**2
         feet = self.form.plane.elbow_feet(self.normals)
         across = cross(self.directions[:, None], feet.foot[:, self.driven])
-        continuation = feet.height_square[:, self.driven] / np.vecdot(across, across)
+        continuation = feet.triple_product_square[:, self.driven] / np.vecdot(
+            across, across
+        )
         continuation = np.fmin(continuation * (self.home_distance**2)[:, None], 0.0)
         return np.where(np.isnan(square), continuation, square)
 
     @property
     def type_2(self) -> Floats:
         """(n,) measure of type II, 0 where the output can move with locked inputs."""
-        elbows, _heights = self._elbows
+        elbows, _products = self._elbows
         return self.form.transmission(self.normals, elbows)
 
     @cached_property

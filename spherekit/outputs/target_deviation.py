@@ -266,59 +266,62 @@ class TargetDeviation:
 
     @cached_property
     def _pair_moments(self) -> Floats:
-        """(n, variables, 3) the moment f_v that the pair of each variable v transmits.
+        """(n, variables, 3) the moment that the pair of each variable transmits.
 
-        The derivatives of the nearest configuration to the target are computed from these
-        moments. Imagine a torsional spring of unit stiffness between the output link and
-        its target. The remaining rotation d (rotation vector from the link to the target)
-        is its moment on the link. The pairs transmit this moment and the reactions m by
-        which the loops stay closed.
+        Imagine a torsional spring of unit stiffness between the output link and its target.
+        The remaining rotation is its moment on the link. It is balanced by the reactions
+        that keep the loops closed, and the pairs transmit both.
 
-        In the nearest configuration the spring is in equilibrium: G^T d + J^T m = 0, with
-        the Jacobian G of the output link and the Jacobian J of the loops. Equation v of
-        this system is a_v . f_v = 0, with the axis a_v of the variable: the pair turns
-        freely about it. All f_v are zero if the link is on the target.
+        In the nearest configuration to the target, the spring is in equilibrium: no pair
+        transmits a moment about its own axis, about which it turns freely. The derivatives
+        of the nearest configuration follow from this. If the link is on the target, all
+        moments are zero.
         """
-        # G^T d, the generalised forces of the spring at the variables. The reactions m
-        # balance them. (The moment d itself is added at the pairs that carry the link.)
         spring_force = np.vecmat(self.remaining_rotation, self.output_jacobian)
-        moments = self._moments_at_pairs(
-            output_moment=self.remaining_rotation, force=spring_force
+        moments = self._transmitted_moments(
+            output_moment=self.remaining_rotation,
+            reactions=self._balancing_reactions(spring_force),
         )
         return np.where(self._is_off_target[:, None, None], moments, 0.0)
 
-    def _moments_at_pairs(self, output_moment: Floats, force: Floats) -> Floats:
-        """Return the moment (n, variables, 3) that the pair of each variable transmits.
+    def _balancing_reactions(self, force: Floats) -> Floats:
+        """Return the reactions in the loops that balance generalised forces.
 
-        If the arguments are rates, the result is the rates of these moments. A moment is
-        the sum of two:
-
-        - A moment acts on the output link. The pairs on the path from body 0 to this link
-          transmit it.
-        - Each loop is closed by one pair (a chord of the tree of links), whose reaction is
-          a moment too. All pairs of the loop transmit it.
-
-        The reactions m have three components for each loop. They balance generalised forces
-        at the variables: J^T m + force = 0, with the Jacobian J of the loops. The solution
+        The reactions m satisfy J^T m + force = 0, with the closure Jacobian J. The solution
         is m = -(J^+)^T force, with the pseudo-inverse J^+.
 
         Parameters
         ----------
-        output_moment
-            (n, 3) moment on the output link, or its rate.
         force
-            (n, variables) generalised forces that the reactions balance, due to the output
-            moment. For rates it is the sum force' + J'^T m, because the derivative of the
-            balance is J^T m' + force' + J'^T m = 0.
+            (n, variables) generalised forces on the variables.
+
+        Returns
+        -------
+        (n, loops, 3) moments at the chords. The chord of a loop is the pair that closes it.
         """
-        # `paths` and `signs` have 1 or -1 for the direction in which a path or a loop goes
-        # through a pair, and 0 if it does not. So both moments are added.
-        tree = self.linearisation.tree
         reactions = -np.vecmat(force, self._jacobian_split.pseudo_inverse)
-        reactions = reactions.reshape(len(force), len(tree.chords), 3)
+        return reactions.reshape(len(force), len(self.linearisation.tree.chords), 3)
+
+    def _transmitted_moments(self, output_moment: Floats, reactions: Floats) -> Floats:
+        """Return the moments (n, variables, 3) that the pairs of all variables transmit.
+
+        A moment on the output link is transmitted by the pairs on the path from body 0 to
+        this link. The reaction of a loop is transmitted by all pairs of the loop.
+
+        Parameters
+        ----------
+        output_moment
+            (n, 3) moment on the output link.
+        reactions
+            (n, loops, 3) reaction of each loop.
+        """
+        # These arrays have 1 or -1 for the direction in which a path or a loop goes through
+        # a pair, and 0 if it does not contain the pair.
+        tree = self.linearisation.tree
         path_senses = tree.paths[self.output_link.number]
-        moment_along_path = path_senses[:, None] * output_moment[:, None]
-        return transpose(tree.signs) @ reactions + moment_along_path
+        loop_senses = tree.signs
+        moments_along_path = path_senses[:, None] * output_moment[:, None]
+        return transpose(loop_senses) @ reactions + moments_along_path
 
     def _vector_rates(self, rates: Floats) -> Floats:
         """Return the time derivatives (n, variables, 3) of the vectors of all variables.
@@ -615,11 +618,12 @@ class TargetDeviation:
         d_rate = target_rate - log_rate(-d, w)
         # The rates f_v' of the moments follow from a_v' . f_v + a_v . f_v' = 0. A part of
         # f_v' is due to the rates m' of the reactions, and `force_rate` has all other terms
-        # of these equations. `_moments_at_pairs` solves J^T m' + force_rate = 0 for m', and
-        # returns f_v' at all pairs.
+        # of these equations, so that J^T m' + force_rate = 0.
         force_rate = np.vecdot(vector_rates, self._pair_moments)
         force_rate = force_rate + np.vecmat(d_rate, self.output_jacobian)
-        moment_rates = self._moments_at_pairs(output_moment=d_rate, force=force_rate)
+        moment_rates = self._transmitted_moments(
+            output_moment=d_rate, reactions=self._balancing_reactions(force_rate)
+        )
         # Changes of J and G, times the first derivatives of the variables.
         loop_bias, output_bias = self._velocity_biases(first, vector_rates)
 

@@ -385,10 +385,10 @@ class WorkingMode:
         triangle = self._triangle(dyad_number)
         # Modes with equal signs of this dyad share the result.
         self.read_signs.add(dyad_number)
-        # The parity relates the sign of the mode to that of the triple product.
-        sign = self.signs[dyad_number] * self.chain.dyads[dyad_number].parity
-        axis = triangle.common_part + sign * triangle.signed_part
-        return axis, sign * triangle.triple_product
+        # The side of the plane through a and c on which b is, 1 or -1.
+        side = self.signs[dyad_number] * self.chain.dyads[dyad_number].positive_mode_side
+        axis = triangle.common_part + side * triangle.signed_part
+        return axis, side * triangle.triple_product
 
     @_shared_between_modes
     def _triangle(self, dyad_number: int) -> DyadTriangle:
