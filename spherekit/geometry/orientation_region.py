@@ -441,28 +441,11 @@ class _OrientationCells:
 def _filled_fractions(polynomials: Floats) -> Floats:
     """Return the fraction of each subcell of a cell in which a polynomial is positive.
 
-    A cell is divided into SUBCELLS_PER_SIDE**3 equal subcells. The polynomial changes by a,
-    b and c over a subcell in the three directions, and has the value f at its centre. With
-    S = |a| + |b| + |c|, the fraction is estimated as 1/2 + f / S, limited to 0 and 1.
-
-    The fractions of single subcells are inaccurate, but only their sum matters. If the
-    border, where the polynomial is zero, is a plane, errors on both sides of it cancel.
-    At a curved border they do not, and the correction d S / g^2 is added to each fraction.
-    Here d is the mean of the polynomial over the subcell less f, and g is the length of its
-    gradient, g^2 = a^2 + b^2 + c^2. The width of a subcell is the unit of length.
-
-    1. V(t) is the volume in which the polynomial exceeds t, about the number of subcells
-       with f > t. For a single subcell, f > t holds in the part 1/2 + f / S of the range
-       -S/2 < t < S/2, limited to 0 and 1. This is its fraction. So the sum of all fractions
-       is the mean of V(t) over this range, about V(0) + V''(0) S^2 / 24 (Taylor series).
-    2. The surface on which the polynomial is t lies at the distance t / g from the border,
-       so V'(t) is minus the integral of 1 / g over this surface. Its area grows with the
-       distance by L / g per area, the divergence of the unit normal. L is the Laplacian of
-       the polynomial, and second derivatives along the gradient are neglected. So V''(0)
-       is -(1 / g) (L / g) (1 / g) = -L / g^3 per area of the border.
-    3. d is about L / 24. So the sum is too small by d S^2 / g^3 per area of the border.
-    4. Subcells with a fraction between 0 and 1 form a layer of the thickness S / g along
-       the border. The correction d S / g^2 in each of them makes up for this.
+    A cell is divided into SUBCELLS_PER_SIDE**3 equal subcells. With the value f of the
+    polynomial at the centre of a subcell, and the range S of its values in the subcell, the
+    fraction is estimated as 1/2 + f / S, limited to 0 and 1. The fractions of single
+    subcells are inaccurate, but only their sum matters. Their errors cancel along a plane
+    border. `_curvature_correction` compensates for the remaining error at a curved one.
 
     Parameters
     ----------
@@ -474,19 +457,53 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     -------
     (SUBCELLS_PER_SIDE**3, m) fractions from 0 to 1.
     """
-    # The constant matrices interpolate the 27 samples of a cell in all subcells. They give
-    # the values f at the centres, the changes a, b and c, and the means.
-    value = _AT_CENTRES @ polynomials
+    centre_value = _AT_CENTRES @ polynomials
+    mean_value = _SUBCELL_MEANS @ polynomials
+    # Changes over a subcell in its three directions. A linear function with these changes
+    # has the sum of their sizes as the range of its values.
     changes = np.abs(_CHANGES @ polynomials)
-    change_sum = changes.sum(axis=0)
-    square_sum = np.sum(changes**2, axis=0)
+    value_range = changes.sum(axis=0)
+    squared_gradient = np.sum(changes**2, axis=0)
     with np.errstate(all="ignore"):
-        # The mean d differs from f because of the second derivatives only.
-        mean_difference = _SUBCELL_MEANS @ polynomials - value
-        offset = value / change_sum + mean_difference * change_sum / square_sum
-        fraction = np.clip(0.5 + offset, 0.0, 1.0)
+        correction = _curvature_correction(
+            mean_value - centre_value, value_range, squared_gradient
+        )
+        fraction = np.clip(0.5 + (centre_value / value_range + correction), 0.0, 1.0)
         # A constant polynomial fills the subcell or leaves it empty.
-        return np.where(square_sum > 0.0, fraction, value >= 0.0)
+        return np.where(squared_gradient > 0.0, fraction, centre_value >= 0.0)
+
+
+def _curvature_correction(
+    mean_difference: Floats, value_range: Floats, squared_gradient: Floats
+) -> Floats:
+    """Return the correction of the filled fractions of subcells at a curved border.
+
+    Parameters
+    ----------
+    mean_difference
+        (...,) d, mean of the polynomial over the subcell less its value at the centre.
+    value_range
+        (...,) S, difference of its largest and smallest values in the subcell.
+    squared_gradient
+        (...,) g^2, square of its gradient. The width of a subcell is the unit of length.
+
+    Notes
+    -----
+    The estimated fraction 1/2 + f / S is the part of all levels t, from -S/2 to S/2, that
+    the value f exceeds. With the volume V(t) in which the polynomial exceeds t, the sum of
+    the fractions is therefore the mean of V(t) over these levels. The wanted volume is
+    V(0). Both are equal at a plane border, where V(t) is linear. At a curved border:
+
+    1. The mean of V(t) exceeds V(0) by V''(0) S^2 / 24, by a Taylor series.
+    2. If the level rises by dt, the border moves by the distance dt / g. With its area A,
+       V' = -A / g. The area also changes, like that of a sphere with its radius: by A L / g
+       per distance, with the Laplacian L of the polynomial. Hence V'' = -A L / g^3. (Second
+       derivatives along the gradient are neglected.)
+    3. Since d = L / 24, the sum of the fractions is too small by A d S^2 / g^3.
+    4. Subcells with a fraction between 0 and 1 form a layer of the thickness S / g along
+       the border. They have the volume A S / g, so each needs the correction d S / g^2.
+    """
+    return mean_difference * value_range / squared_gradient
 
 
 def _quaternions(cube: Indices, points: Array) -> Floats:

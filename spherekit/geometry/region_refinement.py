@@ -78,6 +78,32 @@ class TriangleDivision:
     other_inside: Indices
     has_extra_triangle: Bools
 
+    def fan_triangles(self, node: Indices, segment: Indices) -> Indices:
+        """Return the triangles of the fans, as numbers of their three corners.
+
+        Parameters
+        ----------
+        node
+            (m,) numbers of the nodes of all segments, in the order of the segments.
+        segment
+            (m,) number of the segment of each node.
+        """
+        # A triangle joins the apex to a node and to the next node of the same segment.
+        has_next_node = segment[:-1] == segment[1:]
+        corners = [self.apex[segment[:-1]], node[:-1], node[1:]]
+        return np.stack(corners, axis=1)[has_next_node]
+
+    def extra_triangles(self, start_node: Indices) -> Indices:
+        """Return the extra triangles, as numbers of their three corners.
+
+        Parameters
+        ----------
+        start_node
+            (n,) number of the first node of each segment.
+        """
+        corners = [self.apex, self.other_inside, start_node]
+        return np.stack(corners, axis=1)[self.has_extra_triangle]
+
 
 class RegionRefinement:
     """Refines a mesh of triangles on the sphere and finds the border of a region in it.
@@ -233,12 +259,12 @@ class RegionRefinement:
     def surface(self) -> tuple[Floats, Indices]:
         """Return a triangulation of the region alone, up to its border.
 
-        Triangles of the mesh with all vertices inside the region are taken as they are. In
-        a triangle that the border crosses, the border is a curve given by several nodes.
-        One vertex inside the region, the apex, is joined to all nodes of the curve, which
-        makes a fan of triangles. If a second vertex is inside, an extra triangle fills the
-        rest of the region. Its corners are the apex, the second vertex, and the node on the
-        edge that begins at the second vertex.
+        Triangles of the mesh with all vertices inside the region are taken as they are.
+        Triangles that the border crosses are divided, and only their part inside is taken.
+        The border in a triangle is a segment, a curve given by several nodes. The part
+        inside is a fan of triangles between one vertex, the apex, and these nodes. If
+        another vertex is inside, an extra triangle joins it to the apex and to the first
+        node.
 
         Returns
         -------
@@ -248,21 +274,17 @@ class RegionRefinement:
             (F, 3) numbers of points.
         """
         division = self._divide_triangles()
-        # All nodes of all segments, with the number of the segment of each.
-        nodes, segment = self.segments.node_points(np.arange(len(division.apex)))
-        points = np.concatenate([self.points, nodes])
-        number = np.arange(len(self.points), len(points))
-        # `segment` counts the segments from 0, and is larger at the first node of the next.
-        is_first_node = np.diff(segment, prepend=-1) > 0
-        is_last_node = np.diff(segment, append=len(division.apex)) > 0
-        # A fan triangle from each node to the next one of its segment.
-        fan = np.stack([division.apex[segment], number, number + 1], axis=1)
-        fan = fan[~is_last_node]
-        first_node = number[is_first_node]  # of each segment
-        extra = np.stack([division.apex, division.other_inside, first_node], axis=1)
-        extra = extra[division.has_extra_triangle]
+        # The nodes of all segments, one segment after another.
+        segment_count = len(self.segments.start)
+        border_points, segment = self.segments.node_points(np.arange(segment_count))
+        points = np.concatenate([self.points, border_points])
+        node = np.arange(len(self.points), len(points))  # numbers of the border points
+        is_start = np.diff(segment, prepend=-1) > 0
+
         whole_triangles = self.triangles[division.inside_count == 3]
-        return points, np.concatenate([whole_triangles, fan, extra])
+        fan_triangles = division.fan_triangles(node, segment)
+        extra_triangles = division.extra_triangles(node[is_start])
+        return points, np.concatenate([whole_triangles, fan_triangles, extra_triangles])
 
     def border_loops(self) -> list[Indices]:
         """Return the closed curves of the border, as segment numbers in their order.
@@ -473,46 +495,85 @@ class RegionRefinement:
     def _reduce_error(self, tolerance: float) -> Bools:
         """Reduce the error of the area, and return which triangles (T,) have to be cut.
 
-        The error has two parts. Each may be up to half of the tolerance (sr):
+        The error has two parts. Each may be up to half of the tolerance (sr). The border is
+        approximated by polynomials, and open triangles may hide parts of the region.
+        """
+        is_cut = self._improve_segments(0.5 * tolerance)
+        is_cut |= self._choose_open_triangles(0.5 * tolerance)
+        return is_cut & (self.longest_edges > MIN_EDGE_RAD)
 
-        - A segment is the border of the region in one triangle, approximated by a
-          polynomial. Its error is that of the area between the segment and the true border.
-          If the sum of these errors is too large, the degrees (orders) of polynomials with
-          large errors are raised. If all of these have the highest order, their triangles
-          are cut.
-        - An open triangle may hide a part of the region, so its whole area counts as an
-          error. If the sum is too large, open triangles are cut.
+    def _improve_segments(self, max_error: float) -> Bools:
+        """Raise the degrees of border polynomials until the area is accurate enough.
+
+        A segment is the border in one triangle, approximated by a polynomial. Its order is
+        the degree of this polynomial.
+
+        Parameters
+        ----------
+        max_error
+            Largest error of the area (sr) that all segments together may cause.
+
+        Returns
+        -------
+        (T,) which triangles have to be cut, because their segments have the highest order
+        and are still not accurate enough.
         """
         is_cut = np.zeros(len(self.triangles), dtype=bool)
         segments = self.segments
-        share = 0.5 * tolerance
         while True:
-            is_counted = ~self.is_open[segments.triangle]
-            # The area is integrated along the segments, so its rounding error grows with
-            # their lengths. An error of about this size cannot be reduced.
-            rounding_error = EPS * segments.length
-            can_improve = segments.error > ROUNDING_FACTOR * rounding_error
-            error = np.where(is_counted & can_improve, segments.error, 0.0)
-            if error.sum() <= share:
-                break
-            # Segments above this limit are improved. If all had this error, their sum would
-            # be half of the share. A smaller limit improves more segments at once.
-            is_poor = error > 0.5 * share / np.count_nonzero(is_counted)
+            is_poor = self._find_poor_segments(max_error)
             can_raise = is_poor & (segments.order < ORDERS[-1])
             if not can_raise.any():
                 is_cut[segments.triangle[is_poor]] = True
-                break
+                return is_cut
             segments.raise_order(self.evaluate, np.flatnonzero(can_raise))
-            # A segment without a border at one of the new nodes is not sound. Its triangle
-            # may hide a part of the region.
+            # The border of a segment may be impossible to find at the nodes of a higher
+            # order. The segment is then not sound, and its triangle may hide a part of the
+            # region.
             self.classes[segments.triangle[~segments.is_sound]] = TriangleClass.OPEN
+
+    def _find_poor_segments(self, max_error: float) -> Bools:
+        """Return the segments (n,) of the border that are to be approximated better.
+
+        If the sum of all errors is small enough, there are none.
+
+        Parameters
+        ----------
+        max_error
+            Largest error of the area (sr) that all segments together may cause.
+        """
+        segments = self.segments
+        # The whole area of an open triangle counts as an error, so its segment does not.
+        is_counted = ~self.is_open[segments.triangle]
+        # The area is integrated along the segments, so its rounding error grows with their
+        # lengths. An error of about this size cannot be reduced.
+        rounding_error = EPS * segments.length
+        can_improve = segments.error > ROUNDING_FACTOR * rounding_error
+        error = np.where(is_counted & can_improve, segments.error, 0.0)
+        if error.sum() <= max_error:
+            return np.zeros(len(error), dtype=bool)
+        # If all segments had half of their equal share of `max_error`, the sum would be
+        # small enough. A smaller limit improves more segments at once.
+        equal_share = max_error / np.count_nonzero(is_counted)
+        return error > 0.5 * equal_share
+
+    def _choose_open_triangles(self, max_area: float) -> Bools:
+        """Return the open triangles (T,) that have to be cut.
+
+        An open triangle may hide a part of the region, so its whole area counts as an error
+        of the area of the region.
+
+        Parameters
+        ----------
+        max_area
+            Area (sr) that all open triangles together may have.
+        """
         open_area = self.is_open * self.areas
-        if open_area.sum() > share:
-            # The largest triangles are cut first; small ones matter only after these. A
-            # larger factor than 0.1 cuts fewer triangles in a round, so that more rounds
-            # follow.
-            is_cut |= open_area > 0.1 * open_area.max()
-        return is_cut & (self.longest_edges > MIN_EDGE_RAD)
+        if open_area.sum() <= max_area:
+            return np.zeros(len(open_area), dtype=bool)
+        # The largest triangles are cut first; small ones matter only after these. A larger
+        # factor than 0.1 cuts fewer triangles in a round, so that more rounds follow.
+        return open_area > 0.1 * open_area.max()
 
     def _cut(self, is_cut: Bools) -> None:
         """Cut the triangles for which `is_cut` (T,) is true.
