@@ -6,10 +6,9 @@ bounds, by which rows are certified. Rows that are not certified are computed by
 
 A block is evaluated slice by slice, so that the arrays of a slice stay in the cache. Signs
 of pole directions continue from row to row. While a slice is in the cache, the runner
-therefore also notes between which rows a pole direction may reverse.
+therefore also notes between which rows a pole direction may reverse (`pole_reversals.py`).
 """
 
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -31,22 +30,26 @@ from spherekit.runs.kernel_columns import (
     RowSlice,
     split_rows,
 )
+from spherekit.runs.pole_reversals import (
+    SliceReversals,
+    find_compared_rows,
+    find_slice_reversals,
+)
 from spherekit.runs.prefetch import prefetch, thread_map
 from spherekit.runs.resource_checks import evaluation_memory
 from spherekit.runs.sampling import Sampling
 from spherekit.status import Status
 from spherekit.symbolic.compiler import available
 from spherekit.velocities.direction_signs import (
-    ModeRows,
+    ComparedRows,
     SignContinuation,
     SignFunction,
     continue_signs,
     signs_by_first_axis_sums,
 )
 from spherekit.velocities.dyad_expressions import find_out_of_reach, write_arguments
-from spherekit.velocities.input_columns import InputColumns
 from spherekit.velocities.pole_request import Request
-from spherekit.velocities.row_kernel import ColumnFunction, RowKernel, row_kernel
+from spherekit.velocities.row_kernel import RowKernel, row_kernel
 
 MAX_BLOCK_NEWTON_STEP_RAD = 1e-6
 """Step of Newton's method from a predicted configuration that stays in its assembly mode.
@@ -54,23 +57,11 @@ MAX_BLOCK_NEWTON_STEP_RAD = 1e-6
 Larger: a step may reach another mode; smaller: more rows are computed without the kernel.
 """
 
-NO_ROWS: Indices = np.empty(0, dtype=np.intp)
-
-MIN_DIRECTION_COSINE = 1e-8
-"""Cosine of successive directions below which the direction may have reversed.
-
-Directions of rows that are not closed yet can have errors up to a tenth of it, like those
-of certified rows. Larger: more rows are compared; smaller: reversals are missed.
-"""
-
 MIN_KERNEL_ROWS = 1 << 14
 """Number of rows below which no kernel is made, as making it takes longer than it saves."""
 
 MIN_COMPILED_ROWS = 1 << 19
 """Number of rows from which the kernel is compiled, if heyoka is installed."""
-
-MAX_ROWS_COMPARED = 256
-"""Number of rows that are compared one by one; see `_find_reversals`."""
 
 REFERENCE_SAMPLES = 64
 """Samples from which the kernel learns in which order it eliminates variables."""
@@ -176,14 +167,12 @@ class BlockRows:
         sample_count = n // mode_count  # rows of each mode
         self.slices = split_rows(mode_count, sample_count, slice_size)
 
-    def fill(self, samples: Indices) -> "list[tuple[int, SliceReversals]]":
-        """Compute all rows of the block. Rows without certificate are solved singly.
+    def fill(self, samples: Indices) -> list[SliceReversals]:
+        """Compute all rows of the block, and certify those with small error bounds.
 
         A row is one sample in one assembly mode (way to assemble the mechanism). The
-        kernel, a set of compiled functions, computes many rows at once. It certifies a row
-        if the row's error bounds are small. The arrays of this object (pair variables,
-        residuals, certificates, status codes) are filled. A slice is a number of successive
-        rows of one mode that are computed together.
+        arrays of this object (pair variables, residuals, certificates, status codes) are
+        filled.
 
         Parameters
         ----------
@@ -192,42 +181,49 @@ class BlockRows:
 
         Returns
         -------
-        For each slice with certified rows: the index of its assembly mode, and the pairs of
-        rows between which a pole direction may reverse. A pole is the axis about which one
-        link rotates relative to another. The axis has two opposite directions, and the one
-        that continues the direction in the previous row is chosen later.
+        For each slice with certified rows, in their order: the rows between which the
+        direction of a pole may reverse. A pole is the axis about which one link rotates
+        relative to another.
         """
-        # 1. The kernel computes all slices. For each slice it gives the pairs of rows
-        # between which directions may reverse. There are two exceptions, with None: slices
-        # without certified rows, and slices in which some rows are still to be solved.
+        # The kernel, a set of compiled functions, computes many rows at once.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
-        # 2. The other rows are solved singly. `_solve_rows` also marks those as certified
-        # in which the kernel gives small error bounds for the solved configuration. Rows
-        # out of reach, which `_fill_slice` has marked by their status, are left out.
+        self._solve_uncertified(samples)
+        # A slice is examined for reversals as soon as all its rows are certified. Slices
+        # with rows that had to be solved singly are examined now.
+        examined_slices: list[SliceReversals] = []
+        for row_slice, reversals in zip(self.slices, reversals_by_slice, strict=True):
+            examined = reversals or self._examine_slice(row_slice)
+            if examined is not None:
+                examined_slices.append(examined)
+        return examined_slices
+
+    def _solve_uncertified(self, samples: Indices) -> None:
+        """Solve the rows that the kernel has not certified, except rows out of reach.
+
+        `samples` (k,) are the numbers of the samples of the block in the run.
+        """
         uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
         if len(uncertified):
             self._solve_rows(samples, uncertified)
         self.is_certified &= self.status == Status.OK
 
-        # 3. Slices with None whose rows are certified now get their pairs of rows.
-        # `SliceReversals` needs the angular velocities of the links in these rows. They are
-        # among the numbers that the kernel's function `row_quality` computes.
-        quality_function = self.kernel.row_quality
-        result: list[tuple[int, SliceReversals]] = []
-        for (mode, slice_rows), reversals in zip(
-            self.slices, reversals_by_slice, strict=True
-        ):
-            rows = slice_rows.start + np.flatnonzero(self.is_certified[slice_rows])
-            if reversals is None and len(rows):
-                columns = quality_function(self.values[:, rows])
-                reversals = SliceReversals(self.kernel, quality_function, columns, rows)
-            if reversals is not None:
-                result.append((mode, reversals))
-        return result
+    def _examine_slice(self, row_slice: RowSlice) -> SliceReversals | None:
+        """Return the certified rows of a slice between which pole directions may reverse.
 
-    def _fill_slice(self, row_slice: RowSlice) -> "SliceReversals | None":
+        The result is None if the slice has no certified row.
+        """
+        mode, slice_rows = row_slice
+        rows = slice_rows.start + np.flatnonzero(self.is_certified[slice_rows])
+        if not len(rows):
+            return None
+        # The angular velocities of the links decide. This function computes them.
+        quality_function = self.kernel.row_quality
+        columns = quality_function(self.values[:, rows])
+        return find_slice_reversals(self.kernel, quality_function, columns, mode, rows)
+
+    def _fill_slice(self, row_slice: RowSlice) -> SliceReversals | None:
         """Compute the rows of a slice, and decide which of them are certified.
 
         A row is certified if its loops are closed up to rounding, and if its error bounds
@@ -241,8 +237,8 @@ class BlockRows:
 
         Returns
         -------
-        The pairs of rows between which a pole direction may reverse. None if the slice has
-        no certified row, or a row that is neither certified nor out of reach.
+        The rows between which a pole direction may reverse. None if the slice has no
+        certified row, or a row that is neither certified nor out of reach.
         """
         mode, rows = row_slice
         quality_function = self._quality_function
@@ -278,7 +274,9 @@ class BlockRows:
             np.max(columns[parts["uncertainty_sum"]]) <= 1.0
             and np.max(residual) <= rounding
         ):
-            return SliceReversals(self.kernel, quality_function, columns, row_numbers)
+            return find_slice_reversals(
+                self.kernel, quality_function, columns, mode, row_numbers
+            )
 
         # Otherwise decide row by row. First find the rows that are out of reach.
         if has_closed_form:
@@ -303,10 +301,11 @@ class BlockRows:
         self.status[rows][is_out_of_reach] = Status.OUT_OF_REACH
         if not np.any(is_certified) or not np.all(is_certified | is_out_of_reach):
             return None
-        return SliceReversals(
+        return find_slice_reversals(
             self.kernel,
             quality_function,
             columns[:, is_certified],
+            mode,
             row_numbers[is_certified],
         )
 
@@ -395,220 +394,6 @@ class BlockRows:
         self.closure[0, rows] = residual
 
 
-class SliceReversals:
-    """The rows of a slice between which pole directions may reverse, and its errors.
-
-    A slice is a number of successive rows (samples in one assembly mode) of a block. A row
-    is certified if the error bounds of its numbers are small enough. Here successive rows
-    are successive certified rows.
-
-    A pole is the axis about which one link rotates relative to another. It is a line, so
-    its direction is known up to a sign, which is chosen continuously from row to row. Rows
-    between which no direction can reverse have equal signs and are not compared later.
-
-    The attributes are computed together with the slice, while its columns are in the cache.
-    The columns need not be read from memory again later.
-
-    Attributes
-    ----------
-    rows
-        (2,) numbers, in the block, of the first and last certified row of the slice.
-    end_velocities
-        For each input the relative angular velocities (poles, 3, 2) per unit rate of the
-        input, at these two rows. They are compared with those of the adjacent slices.
-    gaps
-        For each input the pairs of rows (2, k) between which a direction may reverse.
-    errors
-        For each input the largest errors (3,) of directions, rates and their derivatives.
-    """
-
-    def __init__(
-        self,
-        kernel: RowKernel,
-        quality_function: ColumnFunction,
-        columns: Floats,
-        rows: Indices,
-    ) -> None:
-        """Find the rows of a slice between which a pole direction may reverse.
-
-        A pole is the axis about which one link rotates relative to another. Its direction
-        is computed up to a sign, which is chosen later so that directions are continuous.
-        Only rows between which a direction may reverse have to be compared then. A slice is
-        a number of successive rows of a block. Only its certified rows, whose error bounds
-        are small enough, are examined here. Their largest errors are stored, too.
-
-        Parameters
-        ----------
-        kernel
-            Its `input_columns` know the links of each pole, for each input that moves while
-            the others are locked.
-        quality_function
-            The function that has computed the columns. Its attribute `slices` says which
-            columns have a quantity, by the name of the quantity and the index of an input.
-        columns
-            (width, n) results of this function for the n certified rows of the slice.
-        rows
-            (n,) numbers of these rows in the block, rising.
-        """
-        # The first and the last certified row. `find_stops` compares their velocities with
-        # those of the slices before and after.
-        self.rows = rows[[0, -1]]
-        self.end_velocities: list[Floats] = []
-        self.gaps: list[Indices] = []
-        self.errors: list[Floats] = []
-        for input_index, input_columns in enumerate(kernel.input_columns):
-            # (components, n) components of the angular velocities of all links per unit
-            # rate of this input.
-            velocities = columns[quality_function.slices["velocities", input_index]]
-            # (2, k) pairs of successive certified rows between which a direction may
-            # reverse. They are called gaps.
-            gap_starts = _find_reversals(input_columns, velocities)
-            self.gaps.append(np.array([rows[gap_starts], rows[gap_starts + 1]]))
-            # For each pole, the velocity of its second link relative to its first.
-            self.end_velocities.append(
-                input_columns.relative_velocities(velocities[:, [0, -1]])
-            )
-            errors = columns[quality_function.slices["errors", input_index]]
-            self.errors.append(np.max(errors, axis=1, initial=0.0))
-
-
-def _keeps_direction(first: Floats, second: Floats) -> Bools:
-    """Return which of the vectors (..., 3) surely do not reverse from first to second."""
-    squared = np.vecdot(first, first) * np.vecdot(second, second)
-    return np.vecdot(first, second) >= MIN_DIRECTION_COSINE * np.sqrt(squared)
-
-
-def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
-    """Return the rows after which a pole direction may reverse.
-
-    A pole is the axis about which one link rotates relative to another. Its direction is
-    that of the relative angular velocity v of the two links. The direction does not reverse
-    between two rows if the scalar product of the velocities in these rows is positive.
-
-    First a bound for all rows together is tried. Each component of v is between its least
-    value a and its greatest value b in all rows. The product of the component at any two
-    rows is therefore at least min(a^2, b^2), or a b if a and b have different signs. If the
-    sum of these bounds over the three components is positive, no direction reverses.
-    Because of rounding, the sum divided by the product of the lengths, which is a cosine,
-    has to exceed `MIN_DIRECTION_COSINE`. If it does not, each half of the rows is treated
-    in the same way. Small numbers of rows are compared one by one.
-
-    Parameters
-    ----------
-    input_columns
-        The columns of the moving input. It subtracts the angular velocities of the two
-        links of each pole.
-    velocities
-        (components, n) components of the angular velocities of all links, per unit rate of
-        the input, at n successive rows.
-
-    Returns
-    -------
-    (k,) indices of rows, each less than n - 1.
-    """
-    low = np.min(velocities, axis=1)
-    high = np.max(velocities, axis=1)
-    # (poles, 3) bounds a and b of each component of the relative velocities: the velocity
-    # of the second link minus that of the first one. Its lower bound is the lower bound of
-    # the second link minus the upper bound of the first one. The function takes the second
-    # link from its first argument, and the first link from its second argument.
-    least = input_columns.relative_velocities(low, high)
-    greatest = input_columns.relative_velocities(high, low)
-    least_squared = least * least
-    greatest_squared = greatest * greatest
-    product = least * greatest
-    least_product = np.where(
-        product > 0.0, np.minimum(least_squared, greatest_squared), product
-    )
-    # The square of the largest possible length. The cosine of the angle between any two
-    # velocities is at least the sum of the least products, divided by it.
-    largest_square = np.sum(np.maximum(least_squared, greatest_squared), axis=1)
-    if np.all(np.sum(least_product, axis=1) >= MIN_DIRECTION_COSINE * largest_square):
-        return NO_ROWS
-    half = velocities.shape[1] // 2
-    if half > MAX_ROWS_COMPARED:
-        # The halves share a row, so that the step between them is compared too.
-        return np.append(
-            _find_reversals(input_columns, velocities[:, : half + 1]),
-            _find_reversals(input_columns, velocities[:, half:]) + half,
-        )
-    # (poles, rows, 3). With one argument both links are taken from it.
-    relative_velocities = np.moveaxis(input_columns.relative_velocities(velocities), 1, 2)
-    keeps_direction = _keeps_direction(
-        relative_velocities[:, :-1], relative_velocities[:, 1:]
-    )
-    return np.flatnonzero(~np.all(keeps_direction, axis=0))
-
-
-def find_stops(
-    reversals: Sequence[tuple[int, SliceReversals]],
-    input_index: int,
-    is_assembled: Bools,
-    is_uncertified: Bools,
-) -> dict[int, ModeRows]:
-    """Return the rows at which pole directions are compared, for each assembly mode.
-
-    The sign of a pole direction is chosen continuously from row to row. A *gap* is a pair
-    of rows between which a direction may reverse. Directions are compared only at *stops*:
-    the rows of gaps, and the first and the last row. If there is no gap between a stop and
-    the next one, no direction reverses between them, and the rows between them have the
-    sign of the first of both.
-
-    Parameters
-    ----------
-    reversals
-        The slices of the block in order: the index of the assembly mode, and the gaps.
-    input_index
-        Index of the input that moves while the others are locked.
-    is_assembled
-        (modes, samples) whether the row has a configuration.
-    is_uncertified
-        (modes, samples) whether the row has a configuration, but the bounds of the kernel
-        (the compiled function of many rows) do not show that its poles are accurate.
-        Directions may reverse before and after such a row.
-
-    Returns
-    -------
-    By the index of the mode: the numbers (s,) of the stops in the block, and whether there
-    is a gap between each stop and the next one (s - 1,).
-    """
-    # Gaps (2, k) in each slice, then those between the last row of a slice and the first
-    # row of the next slice.
-    gaps: dict[int, list[Indices]] = defaultdict(list)
-    for mode, slice_reversals in reversals:
-        gaps[mode].append(slice_reversals.gaps[input_index])
-    for (mode, previous_slice), (next_mode, next_slice) in pairwise(reversals):
-        last_velocity = previous_slice.end_velocities[input_index][..., 1]
-        first_velocity = next_slice.end_velocities[input_index][..., 0]
-        if mode == next_mode and not np.all(
-            _keeps_direction(last_velocity, first_velocity)
-        ):
-            gaps[mode].append(np.array([previous_slice.rows[1:], next_slice.rows[:1]]))
-
-    stops: dict[int, ModeRows] = {}
-    for mode, is_assembled_in_mode in enumerate(is_assembled):
-        rows = np.flatnonzero(is_assembled_in_mode)
-        if not len(rows):
-            continue
-        # A row without certificate has a gap before it and one after it, unless it is the
-        # first or the last row. These are indices of `rows`.
-        uncertified = np.flatnonzero(is_uncertified[mode, rows])
-        gap_starts = np.setdiff1d([uncertified - 1, uncertified], [-1, len(rows) - 1])
-        # From numbers of samples to numbers of rows in the block.
-        rows += mode * len(is_assembled_in_mode)
-        all_gaps = np.concatenate(
-            [*gaps[mode], [rows[gap_starts], rows[gap_starts + 1]]], axis=1
-        )
-        stop_rows = np.unique(np.concatenate([rows[[0, -1]], all_gaps.ravel()]))
-        # A gap may contain further stops. There is a gap after a stop if more gaps have
-        # begun than ended.
-        first_stops, last_stops = np.searchsorted(stop_rows, all_gaps)
-        begun = np.bincount(first_stops, minlength=len(stop_rows))
-        ended = np.bincount(last_stops, minlength=len(stop_rows))
-        stops[mode] = stop_rows, np.cumsum(begun - ended)[:-1] > 0
-    return stops
-
-
 @dataclass(frozen=True)
 class PendingPoles:
     """Facts about the poles of a block that are computed together with its positions.
@@ -627,14 +412,10 @@ class PendingPoles:
     uncertified
         (k,) numbers of rows with a configuration that are not certified. Rows without a
         configuration are not certified either, and are not among them.
-    stops
-        The stops: rows at which the directions of poles will be compared (`find_stops`). A
-        direction is computed up to a sign, which is chosen later so that directions are
-        continuous from row to row. The sign can change only before or after certain rows.
-        These rows, the first row and the last row are the stops. All rows between two stops
-        have the sign of the first stop. There is a mapping for each input, by the index of
-        the assembly mode. It is empty if the samples are a grid of inputs, which has no
-        order of rows.
+    compared_rows
+        The rows at which directions have to be compared, because they may reverse there,
+        for each input and by the index of the assembly mode. Empty if the samples are a
+        grid of inputs, in which rows do not follow each other.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.
@@ -643,8 +424,18 @@ class PendingPoles:
     is_certified: Bools
     is_assembled: Bools
     uncertified: Indices
-    stops: Sequence[Mapping[int, ModeRows]]
+    compared_rows: Sequence[Mapping[int, ComparedRows]]
     error_maxima: Floats
+
+
+def _find_error_maxima(slices: Sequence[SliceReversals], input_count: int) -> Floats:
+    """Return the largest errors (inputs, 3) of all slices, NaN if there are no slices."""
+    maxima = nans((input_count, 3))
+    for reversals in slices:
+        errors = [by_input.largest_errors for by_input in reversals.by_input]
+        # `fmax` ignores NaN.
+        maxima = np.fmax(maxima, errors)
+    return maxima
 
 
 @dataclass
@@ -683,6 +474,9 @@ class BatchRunner:
         arrays are not hashable.
     """
 
+    # `_latest_columns` are the poles of the block for which `fields` was called last. If no
+    # column of them was read, later blocks become larger.
+
     sampling: Sampling
     requests: Sequence[Request]
     kernel: RowKernel
@@ -692,7 +486,7 @@ class BatchRunner:
     needs_timing: bool
     reads_frames: bool = False
     pending_poles: dict[int, PendingPoles] = field(default_factory=dict, repr=False)
-    _last_columns: KernelColumns | None = None
+    _latest_columns: KernelColumns | None = None
 
     @classmethod
     def prepare(
@@ -790,10 +584,9 @@ class BatchRunner:
         Parameters
         ----------
         size
-            Number of samples in the first block. If it is `block_size`, the number that
-            fits into memory with all columns, later blocks may be larger. They grow while
-            no column of the blocks is read, because then only pair variables are in memory.
-            With any other size all blocks have this size.
+            Number of samples in the first block. If it is `block_size`, later blocks grow
+            as long as the run reads no poles, whose columns need most of the memory.
+            Otherwise all blocks have this size.
         first_sample
             Number of the first sample.
         """
@@ -802,22 +595,29 @@ class BatchRunner:
         needs_more_memory = self.is_recorded or self.reads_frames
         may_grow = size == self.block_size and not needs_more_memory
         largest_size = MAX_BLOCK_GROWTH * size if may_grow else size
-
-        def block_samples() -> Iterator[Indices]:
-            """Yield the numbers (n,) of the samples of each block."""
-            start = first_sample
-            count = size
-            while start < len(self.sampling):
-                yield np.arange(start, min(start + count, len(self.sampling)))
-                start += count
-                # `_last_columns` are the columns of the last block that was evaluated. If
-                # blocks are computed ahead, that is not yet the block before the next one.
-                if self._last_columns is not None:
-                    was_read = self._last_columns.was_read
-                    count = size if was_read else min(2 * count, largest_size)
-
+        samples_of_blocks = self._split_samples(first_sample, size, largest_size)
         # The next block may be computed in another thread while the caller uses a block.
-        return prefetch(self.motion_at, block_samples(), self.looks_ahead)
+        return prefetch(self.motion_at, samples_of_blocks, self.looks_ahead)
+
+    def _split_samples(
+        self, first_sample: int, size: int, largest_size: int
+    ) -> Iterator[Indices]:
+        """Yield the numbers (n,) of the samples of each block.
+
+        The first block has `size` samples. As long as no column of a block is read, each
+        block has twice as many samples as the one before, up to `largest_size`.
+        """
+        sample_count = len(self.sampling)
+        start = first_sample
+        next_size = size
+        while start < sample_count:
+            end = min(start + next_size, sample_count)
+            yield np.arange(start, end)
+            # The caller has used at least the blocks before this one by now.
+            if self._latest_columns is not None:
+                was_read = self._latest_columns.was_read
+                next_size = size if was_read else min(2 * next_size, largest_size)
+            start = end
 
     def fields(
         self, motion: Motion, sign_continuations: Sequence[SignContinuation]
@@ -841,40 +641,64 @@ class BatchRunner:
         -------
         For each input, an object with the attributes of `PoleField`.
         """
-        # `motion_at` has computed facts about the poles (`PendingPoles`) together with the
-        # motion. One of them is which rows are `uncertified`: their error bounds are so
-        # large that their poles are not taken from the kernel.
-        pending = self.pending_poles.pop(id(motion))
-        columns = KernelColumns(self.kernel, motion, self.requests, pending.uncertified)
-        # `blocks` makes the next block larger if no column of this one was read.
-        self._last_columns = columns
-        sign_functions: list[SignFunction] = []
-        for input_index, (input_columns, sign_continuation) in enumerate(
-            zip(self.kernel.input_columns, sign_continuations, strict=True)
-        ):
-            if motion.is_path:
-                # Signs are continued from row to row along a path of samples. Directions
-                # are compared only at the `stops`, the rows before or after which one may
-                # reverse. `unsigned_poles` computes the directions there.
-                sign_function = continue_signs(
-                    motion,
-                    input_columns.reversible_poles,
-                    pending.stops[input_index],
-                    partial(columns.unsigned_poles, input_index),
-                    sign_continuation,
-                )
-            else:
-                # Rows of a grid of inputs do not follow each other. In each assembly mode
-                # all directions have a positive component along one fixed vector. It is the
-                # sum of all pair axes at the first row.
-                sign_function = signs_by_first_axis_sums(
-                    motion, pending.is_assembled, sign_continuation
-                )
-            sign_functions.append(sign_function)
+        pending_poles = self.pending_poles.pop(id(motion))
+        columns = KernelColumns(
+            self.kernel, motion, self.requests, pending_poles.uncertified
+        )
+        self._latest_columns = columns
+        sign_functions = [
+            self._make_sign_function(
+                motion, input_index, columns, pending_poles, sign_continuation
+            )
+            for input_index, sign_continuation in enumerate(sign_continuations)
+        ]
         columns.set_signs(sign_functions, motion.samples)
         return tuple(
-            LazyField(columns, input_index, motion, pending.is_certified, errors)
-            for input_index, errors in enumerate(pending.error_maxima)
+            LazyField(columns, input_index, motion, pending_poles.is_certified, errors)
+            for input_index, errors in enumerate(pending_poles.error_maxima)
+        )
+
+    def _make_sign_function(
+        self,
+        motion: Motion,
+        input_index: int,
+        columns: KernelColumns,
+        pending_poles: PendingPoles,
+        sign_continuation: SignContinuation,
+    ) -> SignFunction:
+        """Return the function that gives each pole direction its sign.
+
+        A pole is an axis of rotation, a line, so its direction is known up to a sign.
+
+        - On a path of samples, signs are such that directions are continuous from row to
+          row.
+        - In a grid of inputs, rows do not follow each other. All directions of an assembly
+          mode have a positive component along one vector, the sum of all pair axes at the
+          first row.
+
+        Parameters
+        ----------
+        motion
+            A block of samples.
+        input_index
+            Index of the input that moves while the others are locked.
+        columns
+            Computes the poles of the block.
+        pending_poles
+            The rows at which directions are compared.
+        sign_continuation
+            The last directions of the previous block. It is updated in place.
+        """
+        if not motion.is_path:
+            return signs_by_first_axis_sums(
+                motion, pending_poles.is_assembled, sign_continuation
+            )
+        return continue_signs(
+            motion,
+            self.kernel.input_columns[input_index].reversible_poles,
+            pending_poles.compared_rows[input_index],
+            partial(columns.unsigned_poles, input_index),
+            sign_continuation,
         )
 
     def motion_at(self, samples: Indices) -> Motion:
@@ -899,7 +723,7 @@ class BatchRunner:
             edges = np.flatnonzero(np.diff(samples, prepend=-2, append=-2) != 1)
             for low, high in pairwise(edges):
                 self.predict(samples[low], samples[high - 1] + 1, values[:, :, low:high])
-        reversals = rows.fill(samples)
+        examined_slices = rows.fill(samples)
 
         # The configurations of the block. Failed rows are NaN.
         has_failed = ~has_configuration(rows.status)
@@ -933,24 +757,19 @@ class BatchRunner:
         is_assembled = ~has_failed.reshape(mode_count, count)
         is_uncertified = is_uncertified.reshape(is_assembled.shape)
         input_indices = range(len(self.requests))
-        stops = []
+        compared_rows = []
         if motion.is_path:
-            stops = [
-                find_stops(reversals, input_index, is_assembled, is_uncertified)
+            compared_rows = [
+                find_compared_rows(
+                    examined_slices, input_index, is_assembled, is_uncertified
+                )
                 for input_index in input_indices
             ]
-        # `fmax` ignores NaN, so that maxima are NaN only if no row is certified.
-        error_maxima = np.fmax.reduce(
-            [
-                nans((len(input_indices), 3)),
-                *(np.array(item.errors) for _, item in reversals),
-            ]
-        )
         self.pending_poles[id(motion)] = PendingPoles(
             is_certified=rows.is_certified,
             is_assembled=is_assembled,
             uncertified=uncertified,
-            stops=stops,
-            error_maxima=error_maxima,
+            compared_rows=compared_rows,
+            error_maxima=_find_error_maxima(examined_slices, len(input_indices)),
         )
         return motion

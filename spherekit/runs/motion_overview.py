@@ -57,8 +57,9 @@ class MotionOverview:
     def add_block(self, plan: OverviewPlan, motion: Motion) -> None:
         """Add the rows of a block of successive samples.
 
-        The statuses of all rows are added at once. Rows at which outputs are examined wait
-        until there are enough of them.
+        The statuses of all rows are added at once. Outputs are examined only at some
+        samples. If these are not all samples of the block, their rows wait until there are
+        enough of them.
 
         Parameters
         ----------
@@ -69,29 +70,35 @@ class MotionOverview:
         """
         if not motion.samples or not motion.assembly_modes:
             return
-        samples = motion.sample[: motion.samples]
-        first, last = int(samples[0]), int(samples[-1])
-        for position, mode in enumerate(motion.assembly_modes):
+        first_sample = int(motion.sample[0])
+        self._add_statuses(plan, motion, first_sample)
+
+        examined = plan.examined_samples(first_sample, motion.samples)
+        examines_all = len(examined) == motion.samples
+        if examines_all and not self.pending:
+            # The examination uses what the motion has computed already, so it is faster
+            # than with a copy of the rows.
+            self._examine(plan, motion)
+            return
+        if len(examined):
+            self.pending.append(PendingRows.from_motion(motion, examined - first_sample))
+        pending_count = sum(rows.status.size for rows in self.pending)
+        if pending_count >= MAX_OVERVIEW_SAMPLES:
+            self.examine_pending(plan, motion)
+
+    def _add_statuses(self, plan: OverviewPlan, motion: Motion, first_sample: int) -> None:
+        """Add the statuses of all rows to the overviews of their assembly modes.
+
+        `first_sample` is the number of the first sample of the block in the run.
+        """
+        # The rows of a mode follow each other, one for each sample of the block.
+        statuses_by_mode = motion.status.reshape(-1, motion.samples)
+        for mode, statuses in zip(motion.assembly_modes, statuses_by_mode, strict=True):
             overview = self.modes.setdefault(
                 str(mode.number),
                 ModeOverview(outputs=[OutputOverview() for _ in plan.outputs]),
             )
-            rows = slice(position * motion.samples, (position + 1) * motion.samples)
-            overview.add_status(motion.status[rows], first)
-
-        # Rows of the examined samples, mode after mode. The last sample of the run is
-        # always one of them.
-        examined = np.arange(-(-first // plan.step) * plan.step, last + 1, plan.step)
-        if last == len(plan.sampling) - 1 and last % plan.step:
-            examined = np.append(examined, last)
-        if not self.pending and len(examined) == motion.samples:
-            self._examine(plan, motion)  # this uses what the motion has computed already
-            return
-        if len(examined):
-            self.pending.append(PendingRows.from_motion(motion, examined - first))
-        count = sum(rows.status.size for rows in self.pending)
-        if count >= MAX_OVERVIEW_SAMPLES:
-            self.examine_pending(plan, motion)
+            overview.add_status(statuses, first_sample)
 
     def examine_pending(self, plan: OverviewPlan, motion: Motion | None = None) -> None:
         """Add the rows that `add_block` has put off to the overview of the outputs.
@@ -117,11 +124,11 @@ class MotionOverview:
 
     def _examine(self, plan: OverviewPlan, part: Motion) -> None:
         """Add outputs and transmission angles in all rows of a motion to the overview."""
-        modes = part.assembly_modes
         examined_rows = ExaminedRows(plan, part)
-        sample_count = len(part) // len(modes)
+        # The rows of a mode follow each other, and all modes have the same samples.
+        sample_count = part.samples
         places = plan.places[part.sample[:sample_count]]
-        for position, mode in enumerate(modes):
+        for position, mode in enumerate(part.assembly_modes):
             rows = slice(position * sample_count, (position + 1) * sample_count)
             overview = self.modes[str(mode.number)]
             note_transmission(overview, plan, part, rows, places)

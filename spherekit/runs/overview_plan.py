@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Floats, Indices
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Group
@@ -200,6 +200,15 @@ class OverviewPlan:
     def step(self) -> int:
         """Distance of successive examined samples, as a difference of their numbers."""
         return -(-len(self.sampling) // MAX_OVERVIEW_SAMPLES)
+
+    def examined_samples(self, first_sample: int, count: int) -> Indices:
+        """Return the examined samples among `count` successive samples of the run.
+
+        They are the multiples of `step`, and the last sample of the run.
+        """
+        samples = np.arange(first_sample, first_sample + count)
+        is_last_of_run = samples == len(self.sampling) - 1
+        return samples[(samples % self.step == 0) | is_last_of_run]
 
     @cached_property
     def is_path(self) -> bool:

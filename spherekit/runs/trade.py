@@ -84,57 +84,76 @@ Larger: times that scatter less, in more time.
 """
 
 
-def choose_check_samples(sampling: Sampling, even_count: int, request: Request) -> Indices:
-    """Return the numbers of the samples at which errors are measured.
+def spread_samples(sampling: Sampling, count: int) -> Indices:
+    """Return the numbers of samples that are spread evenly over a run along a path.
 
-    The samples are spread evenly, and more are added where large errors are expected: at
-    peaks of the error bounds of poles. A pole is the axis about which one link rotates
-    relative to another.
+    The samples with the least and the greatest value of the first input are added to these
+    `count` samples, so that the range of the input stays the same.
+    """
+    first_input = sampling.inputs[:, 0]
+    even_samples = np.linspace(0, len(first_input) - 1, count).astype(np.intp)
+    return np.unique([*even_samples, np.argmin(first_input), np.argmax(first_input)])
 
-    Samples of the run may have been skipped between a peak and the next chosen sample on
-    either side. At the `MAX_REFINED_PEAKS` highest peaks, the sample in the middle of each
-    such gap is added. This is repeated until no sample is skipped beside these peaks.
+
+def refine_at_error_peaks(
+    sampling: Sampling, samples: Indices, request: Request
+) -> Indices:
+    """Add samples where large errors are expected: at peaks of the error bounds of poles.
+
+    A pole is the axis about which one link rotates relative to another. A gap is the
+    distance between a peak and the next chosen sample on either side. At the
+    `MAX_REFINED_PEAKS` highest peaks, the sample in the middle of each gap is added. This
+    is repeated until no sample of the run is skipped beside these peaks.
 
     Parameters
     ----------
     sampling
-        The samples of the run.
-    even_count
-        Number of samples that are spread evenly.
+        The samples of a run with a single input.
+    samples
+        (n,) numbers of the chosen samples, rising.
     request
-        The poles of the first input. Without poles, or with several inputs, nothing is
-        refined.
+        The poles. Without poles nothing is added.
     """
-    q = sampling.inputs[:, 0]
-    even_samples = np.linspace(0, len(q) - 1, even_count).astype(np.intp)
-    # The samples with the least and the greatest input are added, so that the range of the
-    # input is the same.
-    samples = np.unique([*even_samples, np.argmin(q), np.argmax(q)])
-    if sampling.inputs.shape[1] > 1 or not request.poles:
+    if not request.poles:
         return samples
     new_samples = samples
     while len(new_samples):
-        motion = sampling.motion_at(samples)
-        # Poles as intersections of the best conditioned great circles (a route to compute
-        # them), with error bounds.
-        field = evaluate(motion, request, route="conditioned")
-        # (modes, samples) the largest error bound of any pole direction, 0 if no pole has a
-        # bound.
-        bounds = [np.zeros(len(motion)), *field.direction_error.values()]
-        largest_bound = np.fmax.reduce(bounds).reshape(-1, len(samples))
-        # A peak is no smaller than its neighbours. With a column of -1 on both sides, the
-        # first and the last sample can be peaks.
-        padded = np.pad(largest_bound, ((0, 0), (1, 1)), constant_values=-1.0)
-        is_peak = (largest_bound >= padded[:, :-2]) & (largest_bound >= padded[:, 2:])
-        modes, peaks = np.nonzero(is_peak)
-        order = np.argsort(largest_bound[modes, peaks])[::-1]
-        highest_peaks = peaks[order[:MAX_REFINED_PEAKS]]
+        largest_bounds = _largest_direction_errors(sampling, samples, request)
+        peaks = _find_highest_peaks(largest_bounds)
         # The gaps before and after each peak, by the index of the sample before the gap.
-        gaps = np.unique(np.clip([highest_peaks - 1, highest_peaks], 0, len(samples) - 2))
+        gaps = np.unique(np.clip([peaks - 1, peaks], 0, len(samples) - 2))
         middles = (samples[gaps] + samples[gaps + 1]) // 2
         new_samples = np.setdiff1d(middles, samples)
         samples = np.union1d(samples, new_samples)
     return samples
+
+
+def _largest_direction_errors(
+    sampling: Sampling, samples: Indices, request: Request
+) -> Floats:
+    """Return the largest error bound (rad) of any pole direction, as (modes, samples).
+
+    It is 0 if no pole has a bound.
+    """
+    motion = sampling.motion_at(samples)
+    # Poles as intersections of the best conditioned great circles (a route to compute
+    # them), with error bounds.
+    field = evaluate(motion, request, route="conditioned")
+    bounds = [np.zeros(len(motion)), *field.direction_error.values()]
+    return np.fmax.reduce(bounds).reshape(-1, len(samples))
+
+
+def _find_highest_peaks(values: Floats) -> Indices:
+    """Return the samples of the highest `MAX_REFINED_PEAKS` peaks of (modes, samples).
+
+    A peak is no smaller than its neighbours of the same mode.
+    """
+    # With a column of -1 on both sides, the first and the last sample can be peaks.
+    padded = np.pad(values, ((0, 0), (1, 1)), constant_values=-1.0)
+    is_peak = (values >= padded[:, :-2]) & (values >= padded[:, 2:])
+    modes, peaks = np.nonzero(is_peak)
+    order = np.argsort(values[modes, peaks])[::-1]
+    return peaks[order[:MAX_REFINED_PEAKS]]
 
 
 def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
@@ -258,28 +277,40 @@ def _choose_sampling(
         measured, None for the default.
     """
     sampling = run_plan.sampling
-    # Each sample has a configuration (row) in each assembly mode, a way to assemble the
-    # mechanism. By default the number of rows is limited, because it decides about the
-    # time. With many modes a minimum of samples remains.
-    mode_count = len(sampling.position_analysis.assembly_modes)
-    default_count = max(MIN_CHECKED_SAMPLES, MAX_CHECKED_ROWS // mode_count)
-    max_count = min(MAX_CHECKED_SAMPLES, trade_options.checked or default_count)
+    max_count = _max_checked_samples(sampling, trade_options)
     if len(sampling) <= max_count:
         return sampling
-    axis_count = len(sampling.shape)
-    if axis_count > 1:
-        # A grid over several inputs gets a coarser grid.
-        side = max(2, int(max_count ** (1.0 / axis_count)))
-        samples = tuple(min(axis_samples, side) for axis_samples in sampling.shape)
-        return make_sampling(replace(study, samples=samples))
-    # On a path of the inputs, `max_count` samples are spread evenly. If there is a single
-    # input, further samples are added where poles have large error bounds. A request lists
-    # the poles to compute while one input moves. That of a single input is the first one,
-    # and with several inputs it is not used.
-    first_request = run_plan.requests[0]
-    rows = choose_check_samples(sampling, max_count, first_request)
+    is_grid = len(sampling.shape) > 1
+    if is_grid:
+        return _make_coarser_grid(study, sampling.shape, max_count)
+    samples = spread_samples(sampling, max_count)
+    has_single_input = sampling.inputs.shape[1] == 1
+    if has_single_input:
+        samples = refine_at_error_peaks(sampling, samples, run_plan.requests[0])
     # Assembly modes are searched again at these samples if the study asks for it.
-    return take_samples(sampling, rows, study.search)
+    return take_samples(sampling, samples, study.search)
+
+
+def _max_checked_samples(sampling: Sampling, trade_options: TradeOptions) -> int:
+    """Return the largest number of samples at which errors are measured.
+
+    By default the number of configurations is limited, one for each sample in each assembly
+    mode, because it decides about the time. With many modes a minimum of samples remains.
+    """
+    mode_count = len(sampling.position_analysis.assembly_modes)
+    default_count = max(MIN_CHECKED_SAMPLES, MAX_CHECKED_ROWS // mode_count)
+    return min(MAX_CHECKED_SAMPLES, trade_options.checked or default_count)
+
+
+def _make_coarser_grid(study: Study, shape: tuple[int, ...], max_count: int) -> Sampling:
+    """Return a grid over the inputs of a study with at most about `max_count` samples.
+
+    `shape` has the number of samples of each input in the study. At least two samples of
+    each input remain.
+    """
+    largest_side = max(2, int(max_count ** (1.0 / len(shape))))
+    samples = tuple(min(axis_samples, largest_side) for axis_samples in shape)
+    return make_sampling(replace(study, samples=samples))
 
 
 def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:

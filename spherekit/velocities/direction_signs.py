@@ -16,6 +16,7 @@ Signs are continued from block to block of a run by a `SignContinuation`.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -42,14 +43,30 @@ Index 0 is the coordinate along the path (the input, or the number of the sample
 sense of the input, 2 to 4 are v, and 5 to 7 the derivative dv of v by the coordinate.
 """
 
-ModeRows = tuple[Indices, Bools]
-"""Rows (k,) of one assembly mode at which directions are compared, in rising order, and
-(k - 1,) whether a direction may reverse between one of them and the next."""
-
 SignFunction = Callable[[Floats, Any, Any], Array]
 """Returns the factors +1 or -1 (poles, k) of k directions. The arguments are the directions
 (3, poles, k) before, their rows in the motion, and the index of the assembly mode, one for
 all or (k,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedRows:
+    """Rows of one assembly mode at which directions are compared with the row before.
+
+    All rows between two of them have the sign of the first one, because no direction can
+    reverse there.
+
+    Attributes
+    ----------
+    rows
+        (k,) numbers of the rows in the block, rising. The first and the last row of the
+        mode are among them.
+    may_reverse
+        (k - 1,) whether a direction may reverse between a compared row and the next one.
+    """
+
+    rows: Indices
+    may_reverse: Bools
 
 
 class SignContinuation:
@@ -149,14 +166,20 @@ def apply_continuous_signs(
 
     has_configuration = ~motion.failed.reshape(-1, motion.samples)
     if motion.is_path:
-        rows_by_mode: dict[int, ModeRows] = {}
+        compared_rows_by_mode: dict[int, ComparedRows] = {}
         for mode_index, is_valid in enumerate(has_configuration):
             rows = np.flatnonzero(is_valid) + mode_index * motion.samples
             if len(rows):
                 # A direction may reverse between any two rows.
-                rows_by_mode[mode_index] = rows, np.ones(len(rows) - 1, dtype=bool)
+                compared_rows_by_mode[mode_index] = ComparedRows(
+                    rows, may_reverse=np.ones(len(rows) - 1, dtype=bool)
+                )
         sign_function = continue_signs(
-            motion, poles, rows_by_mode, lambda rows: paths[..., rows], sign_continuation
+            motion,
+            poles,
+            compared_rows_by_mode,
+            lambda rows: paths[..., rows],
+            sign_continuation,
         )
     else:
         sign_function = signs_by_first_axis_sums(
@@ -256,7 +279,7 @@ def _first_axis_sum(
 def continue_signs(
     motion: Motion,
     poles: Sequence[Pole],
-    rows_by_mode: Mapping[int, ModeRows],
+    compared_rows_by_mode: Mapping[int, ComparedRows],
     evaluate_poles: Callable[[Indices], Iterable[Floats]],
     sign_continuation: SignContinuation,
 ) -> SignFunction:
@@ -271,9 +294,8 @@ def continue_signs(
         A motion along a path of its inputs.
     poles
         The poles whose signs are computed.
-    rows_by_mode
-        By index of the assembly mode, the rows at which directions are compared. Other rows
-        have the sign of the last of these before them.
+    compared_rows_by_mode
+        The rows at which directions are compared, by the index of the assembly mode.
     evaluate_poles
         Returns at rows (k,) the directions of the poles, the angular velocities v of their
         second links relative to the first, and the derivatives of v by the input, each
@@ -292,9 +314,11 @@ def continue_signs(
         """
         return signs[:, rows]
 
-    if not poles or not rows_by_mode:
+    if not poles or not compared_rows_by_mode:
         return look_up_signs
-    all_rows = np.concatenate([rows for rows, _ in rows_by_mode.values()])
+    all_rows = np.concatenate(
+        [compared_rows.rows for compared_rows in compared_rows_by_mode.values()]
+    )
     directions, v, dv = evaluate_poles(all_rows)
     has_several_inputs = motion.inputs.shape[1] > 1
     if has_several_inputs:
@@ -305,7 +329,8 @@ def continue_signs(
     has_motion = has_direction & all_finite(v, 0) & np.any(v, axis=0)
 
     first = 0
-    for mode_index, (rows, may_reverse) in rows_by_mode.items():
+    for mode_index, compared_rows in compared_rows_by_mode.items():
+        rows = compared_rows.rows
         mode_number = motion.assembly_modes[mode_index].number
         # The columns of this mode in the arrays of `evaluate_poles`.
         columns = slice(first, first + len(rows))
@@ -313,7 +338,7 @@ def continue_signs(
         end_row = (mode_index + 1) * motion.samples
         sense = np.ones(len(rows)) if motion.sense is None else motion.sense[rows]
         # Number of gaps up to each row in which directions may reverse.
-        open_gaps = np.append(0, np.cumsum(may_reverse))
+        open_gaps = np.append(0, np.cumsum(compared_rows.may_reverse))
         for pole_index, pole in enumerate(poles):
             key = (mode_number, *pole)
             pole_directions = directions[:, pole_index, columns]
