@@ -343,7 +343,7 @@ def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
         # The mode is one of those that the other design has by itself.
         assert any(mode.continues_in(other) for other in modes_of_other_design)
         # The configurations in the first design, tracked back from the other one.
-        returned = moved_mode.position_arguments(design)
+        returned = moved_mode.origin.track_to(design)
         # All variables of a lost configuration are NaN, so one of them tells.
         is_followed = np.isfinite(moved_mode.origin.configurations[0])
         expected = mode.origin.configurations[:, is_followed]

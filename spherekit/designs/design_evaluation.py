@@ -245,11 +245,9 @@ class DesignEvaluator:
                 return None
         else:
             for variable in self.variables:
-                # `slot` is the kind and location of a size that is an argument of the
-                # equations. It is None for all other numbers. `path[0]` is the table of the
-                # file with the number, and `ACTIONS` are the tables of masses and loads.
-                is_size = variable.slot is not None
-                if not is_size and variable.path[0] not in ACTIONS:
+                # Angles are arguments of the equations. `path[0]` is the table of the file
+                # with the number, and `ACTIONS` are the tables of masses and loads.
+                if not variable.is_angle and variable.path[0] not in ACTIONS:
                     return None
         expressions = self.varied_mechanism.make_expressions()
         if not expressions.has_closed_form:
@@ -276,7 +274,7 @@ class DesignEvaluator:
     def has_gradients(self) -> bool:
         """Whether derivatives of the figures by the variables can be computed."""
         varies_profiles = self.varied_mechanism.has_shaped_profiles and all(
-            v.slot is not None or "profiles" in v.path for v in self.variables
+            v.is_angle or "profiles" in v.path for v in self.variables
         )
         if self.kernel is not None:
             return True
@@ -465,10 +463,8 @@ class DesignEvaluator:
         geometry = self.mechanism.geometry
         scales = self.varied_mechanism.unit_scales
         for variable, arcs, scale in zip(self.variables, values, scales, strict=True):
-            # `slot` is the kind and location of a size of links, for example
-            # ("arcs", (link, axis)) of the arc of a link to one of its axes. Only files
-            # that give sizes of links have such sizes (`SizeGeometry`).
-            match variable.slot:
+            # Only files that give sizes of links have arcs (`SizeGeometry`).
+            match variable.geometric_angle:
                 case ("arcs", (link, _)) if isinstance(geometry, SizeGeometry):
                     if geometry.links[link].signed:
                         continue

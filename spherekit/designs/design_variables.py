@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ ACTIONS = ("mass", "loads")
 """Those of these tables whose numbers have no influence on positions."""
 
 POINTED = "pointed"
-"""Kind of the sizes that are angles of the direction of an output."""
+"""Kind of the geometric angles that are the longitude or latitude of an output."""
 
 OK = "OK"
 """Status of a design that closes at a sample, and reason of a design that is possible."""
@@ -58,6 +58,28 @@ _FILE_LOCATION = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ", re.MULTILINE)
 """The name of a file, and perhaps a line number, at the beginning of an error message."""
 
 
+class GeometricAngle(NamedTuple):
+    """An angle by which a mechanism file describes the geometry of a link, pair or output.
+
+    Functions that compute many designs at once (kernels) take these angles as arguments.
+
+    Attributes
+    ----------
+    kind
+        "arcs" (from the first axis of a link to another axis), "angles" (at the first axis,
+        from the first arc to another arc), "zeros" (where the variable of a pair is zero),
+        "values" (of the variable in a reference pose), "longitudes" and "latitudes" of pair
+        axes, or `POINTED`.
+    owner
+        What has the angle: link and pair at the end of the arc for "arcs" and "angles", the
+        name of a pair, or for `POINTED` an output and 0 (longitude) or 1 (latitude). An
+        example is ``("2", "32")`` for the arc of link 2 to the axis of pair 32.
+    """
+
+    kind: str
+    owner: Any
+
+
 @dataclass(frozen=True)
 class DesignVariable:
     """A number of a mechanism file that is varied.
@@ -71,20 +93,20 @@ class DesignVariable:
         ``("pairs", "41", "zero")``.
     value
         The value in the file, in the unit of the file.
-    is_angle
-        Whether the number is an angle of a link, pair or output, so that it has a `slot`.
-        Angles of loads and of contact profiles count as other numbers.
-    slot
-        Which of these angles the number is, as kind and location: ``("arcs", ("2", "32"))``
-        is the arc of link 2 to the axis of pair 32, and ``("zeros", "41")`` the zero
-        position of pair 41. None for all other numbers.
+    geometric_angle
+        The angle of a link, pair or output that the number is. None for all other numbers,
+        also for angles of loads and of contact profiles.
     """
 
     key: str
     path: KeyPath
     value: float
-    is_angle: bool
-    slot: tuple[str, Any] | None
+    geometric_angle: GeometricAngle | None
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether it is an angle of a link, pair or output."""
+        return self.geometric_angle is not None
 
     @property
     def name(self) -> str:
@@ -119,33 +141,16 @@ def design_variable(document: Document, key: str) -> DesignVariable:
             f"{document.name}: {key} cannot be varied: samples, ranges and joint limits "
             f"are the same for all designs; vary numbers of {listing(DESIGNED)}"
         )
-    # Kind and location of an angle that is an argument of kernels: functions that compute
-    # many designs at once. `slot` is None for all other numbers. Most of them, such as
-    # masses, are no angles. Those that are, such as angles of loads, keep the unit of the
-    # file and are not marked as angles.
-    slot = _find_kernel_argument(document, path)
     return DesignVariable(
         key=key,
         path=path,
         value=number_at(document, path),
-        is_angle=slot is not None,
-        slot=slot,
+        geometric_angle=_find_geometric_angle(document, path),
     )
 
 
-def _find_kernel_argument(document: Document, path: KeyPath) -> tuple[str, Any] | None:
-    """Return the kind and location of a number, if kernels take it as an argument.
-
-    A kernel is a function that computes quantities of many designs at once. Its arguments
-    are the angles that differ between the designs:
-
-    - arcs of links from their first axis to each other axis, and angles at the first axis
-      from the first arc to each further arc,
-    - the angle at which the variable of a pair is zero (``zero``), and its value in a
-      reference pose (``value``),
-    - longitude and latitude of a pair axis, or of the direction of an output.
-
-    Other numbers of the file give None.
+def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle | None:
+    """Return the angle of a link, pair or output that a number is, or None.
 
     Parameters
     ----------
@@ -154,26 +159,21 @@ def _find_kernel_argument(document: Document, path: KeyPath) -> tuple[str, Any] 
     path
         Location of the number in it: the table, then keys, such as
         ``("pairs", "41", "zero")``.
-
-    Returns
-    -------
-    The kind, such as "arcs", and a location that depends on the kind: link and axis, a
-    pair, or an output and the index of its longitude (0) or latitude (1).
     """
     match path:
         case ("links", str(link), "arcs" | "angles" as kind, int(k)):
-            # An arc is located by the axis at its end, an angle by the axis at the end of
-            # its second arc. The first arc ends at the second axis of the link, and the
+            # An arc is identified by the axis at its end, an angle by the axis at the end
+            # of its second arc. The first arc ends at the second axis of the link, and the
             # first angle leads to the arc that ends at the third axis.
             axes = document.data["links"][link]["axes"]
             end = k + 1 if kind == "arcs" else k + 2
-            return kind, (link, axes[end])
+            return GeometricAngle(kind, (link, axes[end]))
         case ("pairs", str(pair), "zero" | "value" as kind):
-            return f"{kind}s", pair
+            return GeometricAngle(f"{kind}s", pair)
         case ("pairs", str(pair), "lonlat", int(k)):
-            return ("longitudes", "latitudes")[k], pair
+            return GeometricAngle(("longitudes", "latitudes")[k], pair)
         case ("outputs", str(output), "lonlat", int(k)):
-            return POINTED, (output, k)  # an angle of the direction of an output
+            return GeometricAngle(POINTED, (output, k))
     return None
 
 
@@ -247,10 +247,8 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
             size_key = kind[:-1] if kinds.count(kind) == 1 else f"{kind}.{pair}"
             key = f"links.{link}.{size_key}"
             path = ("links", link, kind, pair)
-            # The slot tells functions of many designs which size of which link varies.
-            variables[key] = DesignVariable(
-                key, path, value, is_angle=True, slot=(kind, (link, pair))
-            )
+            geometric_angle = GeometricAngle(kind, (link, pair))
+            variables[key] = DesignVariable(key, path, value, geometric_angle)
     return variables
 
 

@@ -9,6 +9,7 @@ profiles are not circles. The columns are differentiated by numbers of the mecha
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -199,12 +200,10 @@ class DesignProfiles:
             return None
 
     def differentiate_columns(self, values: Floats) -> Floats:
-        """Return the derivatives of profile columns by the design variables.
+        """Return how the contact profiles change with each design variable.
 
-        The nine columns of a profile are the tangent (3), the point (3), the geodesic
-        curvature, and its first and second derivative by the arc length. The last one is
-        not differentiated, because a quantity that depends on it has no derivatives by
-        sizes (`DesignExpressions.differentiate_by_sizes` refuses it).
+        A profile is described by columns at the point of contact: the tangent (3), the
+        point (3), the geodesic curvature and its derivative by the arc length.
 
         Parameters
         ----------
@@ -213,31 +212,29 @@ class DesignProfiles:
 
         Returns
         -------
-        (design variables, 8 profiles, n) derivatives, by the design variables in the units
-        of the file.
+        (design variables, 8 * profiles, n) derivatives of the columns, by the design
+        variables in the units of the file. Each profile has 8 successive columns.
 
         Raises
         ------
         DesignError
             If the file does not allow another value of a variable.
         """
-        profile_count = len(self.profiles)
-        slopes = np.zeros((len(self.variables), profile_count, 8, len(values)))
-        # (profiles, 8, n) derivatives by the arc length.
-        arc_length_slopes = _differentiate_by_arc_length(self.evaluate_columns(values))
+        arc_length_derivatives = _differentiate_by_arc_length(self.evaluate_columns(values))
+        derivatives = np.zeros((len(self.variables), *arc_length_derivatives.shape))
         for k, curve_derivatives in enumerate(self._curve_derivatives):
-            # Design variable k changes the curves of some profiles. A point of a profile is
-            # at the arc length `profile.start` plus the pair variable.
+            # 1. The curve changes, at a fixed arc length.
             for index, curve_derivative in curve_derivatives.items():
                 profile = self.profiles[index]
                 arc_lengths = values[:, profile.variable] + profile.start
-                slopes[k, index] = curve_derivative(arc_lengths)
-            # Profiles that roll on each other start where they are nearest in the reference
-            # pose. If a curve changes, this start moves along the curve.
+                derivatives[k, index] = curve_derivative(arc_lengths)
+            # 2. The arc length changes, because it is counted from a point that moves along
+            # the curve.
             for index, start_rate in self._start_rates(curve_derivatives).items():
-                slopes[k, index] += start_rate * arc_length_slopes[index]
+                derivatives[k, index] += start_rate * arc_length_derivatives[index]
         # The axes of profiles and columns become one.
-        return np.concatenate(np.moveaxis(slopes, 1, 0), axis=1)
+        variable_count, profile_count, column_count, n = derivatives.shape
+        return derivatives.reshape(variable_count, profile_count * column_count, n)
 
     def _start_rates(
         self, curve_derivatives: Mapping[int, CurveDerivative]
@@ -274,51 +271,62 @@ class DesignProfiles:
 
     @cached_property
     def _curve_derivatives(self) -> list[dict[int, CurveDerivative]]:
-        """For each design variable, the derivatives of the profiles that change with it.
+        """For each design variable, the derivatives of the curves that change with it.
 
-        An entry of the list maps the index of a profile (curve of a contact) to its
-        derivative. The derivatives of the numbers that define a profile (such as its
-        radius) by the variable are difference quotients with `PROFILE_DIFFERENCE_STEPS`:
-        the numbers are read from the file of a changed design. The derivative of the curve
-        by these numbers is exact.
+        An item of the list maps the index of a profile to the derivative of its curve.
 
         Raises
         ------
         DesignError
             If the file does not allow another value of a variable.
         """
-        # One array has the numbers of all profiles; `ends` are the ends of each profile.
+        return [
+            self._differentiate_curves(k) if _can_change_profiles(variable) else {}
+            for k, variable in enumerate(self.variables)
+        ]
+
+    def _differentiate_curves(self, k: int) -> dict[int, CurveDerivative]:
+        """Return the derivatives of all curves that change with design variable k.
+
+        By the chain rule, they follow from how the numbers that define a curve (such as its
+        radius) change with the variable.
+        """
         profiles = list_profiles(self.mechanism)
-        ends = np.cumsum([len(profile_numbers(profile)) for profile, _ in profiles])
-        derivatives: list[dict[int, CurveDerivative]] = []
-        for k, variable in enumerate(self.variables):
-            derivatives.append({})
-            # Sizes of links and R pairs change no profile. Only these variables have a
-            # `slot`; it is None for numbers of contacts, masses and loads.
-            is_pair_size = variable.slot is not None
-            # `path[0]` is the table of the file in which the number is.
-            is_mass_or_load = variable.path[0] in ACTIONS
-            if is_pair_size or is_mass_or_load:
-                continue
-            slopes = differentiate_by_variable(
-                self._all_profile_numbers, self.values, k, PROFILE_DIFFERENCE_STEPS
+        slopes = self._differentiate_numbers(k)
+        # One array has the numbers of all profiles. They are divided into those of each.
+        ends = np.cumsum([len(profile_numbers(item.profile)) for item in profiles])
+        slopes_of_profiles = np.split(slopes, ends[:-1])
+        return {
+            index: differentiate_profile(
+                item.profile, item.runs_backwards, slopes_of_profile
             )
-            if slopes is None:
-                raise DesignError(
-                    f"{self.document.name}: {variable.key} cannot be varied alone, because "
-                    "the file allows no other value of it while all other numbers stay; "
-                    "vary a number that can change on its own"
-                )
-            for index, profile_slopes in enumerate(np.split(slopes, ends[:-1])):
-                if np.any(profile_slopes):
-                    # Where two curves touch, they are run in the same direction, along one
-                    # common tangent. The second curve of an external contact is therefore
-                    # run against the direction in which the file describes it.
-                    profile, runs_backwards = profiles[index]
-                    derivatives[-1][index] = differentiate_profile(
-                        profile, runs_backwards, profile_slopes
-                    )
-        return derivatives
+            for index, (item, slopes_of_profile) in enumerate(
+                zip(profiles, slopes_of_profiles, strict=True)
+            )
+            if np.any(slopes_of_profile)
+        }
+
+    def _differentiate_numbers(self, k: int) -> Floats:
+        """Return the derivatives of the numbers of all profiles by design variable k.
+
+        They are difference quotients with `PROFILE_DIFFERENCE_STEPS`. The numbers of a
+        changed design are read from its file.
+
+        Raises
+        ------
+        DesignError
+            If the file does not allow another value of the variable.
+        """
+        slopes = differentiate_by_variable(
+            self._all_profile_numbers, self.values, k, PROFILE_DIFFERENCE_STEPS
+        )
+        if slopes is None:
+            raise DesignError(
+                f"{self.document.name}: {self.variables[k].key} cannot be varied alone, "
+                "because the file allows no other value of it while all other numbers "
+                "stay; vary a number that can change on its own"
+            )
+        return slopes
 
     def _all_profile_numbers(self, values: Floats) -> Floats:
         """Return the numbers that define all contact profiles of a design, in one array.
@@ -335,7 +343,7 @@ class DesignProfiles:
         """
         mechanism = make_design(self.document, self.variables, values)
         return np.concatenate(
-            [profile_numbers(profile) for profile, _ in list_profiles(mechanism)]
+            [profile_numbers(item.profile) for item in list_profiles(mechanism)]
         )
 
 
@@ -361,14 +369,37 @@ def make_contact_profiles(
     ]
 
 
-def list_profiles(mechanism: Mechanism) -> list[tuple[Profile, bool]]:
-    """Return the profiles in the order of `make_contact_profiles`.
+def _can_change_profiles(variable: DesignVariable) -> bool:
+    """Return whether contact profiles may change with a design variable.
 
-    Each is listed with whether it is run backwards, as the second profile of an external
-    contact is.
+    They do not change with angles of links and pairs, nor with masses and loads.
     """
+    # `path[0]` is the table of the file in which the number is.
+    is_mass_or_load = variable.path[0] in ACTIONS
+    return not (variable.is_angle or is_mass_or_load)
+
+
+class DirectedProfile(NamedTuple):
+    """A contact profile, and the direction in which its arc length is counted.
+
+    Attributes
+    ----------
+    profile
+        The curve as the file describes it.
+    runs_backwards
+        Whether the arc length runs against the direction in which the file describes the
+        curve. Both arc lengths of a contact increase in the same direction along the common
+        tangent. The second curve of an external contact therefore runs backwards.
+    """
+
+    profile: Profile
+    runs_backwards: bool
+
+
+def list_profiles(mechanism: Mechanism) -> list[DirectedProfile]:
+    """Return the profiles of all contacts, in the order of `make_contact_profiles`."""
     return [
-        (profile, side == 1 and pair.contact == "external")
+        DirectedProfile(profile, side == 1 and pair.contact == "external")
         for pair in mechanism.pairs
         for side, profile in enumerate(pair.profiles or ())
     ]
@@ -452,7 +483,8 @@ def _differentiate_by_arc_length(columns: Floats) -> Floats:
     -------
     (profiles, 8, n) derivatives of the first eight columns.
     """
-    columns = columns.reshape(-1, COLUMN_COUNT, columns.shape[1])
+    profile_count = len(columns) // COLUMN_COUNT
+    columns = columns.reshape(profile_count, COLUMN_COUNT, columns.shape[1])
     tangent, point, curvature, curvature_derivatives = np.split(columns, [3, 6, 7], axis=1)
     tangent_derivative = curvature * np.cross(point, tangent, axis=1) - point
     return np.concatenate([tangent_derivative, tangent, curvature_derivatives], axis=1)
@@ -462,20 +494,13 @@ def _nearest_point_rates(
     profiles: tuple[ContactProfile, ContactProfile],
     derivatives: tuple[CurveDerivative | None, CurveDerivative | None],
 ) -> Floats:
-    """Return how the contact point of two profiles moves along both as a number changes.
+    """Return how the contact point moves along two profiles as a design variable changes.
 
-    Profiles touch in the reference pose where their moving frames (tangent, normal, point
-    on the unit sphere) are equal. In the given design such points exist. In a changed
-    design the frames differ everywhere in general, because two arc lengths cannot make the
-    three components of a rotation zero. The contact is then where the frames differ by the
-    smallest angle (`find_contact_lengths`). The joint makes the frames equal there, so the
-    links turn out of the reference pose by this angle.
-
-    If a design variable v changes by dv, and the points move by ds1 and ds2 along the
-    curves, the rotation vector between the frames becomes
-    ``r1_s ds1 - r2_s ds2 + (r1_v - r2_v) dv``. Frame 1 rotates by r1_s per unit of its arc
-    length, and by r1_v per unit of v. The least-squares solution ds1/dv, ds2/dv makes the
-    length of this vector, which is the angle, smallest.
+    In the reference pose, the contact is where the moving frames of the two profiles
+    (tangent, normal, point on the unit sphere) differ by the smallest rotation
+    (`find_contact_lengths`). In the given design this rotation is zero. If the variable
+    changes, it has three components, one for each axis, which depend on two arc lengths.
+    Their rates are therefore the least-squares solution that makes the rotation smallest.
 
     Parameters
     ----------
@@ -489,32 +514,58 @@ def _nearest_point_rates(
     -------
     (2,) derivatives of the arc lengths (rad) by the variable.
     """
-    arc_length_rotations = []
-    variable_rotation = np.zeros(3)
-    for profile, derivative, sign in zip(profiles, derivatives, (1.0, -1.0), strict=True):
-        start = np.array([profile.start])
-        curve_point = profile.curve.evaluate(start)
-        tangent, normal, point = curve_point.frame[0].T
-        # Along a curve its frame rotates about the normal and, by the curvature, about the
-        # point.
-        rotation = normal + curve_point.curvature[0] * point
-        arc_length_rotations.append(sign * rotation)
-        if derivative is not None:
-            # The rotation of the frame with the variable, about each of its axes. `change`
-            # has the derivatives of tangent (3), point (3), curvature and its derivative.
-            change = derivative(start)[:, 0]
-            tangent_change = change[:3]
-            point_change = change[3:6]
-            # A rotation vector r changes the point p by r x p, and the tangent t by r x t.
-            # With p x t = n (normal) the components of r are therefore:
-            about_tangent = -point_change @ normal
-            about_normal = point_change @ tangent
-            about_point = tangent_change @ normal
-            variable_rotation += sign * (
-                about_tangent * tangent + about_normal * normal + about_point * point
-            )
-    matrix = np.stack(arc_length_rotations, axis=1)
-    return np.linalg.lstsq(matrix, -variable_rotation, rcond=None)[0]
+    by_arc_length_1, by_variable_1 = _frame_rotations(profiles[0], derivatives[0])
+    by_arc_length_2, by_variable_2 = _frame_rotations(profiles[1], derivatives[1])
+    # (3, 2) rotation of frame 1 relative to frame 2 per unit of each arc length, and (3,)
+    # per unit of the variable.
+    relative_by_arc_lengths = np.stack([by_arc_length_1, -by_arc_length_2], axis=1)
+    relative_by_variable = by_variable_1 - by_variable_2
+    rates, *_ = np.linalg.lstsq(relative_by_arc_lengths, -relative_by_variable, rcond=None)
+    return rates
+
+
+class FrameRotations(NamedTuple):
+    """How the moving frame of a profile rotates at the start of the contact.
+
+    Attributes
+    ----------
+    by_arc_length
+        (3,) rotation vector per unit of the arc length.
+    by_variable
+        (3,) rotation vector per unit of a design variable, zero if the curve does not
+        change with it.
+    """
+
+    by_arc_length: Floats
+    by_variable: Floats
+
+
+def _frame_rotations(
+    profile: ContactProfile, derivative: CurveDerivative | None
+) -> FrameRotations:
+    """Return the rotations of a frame by the arc length and by a design variable.
+
+    `derivative` is the derivative of the curve by the variable, None if it is constant.
+    """
+    start = np.array([profile.start])
+    curve_point = profile.curve.evaluate(start)
+    tangent, normal, point = curve_point.frame[0].T
+    # Along a curve its frame rotates about the normal and, by the curvature, about the
+    # point.
+    by_arc_length = normal + curve_point.curvature[0] * point
+    if derivative is None:
+        return FrameRotations(by_arc_length, by_variable=np.zeros(3))
+    # Derivatives of the tangent (3), of the point (3) and of the curvature.
+    change = derivative(start)[:, 0]
+    tangent_change = change[:3]
+    point_change = change[3:6]
+    # A rotation vector r changes the point p by r x p, and the tangent t by r x t. With
+    # p x t = n (normal) the components of r are therefore:
+    about_tangent = -point_change @ normal
+    about_normal = point_change @ tangent
+    about_point = tangent_change @ normal
+    by_variable = about_tangent * tangent + about_normal * normal + about_point * point
+    return FrameRotations(by_arc_length, by_variable)
 
 
 def evaluate_profile_columns(

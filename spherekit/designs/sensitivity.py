@@ -208,9 +208,7 @@ class Sensitivity:
         else:
             has_derivatives = self._equivalent_linkage is not None
         is_contact_number = variable.path[0] == "pairs" and has_derivatives
-        # `slot` says which size of a link or R pair the number is: an arc, an angle, a zero
-        # position or a direction of an axis. It is None for other numbers.
-        if variable.slot is None and not is_contact_number:
+        if not variable.is_angle and not is_contact_number:
             raise DesignError(
                 f"{self.mechanism.name}: {key} is not a size; derivatives can be taken "
                 "with respect to arcs, angles, zeros and axes of R pairs, and numbers of "
@@ -247,9 +245,9 @@ class Sensitivity:
         DesignError
             If the file allows no other values of the sizes.
         """
-        # `slot` is the size of a link or R pair that a number is, None for other numbers.
-        is_pair_size = np.array([variable.slot is not None for variable in self.variables])
-        no_contact_varies = np.all(is_pair_size | self._is_mass_or_load)
+        # An angle is a size of a link or R pair, and no number of a contact.
+        is_angle = np.array([variable.is_angle for variable in self.variables])
+        no_contact_varies = np.all(is_angle | self._is_mass_or_load)
         # 1. The contacts as they are
         if has_shaped_profiles(self.mechanism) or no_contact_varies:
             varied_mechanism = VariedMechanism(
@@ -447,10 +445,12 @@ class Sensitivity:
         return PathKernel(self._expressions, compiled=False)
 
     def _kernel_variables(self, values: Floats) -> Floats:
-        """Return the variables (n, w) of the kernel for those (n, v) of the mechanism.
+        """Return the pair variables of the mechanism that the kernel evaluates.
 
-        The kernel is the function that evaluates the quantities. Its variables differ from
-        those of the mechanism if contacts are replaced by links.
+        The kernel is the function that evaluates the quantities. It describes either the
+        mechanism itself, or its equivalent linkage, in which links between the centres of
+        circles replace the contacts. From the pair variables (n, v) of the mechanism, those
+        (n, w) of this linkage are computed.
         """
         linkage = self._varied_mechanism.equivalent_linkage
         return values if linkage is None else linkage.values(values)
@@ -479,21 +479,24 @@ class Sensitivity:
         derivatives
             (sizes, quantities, n) in rad and SI units.
         """
-        # Loads can follow a table of torques over time. A time outside of the table is an
-        # error.
-        if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
-            check_torque_tables_cover(self.mechanism, samples[:, -1])
-        # If contacts of circles vary, the kernel (the function that evaluates the
-        # quantities) describes a linkage, in which links between the centres of the circles
-        # replace the contacts. It takes the pair variables of this linkage. Other contact
-        # curves are evaluated at the pair variables of the mechanism itself.
+        self._check_times(samples[:, -1])
         column_gradients = self._nominal_design.evaluate_gradients(
             self._gradient_kernel,
             samples.T,
             position_arguments=self._kernel_variables(values).T,
+            # Contact profiles that are not circles are functions of these variables.
             pair_values=values,
         )
         return column_gradients.columns, column_gradients.gradients
+
+    def _check_times(self, times: Floats) -> None:
+        """Raise an error if a load has a table of torques that does not cover all times.
+
+        `times` (n,) are in seconds. Without quantities that depend on loads, nothing is
+        checked.
+        """
+        if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
+            check_torque_tables_cover(self.mechanism, times)
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
         """Return the quantities of mechanisms whose sizes deviate, for tolerance analyses.

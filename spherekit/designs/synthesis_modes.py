@@ -43,6 +43,38 @@ class ModeOrigin:
     design: DesignPoint
     configurations: Floats
 
+    def track_to(self, design: DesignPoint) -> Floats:
+        """Return the configurations of the mode in another design, at the same inputs.
+
+        The sizes change gradually to those of the other design, and Newton's method closes
+        the loops at each step.
+
+        Returns
+        -------
+        (variables, n) pair variables (rad), NaN where the mechanism cannot be assembled in
+        one of the two designs, or the tracking fails.
+        """
+        # Columns of NaN are inputs at which this design cannot be assembled.
+        closed_indices = np.flatnonzero(all_finite(self.configurations, 0))
+        # If contact profiles are not circles, they change gradually, too.
+        profiles = None
+        if self.design.profiles is not None:
+            deviation = design.values - self.design.values
+            profiles = self.design.profiles.interpolate_to(deviation[:, None])
+        # The sizes may change much. The steps are made smaller until every Newton step is
+        # at most this fraction (the contraction) of the one before. Otherwise the path
+        # could jump to another assembly mode.
+        tracked_values, has_arrived = track_solutions(
+            self.path_kernel,
+            start=self.configurations[:, closed_indices],
+            sizes=(self.design.sizes[:, None], design.sizes[:, None]),
+            profiles=profiles,
+            contraction=LONG_PATH_CONTRACTION,
+        )
+        configurations = nans(self.configurations.shape)
+        configurations[:, closed_indices[has_arrived]] = tracked_values[:, has_arrived]
+        return configurations
+
 
 @dataclass(frozen=True, eq=False)
 class SynthesisMode:
@@ -66,59 +98,31 @@ class SynthesisMode:
     label: str
     origin: ModeOrigin | None = None
 
-    def position_arguments(self, design: DesignPoint, count: int = 1) -> Floats:
-        """Return the numbers that determine the link positions of this mode in a design.
+    def position_arguments(self, design: DesignPoint, count: int) -> Floats:
+        """Return the arguments of kernels that determine the positions of all links.
 
-        A configuration is computed for each sample of the input, and for each other input
-        at which a figure of merit is evaluated.
-
-        If all groups of links are dyads (two links and three R pairs), the numbers are the
-        signs of the dyads. They choose between the two ways to assemble each dyad.
-        Otherwise they are the variables of all pairs. They are tracked by Newton's method
-        from known configurations of another design, the origin, while its sizes change
-        gradually to those of this design. The inputs stay the same.
+        A kernel is a compiled function of many configurations. It takes the signs of dyads
+        (two links and three R pairs) and computes the positions from them. If some groups
+        of links are larger, it takes the variables of all pairs instead.
 
         Parameters
         ----------
         design
-            The design.
+            The design in which the mode is evaluated.
         count
-            Number of configurations n, for which signs are repeated. It is not used if
-            configurations are tracked: n is then the number of those of the origin.
+            Number n of configurations at which it is evaluated. The origin, if there is
+            one, has as many.
 
         Returns
         -------
         (dyads, n) signs of the dyads (1 or -1), or (variables, n) pair variables (rad).
         These are NaN where the mechanism cannot be assembled or the tracking fails.
         """
-        if self.origin is None:
-            # The label has one letter, "+" or "-", for each dyad.
-            signs = np.array([1.0 if letter == "+" else -1.0 for letter in self.label])
-            return np.repeat(signs[:, None], count, axis=1)
-        origin = self.origin.design
-        configurations = self.origin.configurations
-        # Columns of NaN are inputs at which the origin cannot be assembled.
-        closed_indices = np.flatnonzero(all_finite(configurations, 0))
-        # If contact profiles are not circles, they change gradually from those of the
-        # origin to those of this design.
-        profiles = None
-        if origin.profiles is not None:
-            deviation = design.values - origin.values
-            profiles = origin.profiles.interpolate_to(deviation[:, None])
-        # The sizes may change much. A path is followed in steps, and Newton's method
-        # corrects each. The step is made smaller until every Newton step is at most this
-        # fraction (the contraction) of the one before. Otherwise the path could jump to
-        # another assembly mode.
-        values, has_arrived = track_solutions(
-            self.origin.path_kernel,
-            start=configurations[:, closed_indices],
-            sizes=(origin.sizes[:, None], design.sizes[:, None]),
-            profiles=profiles,
-            contraction=LONG_PATH_CONTRACTION,
-        )
-        pair_variables = nans(configurations.shape)
-        pair_variables[:, closed_indices[has_arrived]] = values[:, has_arrived]
-        return pair_variables
+        if self.origin is not None:
+            return self.origin.track_to(design)
+        # The label has one letter, "+" or "-", for each dyad.
+        signs = np.array([1.0 if letter == "+" else -1.0 for letter in self.label])
+        return np.repeat(signs[:, None], count, axis=1)
 
     def with_origin(self, design: DesignPoint) -> "SynthesisMode":
         """Return the same mode, whose configurations are tracked from another design.
@@ -128,29 +132,22 @@ class SynthesisMode:
         """
         if self.origin is None:
             return self
-        origin = ModeOrigin(
-            self.origin.path_kernel, design, self.position_arguments(design)
-        )
+        origin = ModeOrigin(self.origin.path_kernel, design, self.origin.track_to(design))
         return SynthesisMode(self.label, origin)
 
     def continues_in(self, other_mode: "SynthesisMode") -> bool:
         """Return whether two modes of different designs are one mode.
 
         Modes that are identified by the signs of dyads (two links and three R pairs) are
-        compared by these signs. Every other mode has an origin: a design, and the
-        configurations of the mode in it. The configurations of this mode are then tracked
-        from its own design to the design of the other mode. Both are the same mode if the
-        configurations agree there at all samples at which both exist. At least one such
-        sample is needed.
+        compared by these signs. Otherwise the configurations of this mode are tracked to
+        the design of the other mode. Both are the same mode if the configurations agree
+        at all inputs at which both exist. At least one such input is needed.
         """
-        # Either all modes of a mechanism have an origin, or none has. Without an origin the
-        # label consists of the signs of the dyads.
-        if other_mode.origin is None:
+        # Either all modes of a mechanism have an origin, or none has.
+        if self.origin is None or other_mode.origin is None:
             return self.label == other_mode.label
+        tracked_configurations = self.origin.track_to(other_mode.origin.design)
         other_configurations = other_mode.origin.configurations
-        # (variables, n) pair variables of this mode in the design of the other mode. As
-        # this mode has an origin, `position_arguments` tracks them from there.
-        tracked_configurations = self.position_arguments(other_mode.origin.design)
         # Configurations that do not exist are NaN.
         both_exist = all_finite(tracked_configurations, 0) & all_finite(
             other_configurations, 0

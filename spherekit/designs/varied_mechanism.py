@@ -254,7 +254,7 @@ class VariedMechanism:
         """Indices of the variables that are sizes of the kernel."""
         if self.equivalent_linkage is not None:
             return []
-        return [k for k, v in enumerate(self.variables) if v.slot is not None]
+        return [k for k, v in enumerate(self.variables) if v.is_angle]
 
     @cached_property
     def has_shaped_profiles(self) -> bool:
@@ -321,19 +321,22 @@ class VariedMechanism:
                 differing=varied_actions,
                 pointing=self._output_directions(),
             )
-        # The slot of a variable is the kind and location of the size that it is.
-        slots = {v.name: v.slot for v in self.variables if v.slot is not None}
+        angles = {
+            variable.name: variable.geometric_angle
+            for variable in self.variables
+            if variable.geometric_angle is not None
+        }
         # Directions of outputs change no pair.
-        pair_sizes = [name for name, (kind, _) in slots.items() if kind != POINTED]
+        pair_sizes = [name for name, angle in angles.items() if angle.kind != POINTED]
         has_columns = self.has_shaped_profiles
         mechanism = self.mechanism
         return DesignExpressions(
             mechanism,
             self.inputs,
-            sizes=list(slots),
+            sizes=list(angles),
             make_pairs=lambda symbol_by_name: pair_rotations(
                 mechanism,
-                {slots[name]: symbol_by_name[name] for name in pair_sizes},
+                {angles[name]: symbol_by_name[name] for name in pair_sizes},
                 as_columns=has_columns,
             ),
             closed_form=False if has_columns else closed_form,
@@ -361,12 +364,10 @@ class VariedMechanism:
         # varies is a symbol, the other one a number.
         angles_by_output: dict[str, list[Any]] = {}
         for variable in self.variables:
-            # `slot` is the kind and location of a size, or None. Angles of outputs are of
-            # the kind `POINTED`. Their location is the name of the output, and 0 for its
-            # longitude or 1 for its latitude.
-            kind, location = variable.slot or ("", None)
-            if location is not None and kind == POINTED:
-                output, index = location
+            angle = variable.geometric_angle
+            if angle is not None and angle.kind == POINTED:
+                # The index is 0 for the longitude, 1 for the latitude.
+                output, index = angle.owner
                 nominal = [
                     self._angle_unit * float(angle) for angle in outputs[output]["lonlat"]
                 ]

@@ -309,8 +309,8 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
     for key in keys:
         variable = design_variable(document, key)
         table, name, *_ = variable.path
-        # The slot of a size of a link is its kind and owner. Other numbers have None.
-        size = variable.slot
+        # The kind and owner of an angle of a link, pair or output, or None.
+        size: tuple[str, Any] | None = variable.geometric_angle
         if table == "mass" and not mechanism.loads:
             # All numbers of a mass table (mass, centre, tensor) determine one symbol, the
             # inertia tensor, so they share one item here.

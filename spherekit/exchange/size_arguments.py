@@ -91,11 +91,10 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
     values_before = _profile_numbers(mechanism)
     fixed_keys = []
     for variable in varied.variables:
-        # `slot` tells which arc, angle, axis or direction a variable is. It is None for all
-        # other numbers. `path[0]` is the table of the file, and `ACTIONS` are the tables of
-        # masses and loads.
+        # `path[0]` is the table of the file, and `ACTIONS` are the tables of masses and
+        # loads.
         is_mass_or_load = variable.path[0] in ACTIONS
-        is_fixed = variable.slot is None and not is_mass_or_load
+        is_fixed = not variable.is_angle and not is_mass_or_load
         # The size is changed a little, to see whether the contact profiles change with it.
         # A size for which no change is possible (None) is refused.
         if mechanism.has_contacts and not is_fixed:
@@ -121,7 +120,7 @@ def _profile_numbers(mechanism: Mechanism) -> Floats:
     and coefficients of a series. Then comes, for each profile, the arc length of the
     contact point at which the variable of the contact is zero.
     """
-    numbers = [profile_numbers(profile) for profile, _ in list_profiles(mechanism)]
+    numbers = [profile_numbers(item.profile) for item in list_profiles(mechanism)]
     starts = [track.start for track in make_contact_profiles(mechanism)]
     return np.concatenate([*numbers, starts])
 

@@ -134,21 +134,17 @@ def _find_format_limits(
     other numbers. This is so if the variable is not an angle of a link, pair or output. It
     is also so if the mechanism has contacts, which may not exist for all angles.
     """
-    if variable.slot is None or mechanism.has_contacts:
+    angle = variable.geometric_angle
+    if angle is None or mechanism.has_contacts:
         return None
-    # The slot of a variable is the kind of the size, and to what it belongs:
-    # - ("arcs", (link, pair)): arc of a link to the axis of a pair,
-    # - ("latitudes", pair): latitude of the axis of a pair in the reference pose,
-    # - ("pointed", (output, 0 or 1)): longitude or latitude of an output.
-    size_kind, size_owner = variable.slot
-    if size_kind == "latitudes":
-        return -90.0, 90.0
-    if size_kind == POINTED and size_owner[1] == 1:
+    # The owner of a latitude of an output is the output and the index 1.
+    is_output_latitude = angle.kind == POINTED and angle.owner[1] == 1
+    if angle.kind == "latitudes" or is_output_latitude:
         return -90.0, 90.0
     geometry = mechanism.geometry
-    if isinstance(geometry, SizeGeometry) and size_kind == "arcs":
+    if isinstance(geometry, SizeGeometry) and angle.kind == "arcs":
         # The arcs of a link may be negative if the file declares them as signed.
-        link, _ = size_owner
+        link, _ = angle.owner
         has_signed_arcs = geometry.links[link].signed
         return (-np.inf, np.inf) if has_signed_arcs else (0.0, 180.0)
     return -np.inf, np.inf
