@@ -149,7 +149,7 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     """Return the steps in which the pole axes of a batch are constructed.
 
     A pole axis is the axis about which two links turn relative to each other. The plan of
-    the mechanism determines all poles in rounds, each from poles of earlier rounds. The
+    the mechanism determines all poles in passes, each from poles of earlier passes. The
     steps of the drawing are these:
 
     - The first step has the axes of all pairs.
@@ -159,11 +159,13 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     """
     # The construction is only drawn for mechanisms with one input, which have one plan.
     plan = batch.plans[0]
-    # A `PrimaryPole` is an axis of a pair. In round 0 the pair joins both links of the
-    # pole. In later rounds several coaxial pairs lead from one link to the other, and the
+    # A `PrimaryPole` is an axis of a pair. In pass 0 the pair joins both links of the
+    # pole. In later passes several coaxial pairs lead from one link to the other, and the
     # pole is their common axis.
     pair_steps = [
-        step for step in plan.steps if isinstance(step, PrimaryPole) and not step.round
+        step
+        for step in plan.steps
+        if isinstance(step, PrimaryPole) and not step.pass_number
     ]
     pair_poles = [step.pole for step in pair_steps]
     text = f"{len(pair_poles)} axes of pairs are known"
@@ -175,9 +177,9 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
         # the equations of a block, and one for each pole at two great circles.
         texts = describe(plan, step).split("\n")
         if isinstance(step, BlockPoles):
-            # `step.poles` are all poles of the block. Those in `passes` follow one by one
-            # as intersections of two great circles, the others from equations.
-            later_poles = [circle_step.pole for circle_step in step.passes]
+            # `step.poles` are all poles of the block. Some of them follow one by one as
+            # intersections of two great circles, the others from equations.
+            later_poles = [circle_step.pole for circle_step in step.steps_from_opening]
             block_poles = [pole for pole in step.poles if pole not in later_poles]
             pole_sets = [block_poles, *([pole] for pole in later_poles)]
             uses_circles = [False] + [True] * len(later_poles)
@@ -212,7 +214,7 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
     # The plan of the first input, the only one, has an entry for each pole.
-    poles = list(batch.plans[0].rounds)
+    poles = list(batch.plans[0].pass_numbers)
     # Axes of the directions: step, pole, component. Axes of the normals of great circles:
     # step, first or second circle, component. NaN is not drawn.
     directions = np.full((len(steps), len(poles), 3), np.nan)

@@ -380,8 +380,8 @@ def test_an_over_constrained_mechanism_has_a_plan_and_a_notebook_table():
     A mechanism whose inputs are too many by both is refused.
     """
     plan = sk.plan("miura_unit")
-    assert len(plan.rounds) == 36 and "Pole table of miura_unit" in plan._repr_html_()
-    assert sk.plan("miura_unit", iter(["f33/f11"])).rounds
+    assert len(plan.pass_numbers) == 36 and "Pole table of miura_unit" in plan._repr_html_()
+    assert sk.plan("miura_unit", iter(["f33/f11"])).pass_numbers
     with pytest.raises(sk.SpherekitError, match="= 1, but the number of inputs is 2"):
         sk.plan(sk.load("four_bar").with_inputs("21", "41"))
 

@@ -24,7 +24,7 @@ from spherekit.planning.pole_planner import plan
 
 @pytest.mark.slow
 def test_steps_of_a_plan_are_those_of_the_lecture_table():
-    """Poles of the Stephenson chain come in the rounds and cases of the lecture's table."""
+    """Poles of the Stephenson chain come in the passes and cases of the lecture's table."""
     planned = sk.plan(sk.load("stephenson"))
     lines = [describe(planned, step) for step in planned.steps]
     assert "I    P31 case (a) = (P21 P32) x (P41 P43)" in lines
@@ -80,8 +80,8 @@ def test_shipped_eight_bars_are_the_sixteen_chains():
 def test_two_eight_bars_need_a_pole_from_rates():
     """Great circles give all poles of 14 eight-bars. Two others need a pole from rates.
 
-    Ten of the 28 poles of an eight-bar are axes of pairs. The other 18 follow in passes
-    (rounds). The steps of a pass intersect great circles through poles of earlier passes
+    Ten of the 28 poles of an eight-bar are axes of pairs. The other 18 follow in
+    passes. The steps of a pass intersect great circles through poles of earlier passes
     (Aronhold-Kennedy theorem). In this way, the double butterfly (number 9) has none of the
     18 poles, and the single flier (6) has two. The plan lists the rest as a block. One pole
     of the block, the opening pole, is computed from rates. Then great circles give the
@@ -92,19 +92,21 @@ def test_two_eight_bars_need_a_pole_from_rates():
     for number, chain in enumerate(EIGHT_BARS, start=1):
         axes = random_axes(np.random.default_rng(number), 10)
         planned = plan(mechanism_from_chain(chain, axes))
-        assert set(planned.rounds) == set(all_poles(8))
+        assert set(planned.pass_numbers) == set(all_poles(8))
         if not planned.blocks:
             continue
         (block,) = planned.blocks
         blocks.append((number, len(block.poles)))
-        # Poles that are known before the block: `rounds` has the number of the pass of each
-        # pole. Every step gives one pole, except a block, which gives several.
+        # Poles that are known before the block: those of earlier passes. Every step gives
+        # one pole, except a block, which gives several.
         single_steps = [step for step in planned.steps if hasattr(step, "pole")]
         poles = {step.pole for step in single_steps}
-        available = {pole for pole in poles if planned.rounds[pole] < block.round}
+        available = {
+            pole for pole in poles if planned.pass_numbers[pole] < block.pass_number
+        }
         available.add(block.opening)
         # The steps of the block after its opening pole, pass after pass.
-        for step in block.passes:
+        for step in block.steps_from_opening:
             # `via` lists the great circles that meet in the pole, `sources` the poles that
             # they go through.
             assert len(step.via) >= 2

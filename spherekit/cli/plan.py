@@ -147,8 +147,8 @@ def _question(plan: "Plan") -> str:
     """Return the first line for a plan: the mechanism, the poles, and what moves."""
     pairs = plan.mechanism.pairs
     text = (
-        f"{plan.mechanism.name}: order in which {counted(len(plan.rounds), 'pole')} can be "
-        f"constructed, while input {pairs[plan.input].name} moves"
+        f"{plan.mechanism.name}: order in which {counted(len(plan.pass_numbers), 'pole')} "
+        f"can be constructed, while input {pairs[plan.input].name} moves"
     )
     if plan.locked:
         locked = ", ".join(plan.mechanism.names_of(plan.locked))
@@ -177,7 +177,7 @@ def _legend(plan: "Plan") -> list[str]:
     if any(plan.mechanism.pairs[step.pair].rolls for step in pair_steps):
         source += ", or the contact line of two links that roll on each other"
     lines = [f"{PRIMARY_MARK}: known from the start, because it is {source}"]
-    has_coaxial_step = any(step.round > 0 for step in pair_steps)
+    has_coaxial_step = any(step.pass_number > 0 for step in pair_steps)
     if any(set(mark) <= set("IVXLC") for mark in marks if mark):
         lines.append(
             "I, II, ...: found in this pass, where two great circles through poles of "

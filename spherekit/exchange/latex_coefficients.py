@@ -181,7 +181,9 @@ class CoefficientFormulas:
             smaller_body, larger_body = step.pole
             label = formula_list.join_labels(larger_body, smaller_body)
             # `round` is the number of the pass in which the pole becomes known.
-            formula_list.section = f"Poles of pass {roman_numeral(step.round)}{condition}"
+            formula_list.section = (
+                f"Poles of pass {roman_numeral(step.pass_number)}{condition}"
+            )
             # `via` are all third bodies whose two poles are known. Those that turn about
             # one axis (`coaxial`) with one of the two bodies give the same plane. They form
             # a group, and one of each group is used.

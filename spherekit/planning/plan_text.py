@@ -67,8 +67,8 @@ def _describe_primary_pole(plan: Plan, step: PrimaryPole) -> str:
     """Return a line such as ``x    P21 = axis of R pair 21``."""
     pair = plan.mechanism.pairs[step.pair]
     line = f"{pair.kind.pole_line} of {pair.type} pair {pair.name}"
-    shared = ", shared by coaxial pairs" if step.round else ""
-    mark = roman_numeral(step.round) or PRIMARY_MARK
+    shared = ", shared by coaxial pairs" if step.pass_number else ""
+    mark = roman_numeral(step.pass_number) or PRIMARY_MARK
     return f"{mark:4s} {pole_name(plan, step.pole)} = {line}{shared}"
 
 
@@ -80,23 +80,23 @@ def _describe_line_pole(plan: Plan, step: LinePole) -> str:
     ]
     lines += [f"contact {name}" for name in plan.mechanism.names_of(step.contacts)]
     return (
-        f"{roman_numeral(step.round):4s} {pole_name(plan, step.pole)} case ({step.case}) = "
-        + " x ".join(f"({line})" for line in lines)
+        f"{roman_numeral(step.pass_number):4s} {pole_name(plan, step.pole)} "
+        f"case ({step.case}) = " + " x ".join(f"({line})" for line in lines)
     )
 
 
 def _describe_block(plan: Plan, step: BlockPoles) -> str:
     """Return the lines of an irreducible part: its poles, then the steps of its passes."""
-    poles_of_passes = {inner.pole for inner in step.passes}
+    poles_of_passes = {inner.pole for inner in step.steps_from_opening}
     solved_poles = [pole for pole in step.poles if pole not in poles_of_passes]
     if step.opening and step.opening not in solved_poles:
         solved_poles.insert(0, step.opening)
     poles = ", ".join(pole_name(plan, pole) for pole in solved_poles)
     line = (
-        f"{roman_numeral(step.round) + '*':4s} {poles}: irreducible part of links "
+        f"{roman_numeral(step.pass_number) + '*':4s} {poles}: irreducible part of links "
         f"{', '.join(map(plan.name, step.links))}, by the {step.method}"
     )
-    return "\n".join([line, *(describe(plan, inner) for inner in step.passes)])
+    return "\n".join([line, *(describe(plan, inner) for inner in step.steps_from_opening)])
 
 
 def as_dict(plan: Plan) -> dict[str, Any]:
@@ -130,25 +130,25 @@ def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
       the part (`BlockPoles`).
 
     Links and pairs are given by their names. A pass consists of all steps that need poles
-    of earlier passes only. Its number is the attribute `round` of these steps.
+    of earlier passes only. Its number is the `pass_number` of these steps.
     """
     names_of = plan.mechanism.names_of
     if isinstance(step, BlockPoles):
         # All poles of the part are computed at once. The plan also shows how they could
-        # follow one by one (`passes`) if one of them, the opening pole, were known.
+        # follow one by one (entry "passes") if one of them, the opening pole, were known.
         opening = None if step.opening is None else _pole_as_names(plan, step.opening)
         return {
-            "pass": step.round,
+            "pass": step.pass_number,
             "case": "irreducible",
             "poles": [_pole_as_names(plan, pole) for pole in step.poles],
             "links": [plan.name(link) for link in step.links],
             "pairs": names_of(step.pairs),
             "method": step.method,
             "opening": opening,
-            "passes": [_step_as_dict(plan, inner) for inner in step.passes],
+            "passes": [_step_as_dict(plan, inner) for inner in step.steps_from_opening],
         }
     common_entries = {
-        "pass": step.round,
+        "pass": step.pass_number,
         "case": step.case,
         "pole": _pole_as_names(plan, step.pole),
     }

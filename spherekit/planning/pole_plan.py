@@ -41,14 +41,14 @@ class PrimaryPole:
         The two bodies.
     pair
         Number of the pair, or of an R pair on the common line.
-    round
+    pass_number
         0 if the pair joins the two bodies. Otherwise the number of the pass that finds the
-        pole on a common axis. (``pass`` is a reserved word of Python.)
+        pole on a common axis.
     """
 
     pole: Pole
     pair: int
-    round: int = 0
+    pass_number: int = 0
 
     @property
     def case(self) -> str:
@@ -57,7 +57,7 @@ class PrimaryPole:
         It is ``primary`` for the axis of a pair between the bodies, and ``coaxial`` for a
         line that the bodies share.
         """
-        return "coaxial" if self.round else "primary"
+        return "coaxial" if self.pass_number else "primary"
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class LinePole:
     ----------
     pole
         The two bodies i and j.
-    round
+    pass_number
         Number of the pass that finds the pole. A pass finds all poles that follow from
         poles of earlier passes.
     via
@@ -84,7 +84,7 @@ class LinePole:
     """
 
     pole: Pole
-    round: int
+    pass_number: int
     via: tuple[int, ...]
     contacts: tuple[int, ...] = ()
 
@@ -116,9 +116,9 @@ class BlockPoles:
     from the rates of its pairs, which are the null vector of its loop-closure velocity
     equations.
 
-    For the display, the plan also shows how the poles could follow one by one if one of
-    them, the opening pole, were known. Each pass finds the poles at which two great circles
-    through known poles intersect.
+    For the display only, the plan also shows how the poles would follow one by one if one
+    of them, the opening pole, were known. They would be found in further passes. A pass
+    finds each pole at which two great circles through poles of earlier passes intersect.
 
     Attributes
     ----------
@@ -126,37 +126,40 @@ class BlockPoles:
         Numbers of the bodies and the pairs of the part.
     poles
         Its poles that were unknown before.
-    round
-        Number of the pass in which the part is solved. (``pass`` is a reserved word of
-        Python.)
+    pass_number
+        Number of the pass in which the part is solved.
     method
         How the part is solved, in words.
     opening
         The opening pole. None if the order of the others was not planned, as for parts with
         redundant constraints.
-    passes
-        One step for each pole that follows from the opening pole, in order. The `round` of
-        a step is the number of its pass, counted on from that of the part.
+    steps_from_opening
+        One step for each pole that would follow from the opening pole, in order. The first
+        pass of these steps has the number `pass_number` + 1.
     """
 
     links: tuple[int, ...]
     pairs: tuple[int, ...]
     poles: tuple[Pole, ...]
-    round: int
+    pass_number: int
     method: str = "null vector of the velocity equations"
     opening: Pole | None = None
-    passes: tuple[LinePole, ...] = ()
+    steps_from_opening: tuple[LinePole, ...] = ()
 
     @cached_property
-    def rounds(self) -> dict[Pole, int]:
-        """The number of the pass in which each pole of the part becomes known."""
-        round_by_pole = {step.pole: step.round for step in self.passes}
-        return {pole: round_by_pole.get(pole, self.round) for pole in self.poles}
+    def pass_numbers(self) -> dict[Pole, int]:
+        """The number of the pass that finds each pole of the part.
+
+        It is `pass_number` for the opening pole and other poles without a step.
+        """
+        later_passes = {step.pole: step.pass_number for step in self.steps_from_opening}
+        return {pole: later_passes.get(pole, self.pass_number) for pole in self.poles}
 
     @property
-    def last(self) -> int:
-        """The number of the pass in which the last pole of the part becomes known."""
-        return max((step.round for step in self.passes), default=self.round)
+    def last_pass_number(self) -> int:
+        """The number of the last pass that finds a pole of the part."""
+        later_passes = [step.pass_number for step in self.steps_from_opening]
+        return max(later_passes, default=self.pass_number)
 
 
 Step = PrimaryPole | LinePole | BlockPoles
@@ -206,11 +209,11 @@ class Plan:
         titles, *rows = titled_rows(self)
         moving_input = self.mechanism.pairs[self.input].name
         meanings = [f"{PRIMARY_MARK}: axis of a pair"]
-        last_round = max(self.rounds.values(), default=0)
-        if last_round:
+        last_pass = max(self.pass_numbers.values(), default=0)
+        if last_pass:
             passes = roman_numeral(1)
-            if last_round > 1:
-                passes += f" to {roman_numeral(last_round)}"
+            if last_pass > 1:
+                passes += f" to {roman_numeral(last_pass)}"
             meanings.append(
                 f"{passes}: pass that finds the pole as the intersection of great circles"
             )
@@ -263,15 +266,15 @@ class Plan:
         return "+".join(name for name, owner in links if owner == body)
 
     @cached_property
-    def rounds(self) -> dict[Pole, int]:
-        """The pass in which each pole becomes known; 0 for primary poles."""
-        round_by_pole: dict[Pole, int] = {}
+    def pass_numbers(self) -> dict[Pole, int]:
+        """The number of the pass that finds each pole; 0 for primary poles."""
+        pass_number_by_pole: dict[Pole, int] = {}
         for step in self.steps:
             if isinstance(step, BlockPoles):
-                round_by_pole |= step.rounds
+                pass_number_by_pole |= step.pass_numbers
             else:
-                round_by_pole[step.pole] = step.round
-        return round_by_pole
+                pass_number_by_pole[step.pole] = step.pass_number
+        return pass_number_by_pole
 
     @property
     def blocks(self) -> tuple[BlockPoles, ...]:
@@ -384,25 +387,24 @@ def table_cells(plan: Plan) -> list[list[str]]:
 
     The table has a row and a column for each body. The pole of two bodies is the axis of
     their relative rotation. A primary pole, which is the axis or contact line of a pair,
-    has an x, another one the Roman number of the pass that finds it (in code: round). A
-    pass finds all poles that follow from earlier ones as intersections of great circles.
+    has an x, another one the Roman number of the pass that finds it (`pass_number`).
+    A pass finds all poles that follow from earlier ones as intersections of great circles.
 
     In an irreducible part no pole follows in this way. Some of its poles are solved
     together from velocity equations, and are marked by a star. The other ones follow from
     these in later passes, as intersections. Poles outside the plan are empty.
     """
     # A block is an irreducible part. Its velocity equations are solved in the pass
-    # `block.round`. `block.rounds` has the pass in which each of its poles is found, the
-    # same or a later one.
+    # `block.pass_number`. Its poles are found in this pass or in later ones.
     starred_poles = set()
     for block in plan.blocks:
-        for pole, round_number in block.rounds.items():
-            if round_number == block.round:
+        for pole, pass_number in block.pass_numbers.items():
+            if pass_number == block.pass_number:
                 starred_poles.add(pole)
     mark_by_pole = {}
     # The Roman numeral of pass 0, that of primary poles, is empty.
-    for pole, round_number in plan.rounds.items():
-        mark = roman_numeral(round_number) or PRIMARY_MARK
+    for pole, pass_number in plan.pass_numbers.items():
+        mark = roman_numeral(pass_number) or PRIMARY_MARK
         mark_by_pole[pole] = mark + "*" if pole in starred_poles else mark
     rows = []
     for i in plan.bodies:

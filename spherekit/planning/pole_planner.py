@@ -159,25 +159,13 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     # Keep the steps that give needed poles, and only their lines through needed poles.
     steps: list[Step] = []
     for step in whole_plan.steps:
-        # If the poles of a part of the mechanism do not follow one by one from lines, all
-        # of them are computed in one step (`BlockPoles`). Its `passes` are shown to the
-        # user: they say how the poles would follow if one of them were known. Passes of
-        # poles that are not needed are left out.
         if isinstance(step, BlockPoles):
             needed_of_block = tuple(pole for pole in step.poles if pole in needed_poles)
             if needed_of_block:
-                passes = _prune_passes(step.passes, needed_of_block)
-                steps.append(replace(step, poles=needed_of_block, passes=passes))
+                steps.append(_prune_block(step, needed_of_block))
         elif step.pole in needed_poles:
             if isinstance(step, LinePole):
-                # `via` are the third bodies k. Contact planes need no poles and stay.
-                i, j = step.pole
-                via = [
-                    third
-                    for third in step.via
-                    if {pole_of(i, third), pole_of(j, third)} <= needed_poles
-                ]
-                step = replace(step, via=tuple(via))
+                step = _prune_lines(step, needed_poles)
             steps.append(step)
     distinct_requested = tuple(dict.fromkeys(requested))
     return replace(whole_plan, requested=distinct_requested, steps=tuple(steps))
@@ -277,27 +265,35 @@ def _choose_cheapest_lines(
     return chosen, needed
 
 
-def _prune_passes(
-    passes: Sequence[LinePole], requested: Iterable[Pole]
-) -> tuple[LinePole, ...]:
-    """Return the passes of a part of the mechanism that lead to some of its poles.
+def _prune_lines(step: LinePole, needed_poles: set[Pole]) -> LinePole:
+    """Return a step without the great circles whose poles are not all needed.
+
+    The step finds the pole P_ij at the intersection of great circles through P_ik and P_jk
+    for third bodies k, and of contact planes. The planes need no poles and stay.
+    """
+    i, j = step.pole
+    via = [
+        third
+        for third in step.via
+        if {pole_of(i, third), pole_of(j, third)} <= needed_poles
+    ]
+    return replace(step, via=tuple(via))
+
+
+def _prune_block(block: BlockPoles, requested: tuple[Pole, ...]) -> BlockPoles:
+    """Return an irreducible part with only the requested ones of its poles.
 
     A pole is the axis of the relative rotation of two bodies. The poles of the part are
-    computed together from velocity equations (`BlockPoles`). The passes are for display
-    only. They show how the poles would follow one by one if one of them were known: each
-    pass finds a pole at the intersection of great circles through poles of earlier passes.
-
-    Parameters
-    ----------
-    passes
-        All passes of the part, in order.
-    requested
-        The poles that have to follow.
+    computed together from velocity equations. For display only, the part also has steps
+    that show how its poles would follow one by one from its opening pole. Steps that do
+    not lead to a requested pole are left out.
     """
+    # Backwards, so that the poles that a step needs are known before their own steps.
     needed_poles = set(requested)
-    needed_passes = []
-    for step in reversed(passes):
+    needed_steps: list[LinePole] = []
+    for step in reversed(block.steps_from_opening):
         if step.pole in needed_poles:
-            needed_passes.append(step)
+            needed_steps.append(step)
             needed_poles.update(step.sources)
-    return tuple(reversed(needed_passes))
+    needed_steps.reverse()
+    return replace(block, poles=requested, steps_from_opening=tuple(needed_steps))

@@ -11,8 +11,9 @@
    passes continue.
 
 One pole of a part solved in step 3 would be enough for passes to find the others, in every
-known chain of up to twelve links. The plan states this order (`BlockPoles.passes`). The
-numbers still come from the velocity equations, which are better conditioned.
+known chain of up to twelve links. The plan states this order
+(`BlockPoles.steps_from_opening`). The numbers still come from the velocity equations, which
+are better conditioned.
 """
 
 from collections.abc import Iterable, Sequence
@@ -111,27 +112,27 @@ def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Ste
 
     unknown_poles = known_poles.unknown_of(combinations(empty_plan.bodies, 2))
     mobile_parts = MobileParts(empty_plan.bodies, pebble_game)
-    round_number = 0  # number of the pass
+    pass_number = 0
     while unknown_poles:
-        round_number += 1
+        pass_number += 1
         new_steps: list[Step] = []
         for pole in unknown_poles:
             shared_axis_pair = _pair_of_common_axis(empty_plan, pole)
             if shared_axis_pair is not None:
-                new_steps.append(PrimaryPole(pole, shared_axis_pair, round_number))
+                new_steps.append(PrimaryPole(pole, shared_axis_pair, pass_number))
             else:
                 new_steps += _find_line_poles(
-                    empty_plan, contacts_by_pole, known_poles, [pole], round_number
+                    empty_plan, contacts_by_pole, known_poles, [pole], pass_number
                 )
         if not new_steps:
             # The pass finds nothing: solve the smallest part with an unknown pole from its
             # velocity equations.
             part = min(map(mobile_parts.find_part, unknown_poles), key=len)
-            block = _make_block(empty_plan, part, unknown_poles, round_number)
+            block = _make_block(empty_plan, part, unknown_poles, pass_number)
             if pebble_game is not None:
                 block = _choose_opening(empty_plan, contacts_by_pole, known_poles, block)
             new_steps = [block]
-            round_number = block.last
+            pass_number = block.last_pass_number
         # The poles of a pass count as known only after the pass.
         for step in new_steps:
             known_poles.add(step)
@@ -153,7 +154,7 @@ def _find_line_poles(
     contacts_by_pole: dict[Pole, list[int]],
     known_poles: KnownPoles,
     poles: Iterable[Pole],
-    round_number: int,
+    pass_number: int,
 ) -> list[LinePole]:
     """Return a step for each pole that lies on at least two different known lines.
 
@@ -172,7 +173,7 @@ def _find_line_poles(
         The poles of earlier passes.
     poles
         The unknown poles that are examined.
-    round_number
+    pass_number
         Number of the pass.
     """
     steps = []
@@ -185,7 +186,7 @@ def _find_line_poles(
         if len(circles) + len(contacts) >= 2:
             step = LinePole(
                 pole,
-                round=round_number,
+                pass_number=pass_number,
                 via=tuple(sorted(third_bodies)),
                 contacts=contacts,
             )
@@ -260,7 +261,7 @@ class MobileParts:
 
 
 def _make_block(
-    empty_plan: Plan, part: set[int], unknown_poles: Sequence[Pole], round_number: int
+    empty_plan: Plan, part: set[int], unknown_poles: Sequence[Pole], pass_number: int
 ) -> BlockPoles:
     """Return the step that computes all unknown poles of a part of the mechanism together.
 
@@ -272,7 +273,7 @@ def _make_block(
         The bodies of the part.
     unknown_poles
         All poles that are unknown. A pole belongs to the part if both its bodies do.
-    round_number
+    pass_number
         Number of the pass in which the part is solved. A pass finds all poles that follow
         from poles of earlier passes.
     """
@@ -283,7 +284,7 @@ def _make_block(
         links=tuple(sorted(part)),
         pairs=tuple(pairs),
         poles=tuple(pole for pole in unknown_poles if part.issuperset(pole)),
-        round=round_number,
+        pass_number=pass_number,
     )
 
 
@@ -319,17 +320,16 @@ def _choose_opening(
 
         This pole is called the opening pole. It counts as known, besides all `known_poles`.
         Each pass finds the unknown poles of the part that lie on two great circles through
-        known poles, and has a step for each of them. `passes` of the result has the steps
-        of all passes in order. The caller tries several opening poles, and chooses the one
+        known poles, and has a step for each of them. The result has the steps of all
+        passes in order. The caller tries several opening poles, and chooses the one
         from which passes find the most others.
         """
         poles_after_opening = known_poles.copy()
         steps_of_all_passes: list[LinePole] = []
-        # The part is solved in a pass with the number `block.round`. A step of this pass
-        # makes the opening pole known. The pole follows from no great circles (`via`), and
-        # its step is not in the result.
-        pass_number = block.round
-        steps_of_pass = [LinePole(opening_pole, round=pass_number, via=())]
+        # A step of the pass that solves the part makes the opening pole known. The pole
+        # follows from no great circles (`via`), and its step is not in the result.
+        pass_number = block.pass_number
+        steps_of_pass = [LinePole(opening_pole, pass_number=pass_number, via=())]
         while steps_of_pass:
             for step in steps_of_pass:
                 poles_after_opening.add(step)
@@ -339,17 +339,19 @@ def _choose_opening(
                 contacts_by_pole,
                 known_poles=poles_after_opening,
                 poles=poles_after_opening.unknown_of(block.poles),
-                round_number=pass_number,
+                pass_number=pass_number,
             )
             steps_of_all_passes += steps_of_pass
-        return replace(block, opening=opening_pole, passes=tuple(steps_of_all_passes))
+        return replace(
+            block, opening=opening_pole, steps_from_opening=tuple(steps_of_all_passes)
+        )
 
     def most_poles_first(opened_block: BlockPoles) -> tuple[int, int]:
         """Return a sort key: parts with the most found poles first, then by fewest passes.
 
         Passes find one pole with each of their steps.
         """
-        return -len(opened_block.passes), opened_block.last
+        return -len(opened_block.steps_from_opening), opened_block.last_pass_number
 
     def most_lines_first(pole: Pole) -> tuple[int, Pole]:
         """Return a sort key: poles on many great circles first, then by number."""

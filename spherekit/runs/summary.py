@@ -47,8 +47,8 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
     # theorem, "irreducible_parts" the links that need the velocity equations instead.
     plans = {
         mechanism.pairs[plan.input].name: {
-            "passes": max(plan.rounds.values(), default=0),
-            "poles": len(plan.rounds),
+            "passes": max(plan.pass_numbers.values(), default=0),
+            "poles": len(plan.pass_numbers),
             "irreducible_parts": [[*map(plan.name, x.links)] for x in plan.blocks],
         }
         for plan in run_plan.plans

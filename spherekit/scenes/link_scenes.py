@@ -111,7 +111,7 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
         step_lines = [
             describe(plan, step)
             for step in plan.steps
-            if not isinstance(step, PrimaryPole) or step.round
+            if not isinstance(step, PrimaryPole) or step.pass_number
         ]
         if step_lines:
             lines += ["```", *step_lines, "```", ""]

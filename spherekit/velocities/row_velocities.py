@@ -625,7 +625,7 @@ class RowVelocities:
             step.pole: self._separation_of_axes(step.pole)
             for step in plan.steps
             if isinstance(step, PrimaryPole)
-            and step.round > 0
+            and step.pass_number > 0
             and step.pair in plan.rounded_axes
         }
 
@@ -661,7 +661,7 @@ class RowVelocities:
             # The plan computes poles in rounds, each from poles of earlier rounds. Poles of
             # round 0 are the axes of pairs that join the two links themselves. They are
             # exact, so only poles of later rounds get larger errors.
-            is_computed = plan.rounds[pole] > 0
+            is_computed = plan.pass_numbers[pole] > 0
             # `pairs` has the pair whose axis a pole is, if there is one. `rounded_axes` are
             # pairs whose axis is equal to that of another pair but for rounding.
             if not is_computed or pairs.get(pole) not in plan.rounded_axes:

@@ -210,8 +210,8 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
     lines: Sequence[list[list[str]]] = []
     contacts: Sequence[str] = []
     if isinstance(step, BlockPoles):
-        # `passes` are the later steps, each with one pole from great circles.
-        poles_from_circles = {inner_step.pole for inner_step in step.passes}
+        # Each of these steps has one pole from great circles.
+        poles_from_circles = {inner_step.pole for inner_step in step.steps_from_opening}
         solved_poles = [pole for pole in step.poles if pole not in poles_from_circles]
     else:
         solved_poles = [step.pole]
@@ -228,5 +228,5 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
         "poles": [_pole_links(pole_plan, pole) for pole in solved_poles],
     }
     if isinstance(step, BlockPoles):
-        for inner_step in step.passes:
+        for inner_step in step.steps_from_opening:
             yield from _step_facts(pole_plan, inner_step)
