@@ -57,19 +57,19 @@ class CollocationStep:
         (states,) state at the start.
     series
         (N, states) Legendre coefficients of the rate of the state over the step.
-    frames
-        (k, m, variables) frames at k times of the step in rising order. Each momentum
-        belongs to one of m coordinates, which are weighted sums of the pair variables. The
-        weights are the rows of a frame. With one degree of freedom, there is a frame at
-        each node: the unit tangent of the configuration curve. With several, there is a
-        single frame for the whole step.
+    rate_weights
+        (k, m, variables) weights of the rates of the pair variables in the rates of the m
+        coordinates, at k times of the step in rising order. Each momentum belongs to one of
+        these coordinates. With one degree of freedom, k = N: the unit tangent of the
+        configuration curve at each node. With several, k = 1, since the weights are the
+        same in the whole step.
     """
 
     start: float
     length: float
     state: Floats
     series: Floats
-    frames: Floats
+    rate_weights: Floats
 
     @property
     def stop(self) -> float:

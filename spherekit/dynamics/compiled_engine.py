@@ -110,23 +110,17 @@ END_BY_RUN_END: dict[RunEnd, tuple[EndKind, str]] = {
 class CompiledRuns:
     """The successive runs of a simulation by Taylor series.
 
-    A run is an integration of one compiled equation of motion. A mechanism with m degrees
-    of freedom has m coordinates, which are weighted sums of the pair variables, and a
-    momentum for each coordinate. The weights (m, variables) are called a frame. With
-    several degrees of freedom the frame is constant in a run. With one degree of freedom
-    the coordinate is the arc length of the configuration curve. Its frame is the tangent of
-    the curve, which is different in each state.
+    A run is an integration of one compiled equation of motion. With one degree of freedom
+    its coordinate is the arc length of the configuration curve. With several, its
+    coordinates are some of the pair variables.
 
     Attributes
     ----------
     runs
         One run for each choice of coordinates, in order of time.
     momentum_conversions
-        A function for each run. In an array of states of the compiled equation, it replaces
-        the momenta by those of `PathStates`, and it returns the frame of each state. With
-        one degree of freedom the compiled equation may have chosen the opposite direction
-        of the curve, so that momenta have the opposite sign. With several, its states have
-        scaled rates instead of momenta.
+        For each run an object that converts its states to those of a simulation, which have
+        other momenta.
     compile_seconds
         Time that compiling took, s.
     """
@@ -164,7 +158,7 @@ def by_taylor_series(
     """
     started = time.perf_counter()
     # The rates of all pair variables at the start, per unit rate of each coordinate.
-    motion = problem.equation.compute_motion(problem.values[None], problem.frame)
+    motion = problem.equation.compute_motion(problem.values[None], problem.rate_weights)
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise make_start_error(problem, STATUS_MEANING[status])
@@ -243,21 +237,24 @@ def _integrate(
         # Convert the state at the start to that of the compiled equation.
         can_see_crossings = compiled_equation.tolerance <= MAX_STEP_TOLERANCE
         coordinate_variables = [mechanism.angles[pair] for pair in coordinate_pairs]
-        frame = np.eye(equation.variable_count)[coordinate_variables]
+        rate_weights = np.eye(equation.variable_count)[coordinate_variables]
         if equation.freedoms == 1:
             momentum_unit = float(np.sqrt(inertia_matrix(mechanism, motion)[0, 0, 0]))
             # The homogeneous rates may run against the tangent of the problem.
             homogeneous_rates = compiled_equation.homogeneous_rates(problem.values[None])
-            sense = float(np.copysign(1.0, homogeneous_rates[0, 0] @ problem.frame[0]))
+            sense = float(
+                np.copysign(1.0, homogeneous_rates[0, 0] @ problem.rate_weights[0])
+            )
             momenta = sense * momentum_unit * problem.speed
             momentum_conversion: MomentumConversion = CurveMomentumConversion(
                 compiled_equation, sense
             )
         else:
-            # The momenta of the compiled equation are scaled rates of the coordinates.
+            # The momenta of the compiled equation are scaled rates of the coordinates,
+            # which are pair variables.
             momentum_unit = float(np.sqrt(total_moment_of_inertia(mechanism)))
             momenta = momentum_unit * variable_rates[coordinate_variables]
-            momentum_conversion = CoordinateMomentumConversion(equation, frame)
+            momentum_conversion = CoordinateMomentumConversion(equation, rate_weights)
 
         # Integrate, from the end of the previous run, if there is one.
         integration = TaylorIntegration(
@@ -296,7 +293,7 @@ def _integrate(
         values, closure_residual = equation.project_once(
             last_state[: equation.variable_count]
         )
-        motion = equation.compute_motion(values[None], frame)
+        motion = equation.compute_motion(values[None], rate_weights)
         speed = last_state[None, equation.momenta] / momentum_unit
         variable_rates = rates_by_time(motion, speed)[0]
         previous_run = run
@@ -364,8 +361,8 @@ def _check_first_step(problem: Problem, run: TaylorRun) -> None:
     """Raise an error if a motion does not have even a first step."""
     if run.segments:
         return
-    state = problem.equation.make_state(problem.values, problem.speed, problem.frame)
-    if _are_loads_finite(problem, 0.0, state, problem.frame, problem.turn_angles):
+    state = problem.equation.make_state(problem.values, problem.speed, problem.rate_weights)
+    if _are_loads_finite(problem, 0.0, state, problem.rate_weights, problem.turn_angles):
         raise EngineError(
             f"{problem.equation.mechanism.name}: at the start {NO_SERIES_MESSAGE}"
         )
@@ -461,24 +458,23 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     if run.end in END_BY_RUN_END:
         kind, message = END_BY_RUN_END[run.end]
         return SimulationEnd(kind, run.end_time, message)
-    # The state at the end, with the frame: the weights of the pair variables in the
-    # coordinates to which the momenta belong.
-    path_states = path.evaluate(np.array([run.end_time]))
+    # One row: the state at the end, and the coordinates to which its momenta belong.
+    end_states = path.evaluate(np.array([run.end_time]))
     if run.end == "joint_limit":
         # The joint limit is the last event: its time, kind, and index of the pair variable.
         _, _, variable = run.events[-1]
         mechanism = problem.equation.mechanism
         name = mechanism.pairs[mechanism.variable_owners[variable]].name
-        return joint_limit_end(run.end_time, name, float(path_states.values[0, variable]))
+        return joint_limit_end(run.end_time, name, float(end_states.values[0, variable]))
     # The state is not finite. If all loads are finite nevertheless, only the Taylor
     # coefficients of a load are not, for example because an exp inside it overflows. The
     # load changes too fast for a series.
     if run.end == "not_finite" and _are_loads_finite(
         problem,
         run.end_time,
-        state=path_states.states[0],
-        frame=path_states.frames[0],
-        whole_turns=TURN * path_states.turns[0],
+        state=end_states.states[0],
+        rate_weights=end_states.rate_weights[0],
+        whole_turns=TURN * end_states.turns[0],
     ):
         return SimulationEnd("too_fast", run.end_time, NO_SERIES_MESSAGE)
     # In all other ends steps become too short: a load jumps or grows without bound, or the
@@ -489,7 +485,7 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
 
 
 def _are_loads_finite(
-    problem: Problem, t: float, state: Floats, frame: Floats, whole_turns: Floats
+    problem: Problem, t: float, state: Floats, rate_weights: Floats, whole_turns: Floats
 ) -> bool:
     """Return whether all loads are finite at a state.
 
@@ -502,14 +498,15 @@ def _are_loads_finite(
     state
         (states,) pair variables (rad), m momenta, and works of loads. A momentum belongs to
         each of m coordinates, where m is the number of degrees of freedom.
-    frame
-        (m, variables) the coordinates are weighted sums of the pair variables, and row i
-        has the weights of coordinate i. With m = 1 it is the tangent of the configuration
-        curve.
+    rate_weights
+        (m, variables) in row i the weights of the rates of the pair variables in the rate
+        of coordinate i. With m = 1 it is the unit tangent of the configuration curve.
     whole_turns
         (variables,) angles (rad) of the whole turns that the state leaves out, but on which
         loads may depend.
     """
     with np.errstate(all="ignore"):
-        dynamics = problem.equation.evaluate(np.array([t]), state[None], frame, whole_turns)
+        dynamics = problem.equation.evaluate(
+            np.array([t]), state[None], rate_weights, whole_turns
+        )
     return bool(all_finite(dynamics.forces))

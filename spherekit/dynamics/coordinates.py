@@ -109,7 +109,7 @@ def motion_by_arc_length(
 
 
 def motion_by_combinations(
-    closure: Closure, values: Floats, frame: Floats, order: Order = 2
+    closure: Closure, values: Floats, weights: Floats, order: Order = 2
 ) -> CoordinateMotion:
     """Return configurations and their derivatives by weighted sums of the pair variables.
 
@@ -124,7 +124,7 @@ def motion_by_combinations(
         The loops of a whole mechanism with m degrees of freedom.
     values
         (n, variables) closed configurations (rad).
-    frame
+    weights
         (m, variables), or (n, m, variables) for each row: the matrix F.
     order
         1 leaves out the second derivatives.
@@ -134,9 +134,9 @@ def motion_by_combinations(
     n rows. A row in which the coordinates do not determine the motion is NaN.
     """
     linearisation = closure.linearise(values)
-    count = frame.shape[-2]
+    count = weights.shape[-2]
     # For each row of `values` the matrix of J and F, one above the other.
-    coordinate_rows = np.broadcast_to(frame, (len(values), *frame.shape[-2:]))
+    coordinate_rows = np.broadcast_to(weights, (len(values), *weights.shape[-2:]))
     equations = np.concatenate([linearisation.jacobian, coordinate_rows], axis=1)
     # There may be more closure equations than independent ones, so the matrix has a left
     # inverse. It is NaN if the matrix is singular.
@@ -174,8 +174,8 @@ def motion_by_variables(
     """
     # Each coordinate is a weighted sum of all pair variables, in which the chosen variable
     # has the weight 1 and all others have 0.
-    frame = np.eye(values.shape[1])[list(variables)]
-    return motion_by_combinations(closure, values, frame, order)
+    weights = np.eye(values.shape[1])[list(variables)]
+    return motion_by_combinations(closure, values, weights, order)
 
 
 def _complete_motion(

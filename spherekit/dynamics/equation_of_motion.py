@@ -14,10 +14,14 @@ acts, and no derivative of M is needed.
 
 With one degree of freedom the coordinate is the arc length s of the configuration curve,
 along which every dead centre is an ordinary point (Eksergian's equation B du/dt + 1/2 dB/ds
-u^2 = Q, Di Gregorio 2024, eq. (9)). With several, each coordinate is a sum of pair
-variables. The coefficients are the rows of the frame, an orthonormal basis of the possible
-velocities in a configuration nearby. All configurations in which the velocity equations are
-regular are then ordinary points, whether or not the inputs determine the motion there.
+u^2 = Q, Di Gregorio 2024, eq. (9)). With several, each coordinate is a weighted sum of pair
+variables. The weights are an orthonormal basis of the possible velocities in a
+configuration nearby. All configurations in which the velocity equations are regular are
+then ordinary points, whether or not the inputs determine the motion there.
+
+In both cases the rates of the coordinates are weighted sums of the rates of the variables,
+u = W dv/dt. The matrix W (m, variables) is called `rate_weights`. With one degree of
+freedom it is the unit tangent of the curve, which changes along the motion.
 """
 
 from dataclasses import dataclass, replace
@@ -206,8 +210,8 @@ class EquationOfMotion:
 
     A state (variables + m + loads,) has the pair variables (rad), the m momenta p = R u and
     the work of each load (J). R is the symmetric root of the inertia matrix. The rates u
-    are those of m coordinates, which are sums of pair variables. The rows of a *frame*
-    (m, variables) are the coefficients of these sums.
+    are those of m coordinates. They are weighted sums of the rates of the pair variables.
+    Row i of `rate_weights` (m, variables) has the weights for coordinate i.
 
     Attributes
     ----------
@@ -240,7 +244,7 @@ class EquationOfMotion:
         self.momenta = slice(self.variable_count, self.variable_count + freedoms)
         self.load_work_rows = slice(self.variable_count + freedoms, None)
 
-    def make_state(self, values: Floats, speed: Floats, frame: Floats) -> Floats:
+    def make_state(self, values: Floats, speed: Floats, rate_weights: Floats) -> Floats:
         """Return the state at given positions and rates, with zero work of the loads.
 
         A state has the momenta p = R u of m coordinates instead of their rates u. R is the
@@ -253,36 +257,38 @@ class EquationOfMotion:
             (variables,) pair variables of a closed configuration, rad.
         speed
             (m,) rates u of the coordinates.
-        frame
-            (m, variables) the coordinates are weighted sums of the pair variables, and row
-            i has the weights of coordinate i; see `compute_motion`.
+        rate_weights
+            (m, variables) in row i the weights of the rates of the pair variables in the
+            rate of coordinate i; see `compute_motion`.
 
         Returns
         -------
         (states,) the pair variables, the m momenta, and zeros for the works of the loads.
         """
-        motion = self.compute_motion(values[None], frame)
+        motion = self.compute_motion(values[None], rate_weights)
         roots = InertiaRoots.from_inertia(inertia_matrix(self.mechanism, motion))
         momenta = roots.multiply(speed[None])[0]
         return np.concatenate([values, momenta, np.zeros(len(self.loads.names))])
 
-    def renew_frame(self, state: Floats, frame: Floats) -> tuple[Floats, Floats]:
-        """Return a state with new coordinates, and the frame of these coordinates.
+    def renew_coordinates(
+        self, state: Floats, rate_weights: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return a state with new coordinates, and the weights of these coordinates.
 
-        Coordinates are weighted sums of the pair variables. Row i of a frame has the
-        weights of coordinate i. The momenta in a state are those of the coordinates. The
-        new frame is an orthonormal basis of the velocities that are possible in this
-        configuration, so its coordinates are well conditioned.
+        Coordinates are weighted sums of the pair variables, with the weights of coordinate
+        i in row i. The momenta in a state are those of the coordinates. The new weights are
+        an orthonormal basis of the velocities that are possible in this configuration, so
+        the new coordinates are well conditioned.
 
         Parameters
         ----------
         state
-            (states,) a state whose momenta are those of `frame`.
-        frame
-            (m, variables) a frame that was orthonormal in a configuration nearby.
+            (states,) a state whose momenta are those of `rate_weights`.
+        rate_weights
+            (m, variables) weights that were such a basis in a configuration nearby.
         """
         # Only the motion is used, which does not depend on the time. It is set to 0.
-        dynamics = self.evaluate(np.zeros(1), state[None], frame)
+        dynamics = self.evaluate(np.zeros(1), state[None], rate_weights)
         # (variables,) the rates of the variables by time.
         variable_rates = rates_by_time(dynamics.motion, dynamics.speed)[0]
         # (m, variables) their rates per unit rate of each old coordinate. They are a basis
@@ -290,48 +296,47 @@ class EquationOfMotion:
         velocity_basis = dynamics.motion.rates[0]
         # The orthonormal basis nearest to the given one (symmetric orthogonalisation).
         squares, vectors = np.linalg.eigh(velocity_basis @ velocity_basis.T)
-        new_frame = (vectors / np.sqrt(squares)) @ vectors.T @ velocity_basis
+        new_weights = (vectors / np.sqrt(squares)) @ vectors.T @ velocity_basis
         # The same configuration, velocity and work in the new coordinates.
         values = state[: self.variable_count]
-        coordinate_rates = new_frame @ variable_rates
-        new_state = self.make_state(values, coordinate_rates, new_frame)
+        coordinate_rates = new_weights @ variable_rates
+        new_state = self.make_state(values, coordinate_rates, new_weights)
         new_state[self.load_work_rows] = state[self.load_work_rows]
-        return new_state, new_frame
+        return new_state, new_weights
 
     def compute_motion(
-        self, values: Floats, frame: Floats, order: Order = 1
+        self, values: Floats, rate_weights: Floats, order: Order = 1
     ) -> CoordinateMotion:
         """Return closed configurations with their derivatives by the m coordinates.
 
         With several degrees of freedom, coordinates are weighted sums of the pair
         variables. With one, the coordinate is the arc length of the configuration curve (in
-        the space of all pair variables). Its derivatives are the tangents of the curve,
-        which can point to either of its two directions.
+        the space of all pair variables), and the derivatives are unit tangents of the
+        curve. They can point to either of its two directions.
 
         Parameters
         ----------
         values
             (n, variables) pair variables (rad).
-        frame
-            (m, variables), or (n, m, variables) for each row. The meaning depends on the
-            number of degrees of freedom:
-
-            - Several: the weights of the pair variables in each coordinate.
-            - One: a vector that the tangents follow. A vector for each row makes an acute
-              angle with the tangent of the row. A single vector does so in the first row.
-              The rows are then in order along the motion, and each further tangent makes an
-              acute angle with that of the row before.
+        rate_weights
+            (m, variables), or (n, m, variables) for each row: weights of the rates of the
+            pair variables in the rate of each coordinate. With one degree of freedom they
+            are a tangent of the curve, and only decide its direction: the tangent of each
+            row makes an acute angle with the tangent given for this row. If only one is
+            given, it decides the direction in the first row, and each further tangent makes
+            an acute angle with the one before. The rows then have to be in order along the
+            motion.
         order
             Order of the derivatives, 1 or 2.
         """
         if self.freedoms > 1:
-            return motion_by_combinations(self.closure, values, frame, order)
+            return motion_by_combinations(self.closure, values, rate_weights, order)
         motion = motion_by_arc_length(self.closure, values, order)
-        has_single_vector = frame.ndim == 2
+        has_single_vector = rate_weights.ndim == 2
         if has_single_vector:
             tangents = motion.rates[:, 0]
-            return motion.with_senses(continuous_signs(tangents, frame[0]))
-        cosines = np.sum(frame * motion.rates, axis=(1, 2))
+            return motion.with_senses(continuous_signs(tangents, rate_weights[0]))
+        cosines = np.sum(rate_weights * motion.rates, axis=(1, 2))
         return motion.with_senses(np.where(cosines < 0.0, -1.0, 1.0))
 
     def project_once(self, values: Floats) -> tuple[Floats, float]:
@@ -352,7 +357,7 @@ class EquationOfMotion:
         self,
         t: Floats,
         states: Floats,
-        frame: Floats,
+        rate_weights: Floats,
         whole_turns: Floats | float = 0.0,
         needs_second_order: bool = False,
     ) -> StateDynamics:
@@ -367,13 +372,10 @@ class EquationOfMotion:
             works of the loads (J). u are the rates of m coordinates. R is the symmetric
             square root of the inertia matrix M = R R. With one degree of freedom, p is
             constant if no load acts, while u is not.
-        frame
-            (m, variables) or (n, m, variables) weights of the pair variables in each
-            coordinate. With one degree of freedom the coordinate is the arc length of the
-            configuration curve, and the frame only decides in which direction it grows. A
-            frame (1, variables) decides it for the first row. Each further row continues
-            the direction of the row before, so rows must be in order along the motion. See
-            `compute_motion`.
+        rate_weights
+            (m, variables) or (n, m, variables) weights of the rates of the pair variables
+            in the rate of each coordinate. With one degree of freedom and the shape
+            (1, variables), rows must be in order along the motion. See `compute_motion`.
         whole_turns
             (n, variables) angles (rad) of the whole turns that the states leave out, but on
             which loads may depend.
@@ -385,7 +387,7 @@ class EquationOfMotion:
         has_friction = bool(self.loads.friction_components)
         has_second_order = needs_second_order or self.freedoms > 1 or has_friction
         order: Order = 2 if has_second_order else 1
-        motion = self.compute_motion(states[:, : self.variable_count], frame, order)
+        motion = self.compute_motion(states[:, : self.variable_count], rate_weights, order)
         momenta = states[:, self.momenta]
         masses = inertia(self.mechanism, motion) if has_second_order else None
         M = masses.M if masses is not None else inertia_matrix(self.mechanism, motion)

@@ -177,12 +177,12 @@ MIN_CROSSING_CONDITION = 1e-5
 """Reciprocal condition number of the closure equations below which a simulation that cannot
 continue is at a crossing of curves. Larger: other ends count as crossings."""
 
-MAX_FRAME_RATE = 1.5
-"""Largest rate of all pair variables per unit rate of a coordinate before the frame is
-renewed; it is 1 in a new frame.
+MAX_VARIABLE_RATE = 1.5
+"""Largest rate of all pair variables per unit rate of a coordinate before the
+coordinates are replaced by new ones, for which it is 1.
 
-Larger: coordinates are used nearer to their singularities. Smaller: frames are renewed more
-often.
+Larger: coordinates are used nearer to their singularities. Smaller: coordinates are
+replaced more often.
 """
 
 FORECAST_STEPS = 4
@@ -210,11 +210,11 @@ class Collocation:
         The equation of motion.
     tolerance
         The tolerance of the pair variables, rad.
-    frame
-        (m, variables) the frame at the end of the last step. Each momentum belongs to one
-        of m coordinates, which are weighted sums of the pair variables. The weights are the
-        rows of the frame. With one degree of freedom it is the tangent of the configuration
-        curve.
+    rate_weights
+        (m, variables) the coordinates at the end of the last step. Each momentum belongs to
+        one of m coordinates, whose rate is a weighted sum of the rates of the pair
+        variables. Row i has the weights of coordinate i. With one degree of freedom it is
+        the unit tangent of the configuration curve.
     steps
         The accepted steps.
     events
@@ -245,13 +245,15 @@ class Collocation:
         self.problem = problem
         self.equation = equation = problem.equation
         self.tolerance = tolerance
-        # (m, variables) row i has the weights of the pair variables in coordinate i. The m
-        # coordinates describe the motion, one for each degree of freedom.
-        self.frame = problem.frame
+        # (m, variables) row i has the weights of the rates of the pair variables in the
+        # rate of coordinate i. There are m coordinates, one for each degree of freedom.
+        self.rate_weights = problem.rate_weights
         self.steps: list[CollocationStep] = []
         self.events: list[Event] = []
-        self.start_state = equation.make_state(problem.values, problem.speed, problem.frame)
-        motion = equation.compute_motion(problem.values[None], problem.frame)
+        self.start_state = equation.make_state(
+            problem.values, problem.speed, problem.rate_weights
+        )
+        motion = equation.compute_motion(problem.values[None], problem.rate_weights)
         largest_inertia = float(
             np.linalg.norm(inertia_matrix(equation.mechanism, motion)[0], 2)
         )
@@ -439,13 +441,15 @@ class Collocation:
                 previous = step
                 state = self._close(step.end_state)
                 # Coordinates of the next step: the arc length of the curve along its
-                # tangent, or with several degrees of freedom those of an orthonormal frame,
-                # which is renewed before its coordinates become nearly dependent.
+                # tangent. With several degrees of freedom, they are weighted sums of the
+                # pair variables, which are replaced before they become nearly dependent.
                 if equation.freedoms == 1:
-                    self.frame = rates[-1]
-                elif np.linalg.norm(rates[-1], 2) > MAX_FRAME_RATE:
-                    state, self.frame = equation.renew_frame(state, self.frame)
-                    # The series of the last step are in the old frame.
+                    self.rate_weights = rates[-1]
+                elif np.linalg.norm(rates[-1], 2) > MAX_VARIABLE_RATE:
+                    state, self.rate_weights = equation.renew_coordinates(
+                        state, self.rate_weights
+                    )
+                    # The series of the last step are those of the old coordinates.
                     previous = None
                 yield t
             if t < problem.until:
@@ -476,17 +480,17 @@ class Collocation:
     def _evaluate_dynamics(self, t: Floats, states: Floats) -> StateDynamics:
         """Return motion and forces at times (n,) and states (n, states).
 
-        The motion is described by the coordinates at the end of the last step (`frame`). If
-        crossings of curves are passed, the loops of the configurations are closed first.
-        Near a crossing the rates of closed configurations continue smoothly, but those of
-        configurations whose loops are slightly open have no limit.
+        The motion is described by the coordinates at the end of the last step
+        (`rate_weights`). If crossings of curves are passed, the loops of the configurations
+        are closed first. Near a crossing the rates of closed configurations continue
+        smoothly, but those of configurations whose loops are slightly open have no limit.
         """
         equation = self.equation
         variables = self.equation.variable_count
         if self.problem.passes_crossings and all_finite(states):
             closed = equation.project(states[:, :variables])
             states = np.concatenate([closed, states[:, variables:]], axis=1)
-        return equation.evaluate(t, states, self.frame, self.problem.turn_angles)
+        return equation.evaluate(t, states, self.rate_weights, self.problem.turn_angles)
 
     def _close(self, state: Floats) -> Floats:
         """Return the state (states,) after one Newton step that closes its loops.
@@ -573,7 +577,9 @@ class Collocation:
             length=length,
             state=state,
             series=SERIES_MATRIX @ rates,
-            frames=dynamics.motion.rates if equation.freedoms == 1 else self.frame[None],
+            rate_weights=dynamics.motion.rates
+            if equation.freedoms == 1
+            else self.rate_weights[None],
         )
         # The error follows from the last Legendre coefficients of the rates. It stays
         # infinite if the iteration failed.
@@ -687,20 +693,18 @@ class Collocation:
                 so the caller probes these times too.
             """
             t = step.start + fractions * step.length
-            # A frame (m, variables) defines the m coordinates of the motion. With several
-            # degrees of freedom, its rows are the coefficients of the pair variables in the
-            # coordinates, and one frame applies to the whole step. With one, the coordinate
-            # is the arc length of the configuration curve, and the frame is a tangent. It
-            # only decides in which of two directions the arc length increases, so the frame
-            # of the nearest node suffices.
-            frame = self.frame
+            # With several degrees of freedom, the coordinates are the same in the whole
+            # step. With one, the coordinate is the arc length of the configuration curve,
+            # and its weights are the tangent. This only decides in which of two directions
+            # the arc length increases, so the tangent at the nearest node suffices.
+            rate_weights = self.rate_weights
             if equation.freedoms == 1:
                 # The times of the nodes are in [-1, 1], from start to end of the step.
                 times = 2.0 * fractions[:, None] - 1.0
                 distances = np.abs(times - GAUSS_NODES)
-                frame = step.frames[np.argmin(distances, axis=1)]
+                rate_weights = step.rate_weights[np.argmin(distances, axis=1)]
             states = step.evaluate_state(t)
-            dynamics = equation.evaluate(t, states, frame, self.problem.turn_angles)
+            dynamics = equation.evaluate(t, states, rate_weights, self.problem.turn_angles)
             rate_errors = np.abs(
                 dynamics.momentum_rates - step.evaluate_rate(t)[:, momenta]
             )

@@ -19,6 +19,7 @@ from spherekit.dynamics.equation_of_motion import EquationOfMotion, InertiaRoots
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.multi_dof_equation import total_moment_of_inertia
 from spherekit.dynamics.taylor_integration import Segment, TaylorRun
+from spherekit.geometry.vectors import unit_rows
 from spherekit.numerics.array_rows import ArrayRows
 
 MAX_CHECKED_STEPS = 2000
@@ -43,19 +44,19 @@ class PathStates(ArrayRows):
         the m momenta p = R u and the work of each load. Here u are the rates of the m
         coordinates, and R is the symmetric root of the inertia matrix. The variables are
         reduced by whole revolutions.
-    frames
-        (n, m, variables) definition of the coordinates. With several degrees of freedom,
-        each coordinate is a weighted sum of the pair variables, and the weights are a row
-        of the frame. With one, the coordinate is the arc length of the configuration curve.
-        The frame is then a tangent of this curve of any length. The mechanism moves along
-        it if the momentum is positive.
+    rate_weights
+        (n, m, variables) the matrix W in u = W v', with the rates v' of the pair variables:
+        the rate of each coordinate is a weighted sum of them. With one degree of freedom
+        the coordinate is the arc length of the configuration curve, and W is the unit
+        tangent of this curve. Otherwise each coordinate is the sum of the pair variables
+        with these weights.
     turns
         (n, variables) numbers of the whole revolutions by which the variables are reduced.
     """
 
     states: Floats
     rates: Floats
-    frames: Floats
+    rate_weights: Floats
     turns: Floats
 
     @property
@@ -151,13 +152,13 @@ def make_collocation_path(
 
 def _evaluate_step(step: CollocationStep, turns: Floats, t: Floats) -> PathStates:
     """Return the states at times (n,) within a step; see `make_collocation_path`."""
-    # The step stores frames for equal parts of its length.
-    position = (t - step.start) / step.length * len(step.frames)
-    frames = np.take(step.frames, position.astype(int), axis=0, mode="clip")
+    # The step stores the weights for equal parts of its length.
+    position = (t - step.start) / step.length * len(step.rate_weights)
+    rate_weights = np.take(step.rate_weights, position.astype(int), axis=0, mode="clip")
     return PathStates(
         states=step.evaluate_state(t),
         rates=step.evaluate_rate(t),
-        frames=frames,
+        rate_weights=rate_weights,
         turns=np.tile(turns, (len(t), 1)),
     )
 
@@ -179,10 +180,11 @@ class MomentumConversion(Protocol):
             (n, states) states and their rates by time.
         """
 
-    def compute_frames(self, states: Floats) -> Floats:
-        """Return the frames (n, m, variables) of n states (n, states).
+    def compute_rate_weights(self, states: Floats) -> Floats:
+        """Return the coordinates of the momenta at n states (n, states).
 
-        The frame of a state defines the coordinates by the pair variables.
+        The result (n, m, variables) has the weights of the rates of the pair variables in
+        the rate of each coordinate, see `PathStates`.
         """
 
 
@@ -218,8 +220,8 @@ class CurveMomentumConversion:
         states[:, momentum] *= self.sense
         state_rates[:, momentum] *= self.sense
 
-    def compute_frames(self, states: Floats) -> Floats:
-        """Return tangents (n, 1, variables) of the configuration curve, of any length.
+    def compute_rate_weights(self, states: Floats) -> Floats:
+        """Return unit tangents (n, 1, variables) of the configuration curve.
 
         They point in the direction in which the mechanism moves if its momentum is positive
         in the simulation.
@@ -230,7 +232,11 @@ class CurveMomentumConversion:
             (n, states) states. The pair variables are the first columns.
         """
         pair_variables = states[:, : self.equation.layout.variable_count]
-        return self.sense * self.equation.homogeneous_rates(pair_variables)
+        tangents = self.equation.homogeneous_rates(pair_variables)
+        # At a crossing of curves there is no single tangent. The rates are then zero, and
+        # the result is NaN without a warning.
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.sense * unit_rows(tangents)
 
 
 @dataclass(frozen=True)
@@ -246,13 +252,13 @@ class CoordinateMomentumConversion:
     ----------
     equation
         The equation of motion, whose functions compute the inertia.
-    frame
-        (m, variables) the definition of the coordinates: in each row a 1 at the pair
-        variable that is the coordinate, and 0 elsewhere.
+    rate_weights
+        (m, variables) the coordinates: in each row a 1 at the pair variable that is the
+        coordinate, and 0 elsewhere.
     """
 
     equation: EquationOfMotion
-    frame: Floats
+    rate_weights: Floats
 
     def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
         """Replace the scaled rates of the coordinates by momenta, in place.
@@ -278,12 +284,12 @@ class CoordinateMomentumConversion:
         states[:, columns] = momenta
         state_rates[:, columns] = momentum_rates
 
-    def compute_frames(self, states: Floats) -> Floats:
-        """Return the frame, repeated for each of n states: (n, m, variables).
+    def compute_rate_weights(self, states: Floats) -> Floats:
+        """Return `rate_weights` for each of n states, (n, m, variables).
 
-        The frame defines the coordinates, which are the same in all states.
+        The coordinates are the same in all states.
         """
-        return np.broadcast_to(self.frame, (len(states), *self.frame.shape))
+        return np.broadcast_to(self.rate_weights, (len(states), *self.rate_weights.shape))
 
     @property
     def rate_scale(self) -> float:
@@ -318,7 +324,7 @@ class CoordinateMomentumConversion:
             (n, m) p and dp/dt.
         """
         # First and second derivatives of the configurations by the coordinates.
-        motion = self.equation.compute_motion(pair_variables, self.frame, order=2)
+        motion = self.equation.compute_motion(pair_variables, self.rate_weights, order=2)
         mechanism_inertia = inertia(self.equation.mechanism, motion)
         inertia_roots = InertiaRoots.from_inertia(mechanism_inertia.M)
         momenta = inertia_roots.multiply(coordinate_rates)
@@ -368,6 +374,6 @@ def _evaluate_segment(
     """Return the states at times (n,) within a segment; see `make_taylor_path`."""
     states, rates = segment.evaluate(t)
     turns = np.broadcast_to(segment.turns, (len(t), len(segment.turns)))
-    frames = momentum_conversion.compute_frames(states)
+    rate_weights = momentum_conversion.compute_rate_weights(states)
     momentum_conversion.convert_momenta(states, rates)
-    return PathStates(states, rates, frames, turns)
+    return PathStates(states, rates, rate_weights, turns)

@@ -459,9 +459,8 @@ class Simulation:
         return path_states, self.equation.evaluate(
             t,
             states=path_states.states,
-            # Coordinates are weighted sums of the pair variables. `frames` has the weights,
-            # and defines the coordinates to which the momenta in the states belong.
-            frame=path_states.frames,
+            # The coordinates to which the momenta in the states belong.
+            rate_weights=path_states.rate_weights,
             whole_turns=turn_angles,
             needs_second_order=second,
         )

@@ -122,7 +122,7 @@ def no_step_end(
     step_starts = path.starts[path.checked_steps]
     path_states = path.evaluate(np.append(step_starts, t))
     motion = equation.compute_motion(
-        path_states.states[:, : equation.variable_count], path_states.frames
+        path_states.states[:, : equation.variable_count], path_states.rate_weights
     )
     # The last row is the end. The first principal inertia is the smallest.
     inertias = np.linalg.eigvalsh(inertia_matrix(equation.mechanism, motion))

@@ -104,8 +104,7 @@ class Problem:
     """A simulation problem that has passed all checks.
 
     The start is given by the pair variables and their velocity. The velocity is a sum of m
-    orthonormal vectors, each times a rate. The m vectors are the *frame*, and m is the
-    number of degrees of freedom.
+    orthonormal vectors, each times a rate, where m is the number of degrees of freedom.
 
     Attributes
     ----------
@@ -118,8 +117,9 @@ class Problem:
         reduced by whole turns, because a float64 stores large angles with larger errors.
     turns
         (variables,) the numbers of these whole turns.
-    frame
-        (m, variables) orthonormal vectors of possible velocities at the start.
+    rate_weights
+        (m, variables) these vectors. They are also the weights with which the rates along
+        the vectors are sums of the rates of the variables, because they are orthonormal.
     speed
         (m,) rates along these vectors.
     until
@@ -143,7 +143,7 @@ class Problem:
     driven: tuple[int, ...]
     values: Floats
     turns: Floats
-    frame: Floats
+    rate_weights: Floats
     speed: Floats
     until: float
     switches: tuple[float, ...]
@@ -222,19 +222,19 @@ def prepare(
             "motion; start from a configuration near this one"
         )
     # The last right singular vectors of the closure equations are possible velocities.
-    frame = np.linalg.svd(linearisation.jacobian[0])[2][-freedoms:]
+    velocity_basis = np.linalg.svd(linearisation.jacobian[0])[2][-freedoms:]
     # With one degree of freedom, the pair whose rate is given turns in its positive sense.
-    if freedoms == 1 and frame[0, moved_variables[0]] < 0.0:
-        frame = -frame
-    need_moving_inertia(mechanism, equation.compute_motion(values[None], frame))
+    if freedoms == 1 and velocity_basis[0, moved_variables[0]] < 0.0:
+        velocity_basis = -velocity_basis
+    need_moving_inertia(mechanism, equation.compute_motion(values[None], velocity_basis))
     _check_joint_limits(mechanism, values + TURN * turns)
     return Problem(
         equation=equation,
         driven=driven,
         values=values,
         turns=turns,
-        frame=frame,
-        speed=_solve_start_speed(mechanism, frame, moved_variables, rates),
+        rate_weights=velocity_basis,
+        speed=_solve_start_speed(mechanism, velocity_basis, moved_variables, rates),
         until=until,
         switches=tuple(t for t in times if 0.0 < t < until),
         passes_crossings=passes,
@@ -273,19 +273,19 @@ def _read_rates(
 
 
 def _solve_start_speed(
-    mechanism: Mechanism, frame: Floats, moved: Sequence[int], rates: Floats
+    mechanism: Mechanism, velocity_basis: Floats, moved: Sequence[int], rates: Floats
 ) -> Floats:
     """Return the velocity at the start, for which some variables have given rates.
 
-    Each possible velocity is a sum of m basis velocities, the rows of `frame`, times
-    coefficients. The coefficients are returned. They follow from m linear equations, one
-    for each variable with a given rate.
+    Each possible velocity is a sum of m basis velocities, the rows of `velocity_basis`,
+    times coefficients. The coefficients are returned. They follow from m linear equations,
+    one for each variable with a given rate.
 
     Parameters
     ----------
     mechanism
         The mechanism, for messages.
-    frame
+    velocity_basis
         (m, variables) basis of the possible velocities: in each row the rates of all
         variables. The rows are orthonormal.
     moved
@@ -295,7 +295,7 @@ def _solve_start_speed(
 
     Returns
     -------
-    (m,) coefficients of the rows of `frame`.
+    (m,) coefficients of the rows of `velocity_basis`.
 
     Raises
     ------
@@ -306,7 +306,7 @@ def _solve_start_speed(
         return np.zeros(len(rates))
     # (m, m): in column k the rates of the moved variables in basis velocity k. Where this
     # matrix is singular, the moved variables cannot have arbitrary rates.
-    moved_rates = frame[:, list(moved)].T
+    moved_rates = velocity_basis[:, list(moved)].T
     least_singular_value = np.linalg.svd(moved_rates, compute_uv=False)[-1]
     if least_singular_value < MIN_START_RATE:
         names = mechanism.names_of(mechanism.variable_owners[v] for v in moved)
