@@ -195,14 +195,76 @@ def _evaluate_direction(
     return DirectionRates(gradient, (rates > 0).astype(int) - (rates < 0))
 
 
+def _prove_rate_signs(
+    derivatives: SaddleDerivatives, slope_bounds: tuple[float, float], gradient_error: float
+) -> Indices:
+    """Return the signs of the rates of all variables along an arm, towards larger v.
+
+    A saddle is a place where two configuration curves cross or nearly do, and an arm is a
+    branch of them that leaves it. The arm is a curve g(u, v) = 0 with the tangent
+    (-g_v, g_u), which points towards larger v if g_u > 0. The gradient (g_u, g_v) and the
+    rates along the tangent are linear in the slope v / u of the arm, up to errors. A sign
+    that is proven at both bounds of this slope is therefore proven for the whole arm.
+
+    Parameters
+    ----------
+    derivatives
+        Derivatives of the variables and of g near the saddle.
+    slope_bounds
+        Bounds of the slope v / u of the arm.
+    gradient_error
+        Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
+
+    Returns
+    -------
+    (variables,) the signs, 0 if not proven.
+    """
+    first, last = (
+        _evaluate_direction(derivatives, slope, gradient_error) for slope in slope_bounds
+    )
+    points_to_larger_v = first.gradient[0] > 0 and last.gradient[0] > 0
+    if not points_to_larger_v:
+        return np.zeros_like(first.signs)
+    return np.where(first.signs == last.signs, first.signs, 0)
+
+
+def _bound_changes(
+    derivatives: SaddleDerivatives, slope_bounds: tuple[float, float]
+) -> Floats:
+    """Return bounds of the changes of all variables from u = v = 0 to points on an arm.
+
+    A saddle is a place where two configuration curves cross or nearly do, and an arm is a
+    branch of them that leaves it. Changes are linear in u and v. So the bounds are computed
+    for points with max(|u|, |v|) = 1, the border of a square. A linear function on a piece
+    of this border is largest at an end of the piece, or at a corner of the square in it.
+
+    Parameters
+    ----------
+    derivatives
+        Derivatives of the variables by u and v near the saddle.
+    slope_bounds
+        Bounds of the slope v / u of the arm, which have the same sign.
+
+    Returns
+    -------
+    (variables,) the bounds (rad), divided by the larger of |u| and |v|.
+    """
+    low, high = sorted(slope_bounds)
+    slopes = [low, high]
+    corner_slope = float(np.sign(low))
+    if low < corner_slope < high:
+        slopes.append(corner_slope)
+    points = [np.array([1.0, slope]) / max(1.0, abs(slope)) for slope in slopes]
+    changes = derivatives.variable_rates @ exact_balls(points).T
+    return np.array([max(map(upper_magnitude, row)) for row in changes])
+
+
 def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRates:
     """Return the signs of all rates on the four arms, and the changes of the variables.
 
     A saddle is a place where two configuration curves cross or nearly do. The arms are the
     zeros of g(u, v) near it, one in each quadrant of the coordinates u and v. Rates are
-    derivatives of the variables of the mechanism along an arm. The slope v / u of an arm is
-    between two bounds. A rate is linear in the direction (u, v). If it has the same sign at
-    both bounds, it therefore has this sign on the whole arm.
+    derivatives of the variables of the mechanism along an arm.
 
     Parameters
     ----------
@@ -222,39 +284,20 @@ def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRat
     for sign, slope_bounds in _bound_arm_slopes(
         derivatives.hessian, errors.quadratic_form
     ).items():
-        # At both bounds: the gradient (g_u, g_v), and the sign of the rate of each variable
-        # along the tangent (-g_v, g_u), 0 if not proven.
-        first, last = (
-            _evaluate_direction(derivatives, slope, errors.gradient)
-            for slope in slope_bounds
+        signs_towards_larger_v = _prove_rate_signs(
+            derivatives, slope_bounds, errors.gradient
         )
-        # Signs are those along the tangent (-g_v, g_u) at the point (1, v / u). There g_u
-        # is positive on an arm, up to errors, because g is convex in u. If g_u > 0 is
-        # proven at both bounds, the tangent points towards larger v for all slopes between.
-        # Otherwise the errors are too large, and all signs become 0: not proven.
-        is_oriented = first.gradient[0] > 0 and last.gradient[0] > 0
-        common_signs = np.where(first.signs == last.signs, first.signs, 0)
-        # Directions between both bounds form a cone. Its points with max(|u|, |v|) = 1 are
-        # on the border of a square. Changes are linear, so the largest are at the ends of
-        # this piece of the border, or at the corner with slope 1 or -1 if the cone has it.
-        # `clip` returns one of the bounds if the cone does not have the corner.
-        corner_slope = np.clip(sign, min(slope_bounds), max(slope_bounds))
-        farthest_points = [
-            np.array([1.0, slope]) / max(1.0, abs(slope))
-            for slope in [*slope_bounds, corner_slope]
-        ]
-        changes = derivatives.variable_rates @ exact_balls(farthest_points).T
-        largest_changes = np.array([max(map(upper_magnitude, row)) for row in changes])
-        # The two arms with this sign of the slope are in opposite quadrants, and have the
-        # same tangent. The arm with v > 0 leaves the saddle towards larger v, so its signs
-        # are those along the tangent. The arm with v < 0 leaves it towards smaller v, so
-        # its signs are reversed.
+        # From the saddle to the border of the rectangle, where the larger of |u| and |v| is
+        # at most `derivatives.size`. The saddle may be a little beside u = v = 0.
+        changes = (
+            _bound_changes(derivatives, slope_bounds) * derivatives.size + errors.centre
+        )
+        # Two arms in opposite quadrants have this sign of the slope. One leaves the saddle
+        # towards larger v, the other one towards smaller v.
         for v_sign in (1, -1):
             quadrant = sign * v_sign, v_sign
-            outward_signs[quadrant] = v_sign * is_oriented * common_signs
-            # Change from the saddle to the border of the rectangle, whose largest |u| or
-            # |v| is `derivatives.size`, plus the distance of the saddle from u = v = 0.
-            reach[quadrant] = largest_changes * derivatives.size + errors.centre
+            outward_signs[quadrant] = v_sign * signs_towards_larger_v
+            reach[quadrant] = changes
     return ArmRates(outward_signs, reach)
 
 

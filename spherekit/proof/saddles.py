@@ -191,10 +191,8 @@ def find_saddle(
     it the curves are the zeros of a function g(u, v) of two coordinates. They cross if the
     level, the value of g at its saddle point, is 0.
 
-    Boxes of different size about the saddle are tried, the largest first. The signs of the
-    rates of all variables along the curves should be proven in the box. A smaller box may
-    prove more signs, so a large box with unproven signs is refused. Below a certain size it
-    is accepted: unproven signs are then marked by 0.
+    Boxes of different size about the saddle are tried, the largest first. The first one is
+    used in which a saddle is proven and that is good enough (`_is_good_enough`).
 
     Parameters
     ----------
@@ -216,19 +214,30 @@ def find_saddle(
         size = LARGEST_RECTANGLE_RAD
         while size > SMALLEST_RECTANGLE_RAD:
             saddle = _prove_saddle(reduced_equation, size, is_proven_crossing)
-            if saddle is not None and is_allowed(saddle):
-                # The sign of the level is 0 if a crossing is proven. Otherwise the curves
-                # miss each other, or may do so.
-                accepted_size = (
-                    CROSSING_RECTANGLE_RAD if saddle.level_sign == 0 else GAP_RECTANGLE_RAD
-                )
-                # The signs of the rates on each of the four branches, in the direction away
-                # from the saddle; 0 if not proven.
-                has_open_sign = any(0 in signs for signs in saddle.outward_signs.values())
-                if size < accepted_size or not has_open_sign:
-                    return saddle
+            if saddle is not None and is_allowed(saddle) and _is_good_enough(saddle, size):
+                return saddle
             size *= RECTANGLE_REDUCTION
     return None
+
+
+def _is_good_enough(saddle: Saddle, size: float) -> bool:
+    """Return whether no smaller box about a saddle needs to be tried.
+
+    A box is good if it proves, on all four arms, whether each variable grows or falls along
+    the arm. A smaller box may prove more of these signs, but covers less of the curves. So
+    a small box is used even if signs stay open.
+
+    Parameters
+    ----------
+    saddle
+        The saddle, proven with this box.
+    size
+        Half width (rad) of the box.
+    """
+    has_open_sign = any(0 in signs for signs in saddle.outward_signs.values())
+    curves_cross = saddle.level_sign == 0
+    small_size = CROSSING_RECTANGLE_RAD if curves_cross else GAP_RECTANGLE_RAD
+    return size < small_size or not has_open_sign
 
 
 def _prove_saddle(
@@ -466,17 +475,17 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
     """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
 
-    The function g(u, v) is convex in u and concave in v. Three conditions are tested:
+    The function g(u, v) is convex in u and concave in v, like a mountain pass: a valley
+    along v that is highest at the saddle point. Three conditions are tested:
 
-    1. g is positive on the sides of constant u.
-    2. g is negative at the points (0, v) with ``|v|`` above an inner height, the part
-       `INNER_HEIGHT_RATIO` of the half height of the rectangle.
+    1. g is positive on both sides u = +-u_limit of the rectangle.
+    2. g is negative on the axis u = 0, except near the centre: where ``|v|`` is above the
+       inner height, the part `INNER_HEIGHT_RATIO` of the half height of the rectangle.
     3. The saddle point of g has ``|v|`` below the inner height.
 
-    For each v above the inner height, g is then negative at u = 0 and positive at both
-    sides. Because it is convex in u, it has exactly one zero with u > 0 and one with u < 0.
-    These zeros are the arms. Bounds of g follow from its value and slopes at the centre and
-    from bounds of the second derivatives.
+    Beyond the inner height, g is then negative at u = 0 and positive at both sides. Because
+    it is convex in u, it has exactly one zero with u > 0 and one with u < 0 for each v.
+    These zeros are the arms.
 
     Parameters
     ----------
@@ -492,29 +501,26 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     # Upper bounds of the value and of the slopes at the centre, without sign.
     value_size = upper_magnitude(value)
     slope_u, slope_v = map(upper_magnitude, gradient)
+    # Lower bound of g on the sides u = +-u_limit, by Taylor's theorem from the centre.
     least_uu, least_vv = map(lower_magnitude, hessian.diagonal())
     largest_uv = upper_magnitude(hessian[0, 1])
     largest_vv = upper_magnitude(hessian[1, 1])
-    # Lower bound of g on the sides of constant u.
     twice_form = (
         least_uu * u_limit * u_limit
         - 2 * largest_uv * u_limit * v_limit
         - largest_vv * v_limit * v_limit
     )
     value_on_sides = 0.5 * twice_form - slope_u * u_limit - slope_v * v_limit - value_size
-    # Lower bound of the descent of g from the centre to (0, inner height). Because g is
+    # Lower bound of the descent of g from the centre to (0, +-inner height). Because g is
     # concave in v, it descends further beyond.
     inner_height = INNER_HEIGHT_RATIO * v_limit
     descent = 0.5 * least_vv * inner_height**2 - slope_v * inner_height
     # 1e-12 here and 1.001 below are larger than the rounding of these few float64 products.
     is_positive_on_sides = value_on_sides > 1e-12 * u_limit * u_limit
-    # Condition 2: g descends by more than its value at the centre.
-    # Condition 3: let m(v) be the least value of g over u. As the least of concave
-    # functions, m is concave, and the saddle point is at its maximum. Let g(0, 0) be the
-    # value at the centre, and h the inner height.
-    # - m(0) >= g(0, 0) - u_limit * slope_u, since g is convex in u.
-    # - m(h) <= g(0, h) <= g(0, 0) - descent, and the same applies to m(-h).
-    # If the descent exceeds u_limit * slope_u, m(0) exceeds m(h) and m(-h). The maximum is
-    # then at |v| < h. The test requires twice as much, which the proof does not need.
-    descends_enough = descent > 1.001 * max(value_size, 2.0 * u_limit * slope_u)
-    return bool(is_positive_on_sides and descends_enough)
+    is_negative_beyond = descent > 1.001 * value_size
+    # At v = 0 the valley is at most u_limit * slope_u lower than the centre, because g is
+    # convex in u. At v = +-(inner height) it is lower by at least the descent. If the
+    # descent is larger, the highest point of the valley, the saddle point, is between. It
+    # is required to be twice as large.
+    saddle_point_is_inside = descent > 1.001 * (2.0 * u_limit * slope_u)
+    return bool(is_positive_on_sides and is_negative_beyond and saddle_point_is_inside)

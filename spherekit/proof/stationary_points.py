@@ -287,6 +287,15 @@ class _Stretch:
     depth: int = 0
 
     @property
+    def chord(self) -> Floats:
+        """The straight line (v,) from the start of the stretch to its end (rad)."""
+        return wrap(self.end - self.piece.centre)
+
+    def position(self, ratio: float) -> Floats:
+        """Return the point (v,) at a fraction of the straight line from start to end."""
+        return self.piece.centre + ratio * self.chord
+
+    @property
     def reach(self) -> float:
         """Upper bound (rad) of the coordinate s in the stretch.
 
@@ -419,7 +428,7 @@ def _examine_stretch(
         # An arc about the end gives the sign of the rate there. Only the bounds at its
         # centre are used, so a short arc is enough.
         end_piece = find_piece(equations, stretch.end, piece.tangent, longest=1e-3)
-        if end_piece is not None and end_piece.tangent @ piece.tangent > MIN_FORWARD_COSINE:
+        if end_piece is not None and _has_same_sense(end_piece, piece):
             sign_at_end, _ = _rate_signs(end_piece, half_length=0.0, variable=variable)
     elif allows_short and (start_rate_sign or start_derivative_sign):
         shortest = SHORTEST_STRETCH_RAD
@@ -428,7 +437,7 @@ def _examine_stretch(
         # The sign of a rate cannot be proven at its zero. If a zero is exactly at one cut,
         # the next cut is at another ratio. So two ratios are used in turn.
         ratio = 0.5 if stretch.depth % 2 else 0.47
-        middle = _find_middle_piece(equations, piece, stretch.end, ratio)
+        middle = _find_middle_piece(equations, stretch, ratio)
         if middle is not None and middle.contains(stretch.end, stretch.end_error):
             return middle
     return _StretchSigns(start_rate_sign, derivative_sign, sign_at_end)
@@ -475,44 +484,47 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
 
 def _find_middle_piece(
-    equations: ArcEquations, piece: CertifiedArc, end: Floats, ratio: float
+    equations: ArcEquations, stretch: _Stretch, ratio: float
 ) -> CertifiedArc | None:
-    """Return a certified arc whose centre is between two configurations of a curve.
+    """Return a certified arc whose centre is in a stretch, between its start and its end.
 
-    They are the centre of another certified arc, and the end, a configuration in the box of
-    this arc. A certified arc is a part of the curve that is proven to be alone in its box.
-    The new arc serves to cut the stretch between the two configurations.
+    A stretch is a part of a curve, from the centre of a certified arc to a configuration in
+    the box of this arc. A certified arc is a part of the curve that is proven to be alone
+    in its box. The new arc serves to cut the stretch.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
-    piece
-        The given arc.
-    end
-        (v,) the configuration (rad) at the end, ahead of the centre of the given arc.
+    stretch
+        The stretch.
     ratio
-        Position of the new centre, as a fraction of the straight line from the centre of
-        the given arc to the end.
+        Position of the new centre, as a fraction of the straight line from the start of the
+        stretch to its end.
 
     Returns
     -------
     None if no such arc is proven.
     """
-    # Distance (rad) of both configurations along the tangent of the given arc.
-    end_coordinate = piece.coordinates(end)[0]
-    position = piece.centre + ratio * wrap(end - piece.centre)
-    # Half lengths (rad) of the new arc are tried from the longest downwards, until one is
-    # proven. An arc with this distance as half length about reaches both configurations.
-    # Trials begin with twice the distance, but at least with `SHORTEST_STRETCH_RAD`.
+    piece = stretch.piece
+    # Coordinates along the tangent of the given arc; its centre, the start, has 0.
+    end_coordinate = piece.coordinates(stretch.end)[0]
+    # The largest half length that is tried. The start and the end are at most
+    # `end_coordinate` away from the new centre, so that about twice of it is ample.
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
-    middle = find_piece_ahead(equations, piece, position, longest)
-    if middle is None or not piece.coordinates(middle.centre)[0] < end_coordinate:
+    middle = find_piece_ahead(equations, piece, stretch.position(ratio), longest)
+    if middle is None:
         return None
-    # The new arc must run towards the end, like the given one.
-    end_is_ahead = middle.coordinates(end)[0] > 0.0
-    has_same_sense = middle.tangent @ piece.tangent > MIN_FORWARD_COSINE
-    return middle if end_is_ahead and has_same_sense else None
+    is_before_end = piece.coordinates(middle.centre)[0] < end_coordinate
+    end_is_ahead = middle.coordinates(stretch.end)[0] > 0.0
+    if is_before_end and end_is_ahead and _has_same_sense(middle, piece):
+        return middle
+    return None
+
+
+def _has_same_sense(first: CertifiedArc, second: CertifiedArc) -> bool:
+    """Return whether two neighbouring arcs of a curve run along it in the same sense."""
+    return bool(first.tangent @ second.tangent > MIN_FORWARD_COSINE)
 
 
 def _enclose_zero(
@@ -521,9 +533,9 @@ def _enclose_zero(
     """Return an enclosure of the only zero of a rate in a stretch.
 
     A stretch is a part of a curve, and the rate is the derivative of a variable along it.
-    First the zero is approximated. Then certified arcs on both sides of it are searched, at
-    growing distances, until the rate has proven signs at their centres. The zero is between
-    both arcs.
+    First the zero is approximated. Then the stretch is shortened to a proven neighbourhood
+    of the zero. The result is the middle of this neighbourhood, with a bound of the
+    distance of the zero from it.
 
     Parameters
     ----------
@@ -536,50 +548,138 @@ def _enclose_zero(
     end_sign
         Sign of the rate at the end of the stretch; at the start it is the opposite.
     """
-    piece = stretch.piece
-    chord = wrap(stretch.end - piece.centre)
-    length = np.max(np.abs(chord))
+    zero_ratio = _approximate_zero(equations, stretch, variable, end_sign)
+    short_stretch = _shorten_to_zero(equations, stretch, variable, end_sign, zero_ratio)
+    start = short_stretch.piece
+    end_error = short_stretch.end_error
+    reach = short_stretch.reach
+    # The position is halfway between start and end. It may be as far from the axis as the
+    # zero, on the other side.
+    normal_count = len(short_stretch.end) - 1
+    distances = [2.0 * start.distance_within(reach) + end_error] * normal_count
+    half_extent = [0.5 * (reach + end_error), *distances]
+    error = np.max(np.abs(start.frame) @ half_extent) + 1e-12
+    return StationaryPoint(short_stretch.position(0.5), error)
 
-    def signed_rate(ratios: Floats, _: Indices) -> Floats:
-        """Return the rate of the variable (1,), times its sign at the end of the stretch.
 
-        The argument (1,) is the fraction of the way from the start of the stretch to its
-        end. The result is negative at the start and positive at the end. It is an
-        approximation: no proof depends on it.
+def _approximate_zero(
+    equations: ArcEquations, stretch: _Stretch, variable: int, end_sign: int
+) -> float:
+    """Return approximately where a rate is 0 in a stretch of a curve.
+
+    The rate is the derivative of a variable along the curve. No proof depends on the
+    result.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    stretch
+        A stretch in which the rate has exactly one zero.
+    variable
+        Number of the variable.
+    end_sign
+        Sign of the rate at the end of the stretch; at the start it is the opposite.
+
+    Returns
+    -------
+    The fraction of the way from the start of the stretch to its end.
+    """
+
+    def rising_rate(ratios: Floats, _: Indices) -> Floats:
+        """Return the rate (1,) with the sign that makes it rise from start to end.
+
+        It is evaluated at fractions (1,) of the way from the start of the stretch to its
+        end.
         """
-        # A point of the chord from start to end is corrected to a configuration.
-        position = correct_configuration(equations, piece.centre + ratios[0] * chord)
-        if position is None:
-            position = piece.centre
-        circle_points = cosines_and_sines(position[None])
-        _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
-        tangent_frame = find_frame(slopes, piece.tangent)
-        if tangent_frame is None:
-            return end_sign * np.zeros(1)
-        # The first column of the frame is the tangent of the curve: the rates of all
-        # variables.
-        return end_sign * tangent_frame.frame[variable, :1]
+        rate = _approximate_rate(equations, stretch, ratios[0], variable)
+        return np.array([end_sign * rate])
 
-    # The fraction of the way at which the rate is 0. It is between 0, where the signed rate
-    # is negative, and 1, where it is positive.
     one = np.ones(1)
+    # Only the signs at both ends are known. They are used as values.
     (zero_ratio,), _ = find_bracketed_zeros(
-        signed_rate,
+        rising_rate,
         low=0.0 * one,
         high=one,
         values_at_low=-one,
         values_at_high=one,
         tolerance=PRODUCT_ROUNDING,
     )
-    start = piece
+    return float(zero_ratio)
+
+
+def _approximate_rate(
+    equations: ArcEquations, stretch: _Stretch, ratio: float, variable: int
+) -> float:
+    """Return the approximate rate of a variable along a curve, at a place in a stretch.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    stretch
+        The stretch of the curve.
+    ratio
+        Fraction of the straight line from the start of the stretch to its end. This point
+        is corrected to a configuration. If that fails, the start takes its place. In a
+        search for a zero this has the effect that the search continues nearer to the end.
+    variable
+        Number of the variable.
+
+    Returns
+    -------
+    The component of the unit tangent of the curve along the variable; 0 if the curve has no
+    tangent there.
+    """
+    position = correct_configuration(equations, stretch.position(ratio))
+    if position is None:
+        position = stretch.piece.centre
+    circle_points = cosines_and_sines(position[None])
+    _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
+    tangent_frame = find_frame(slopes, stretch.piece.tangent)
+    if tangent_frame is None:
+        return 0.0
+    tangent = tangent_frame.frame[:, 0]
+    return float(tangent[variable])
+
+
+def _shorten_to_zero(
+    equations: ArcEquations,
+    stretch: _Stretch,
+    variable: int,
+    end_sign: int,
+    zero_ratio: float,
+) -> _Stretch:
+    """Return a short part of a stretch that is proven to contain the only zero of a rate.
+
+    The rate is the derivative of a variable along the curve. Certified arcs on both sides
+    of the approximate zero are searched, at growing distances, until the rate has proven
+    signs at their centres. The zero is between both arcs. If there is no such arc on a
+    side, the stretch is not shortened there.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    stretch
+        A stretch in which the rate has exactly one zero.
+    variable
+        Number of the variable.
+    end_sign
+        Sign of the rate at the end of the stretch; at the start it is the opposite.
+    zero_ratio
+        Approximate place of the zero, as a fraction of the way from start to end.
+    """
+    length = np.max(np.abs(stretch.chord))
+    start = stretch.piece
     end = stretch.end
     end_error = stretch.end_error
     bracket = FIRST_BRACKET_RAD
-    while bracket < length and (start is piece or end is stretch.end):
+    while bracket < length and (start is stretch.piece or end is stretch.end):
         # Side 1 is after the approximate zero, side -1 before it.
         for side in (1, -1):
             ratio = zero_ratio + 0.5 * side * bracket / length
-            middle = _find_middle_piece(equations, piece, stretch.end, ratio)
+            middle = _find_middle_piece(equations, stretch, ratio)
             if middle is None:
                 continue
             # The rate has different signs before and after the zero.
@@ -593,10 +693,4 @@ def _enclose_zero(
             elif middle.contains(end, end_error):
                 start = middle
         bracket *= BRACKET_GROWTH
-    reach = start.coordinates(end)[0] + end_error + COORDINATE_ROUNDING_RAD
-    # The position is halfway between start and end. It may be as far from the axis as the
-    # zero, on the other side.
-    distances = [2.0 * start.distance_within(reach) + end_error] * (len(end) - 1)
-    half_extent = [0.5 * (reach + end_error), *distances]
-    error = np.max(np.abs(start.frame) @ half_extent) + 1e-12
-    return StationaryPoint(start.centre + 0.5 * wrap(end - start.centre), error)
+    return _Stretch(start, end, end_error)
