@@ -241,17 +241,59 @@ class BlockRows:
         certified row, or a row that is neither certified nor out of reach.
         """
         mode, rows = row_slice
-        quality_function = self._quality_function
         row_numbers = np.arange(rows.start, rows.stop)
-        q = self._q[:, rows]
-        has_closed_form = self.kernel.has_closed_form
-        assembly_mode = self._position_analysis.assembly_modes[mode]
+        columns = self._evaluate_slice(mode, rows)
+        # `slices` gives the part of `columns` that has a name.
+        parts = self._quality_function.slices
+        rounding = self.kernel.closure_rounding_rad
+        # Views: `_close_rows` below changes them.
+        closure = columns[parts["closure"]]
+        residual = closure[0]
 
-        # Evaluate the rows from inputs and signs of dyads, or from predicted variables.
-        # Arguments and results share one array, which suits the cache.
-        signs = assembly_mode.signs_along(q)
+        # Most slices are certified as a whole, which is faster than row by row. If the sum
+        # of all uncertainties is at most 1, so is each of them.
+        is_certain_as_whole = np.max(columns[parts["uncertainty_sum"]]) <= 1.0
+        if is_certain_as_whole and np.max(residual) <= rounding:
+            self.closure[:, rows] = closure
+            return find_slice_reversals(
+                self.kernel, self._quality_function, columns, mode, row_numbers
+            )
+
+        if self.kernel.has_closed_form:
+            is_out_of_reach = find_out_of_reach(columns[parts["squares"]])
+        else:
+            is_out_of_reach = self._find_beyond_curve(mode, rows)
+            is_open = (residual > rounding) & np.isfinite(residual)
+            self._close_rows(columns, row_numbers, np.flatnonzero(is_open))
+        self.closure[:, rows] = closure
+        self.status[rows][is_out_of_reach] = Status.OUT_OF_REACH
+        is_certain = np.all(columns[parts["uncertainties"]] <= 1.0, axis=0)
+        is_certified = is_certain & (residual <= rounding)
+        self.is_certified[rows] = is_certified
+        if not np.any(is_certified) or not np.all(is_certified | is_out_of_reach):
+            return None
+        return find_slice_reversals(
+            self.kernel,
+            self._quality_function,
+            columns[:, is_certified],
+            mode,
+            row_numbers[is_certified],
+        )
+
+    def _evaluate_slice(self, mode: int, rows: slice) -> Floats:
+        """Return the numbers (width, n) that decide about the rows of a slice.
+
+        With a closed form they are functions of the inputs and the signs of dyads, and the
+        pair variables in `values` are set. Otherwise they are functions of the predicted
+        pair variables.
+        """
+        quality_function = self._quality_function
+        q = self._q[:, rows]
+        signs = self._position_analysis.assembly_modes[mode].signs_along(q)
+        has_closed_form = self.kernel.has_closed_form
         argument_count = len(q) + len(signs) if has_closed_form else len(self.values)
-        numbers = np.empty((argument_count + quality_function.width, len(row_numbers)))
+        # Arguments and results share one array, which suits the cache.
+        numbers = np.empty((argument_count + quality_function.width, q.shape[1]))
         arguments = numbers[:argument_count]
         columns = numbers[argument_count:]
         if has_closed_form:
@@ -259,55 +301,25 @@ class BlockRows:
         else:
             arguments[:] = self.values[:, rows]
         quality_function(arguments, columns)
-        # `slices` gives the part of `columns` that has a name.
-        parts = quality_function.slices
         if has_closed_form:
-            self.values[:, rows] = columns[parts["variables"]]
-        rounding = self.kernel.closure_rounding_rad
-        closure = columns[parts["closure"]]
-        residual = closure[0]
-        self.closure[:, rows] = closure
+            self.values[:, rows] = columns[quality_function.slices["variables"]]
+        return columns
 
-        # Most slices are certified as a whole, which is faster than row by row. If the sum
-        # of all uncertainties is at most 1, so is each of them.
-        if (
-            np.max(columns[parts["uncertainty_sum"]]) <= 1.0
-            and np.max(residual) <= rounding
-        ):
-            return find_slice_reversals(
-                self.kernel, quality_function, columns, mode, row_numbers
-            )
+    def _find_beyond_curve(self, mode: int, rows: slice) -> Bools:
+        """Return which rows (n,) have inputs beyond the end of the curve of their mode.
 
-        # Otherwise decide row by row. First find the rows that are out of reach.
-        if has_closed_form:
-            is_out_of_reach = find_out_of_reach(columns[parts["squares"]])
-        else:
-            # No prediction: the input may be beyond the end of the curve of the mode.
-            is_out_of_reach = np.isnan(arguments[self.kernel.passive_variables[0]])
-            guide = assembly_mode.guide
-            if isinstance(guide, ModeCurve) and not assembly_mode.pieces:
-                status = guide.predict(q[:, is_out_of_reach].T, None).status
-                is_out_of_reach[is_out_of_reach] = status == Status.OUT_OF_REACH
-            else:
-                is_out_of_reach[:] = False
-            # Predicted rows that are not closed yet get a step of Newton's method, which
-            # changes their entries in `columns`, and so in `closure` and `residual`.
-            is_open = (residual > rounding) & np.isfinite(residual)
-            self._close_rows(columns, row_numbers, np.flatnonzero(is_open))
-            self.closure[:, rows] = closure
-        is_certain = np.all(columns[parts["uncertainties"]] <= 1.0, axis=0)
-        is_certified = is_certain & (residual <= rounding)
-        self.is_certified[rows] = is_certified
-        self.status[rows][is_out_of_reach] = Status.OUT_OF_REACH
-        if not np.any(is_certified) or not np.all(is_certified | is_out_of_reach):
-            return None
-        return find_slice_reversals(
-            self.kernel,
-            quality_function,
-            columns[:, is_certified],
-            mode,
-            row_numbers[is_certified],
-        )
+        An assembly mode that is followed along a curve of configurations ends where the
+        mechanism can no longer be assembled. Only rows without a prediction can be beyond.
+        """
+        has_no_prediction = np.isnan(self.values[self.kernel.passive_variables[0], rows])
+        assembly_mode = self._position_analysis.assembly_modes[mode]
+        guide = assembly_mode.guide
+        is_beyond = np.zeros_like(has_no_prediction)
+        if isinstance(guide, ModeCurve) and not assembly_mode.pieces:
+            q = self._q[:, rows][:, has_no_prediction]
+            status = guide.predict(q.T, None).status
+            is_beyond[has_no_prediction] = status == Status.OUT_OF_REACH
+        return is_beyond
 
     def _close_rows(
         self, columns: Floats, row_numbers: Indices, open_rows: Indices
@@ -709,29 +721,73 @@ class BatchRunner:
         are stored in `pending_poles`. The method `fields` needs them if the poles of this
         motion are requested.
         """
-        timing = self.sampling.timing if self.needs_timing else None
         position_analysis = self.sampling.position_analysis
-        assembly_modes = position_analysis.assembly_modes
-        mode_count = len(assembly_modes)
-        count = len(samples)
+        mode_count = len(position_analysis.assembly_modes)
         q = np.tile(position_analysis.input_grid.q[samples].T, mode_count)
         rows = BlockRows(self.kernel, position_analysis, q)
-        if self.predict is not None:
-            # Configurations are predicted for each run of successive samples, and written
-            # into this view of the values: (variables, modes, samples).
-            values = rows.values.reshape(-1, mode_count, count)
-            edges = np.flatnonzero(np.diff(samples, prepend=-2, append=-2) != 1)
-            for low, high in pairwise(edges):
-                self.predict(samples[low], samples[high - 1] + 1, values[:, :, low:high])
+        self._predict_configurations(samples, rows)
         examined_slices = rows.fill(samples)
 
         # The configurations of the block. Failed rows are NaN.
         has_failed = ~has_configuration(rows.status)
         rows.values[:, has_failed] = np.nan
         rows.closure[:, has_failed] = np.nan
+        motion = self._make_motion(samples, q, rows)
         is_uncertified = ~(rows.is_certified | has_failed)
         uncertified = np.flatnonzero(is_uncertified)
-        motion = Motion(
+        if len(uncertified):
+            error = motion.rows(uncertified).configuration_error
+            rows.closure[1, uncertified] = error
+        # The kernel has computed the error already. The property is not evaluated again.
+        vars(motion)["configuration_error"] = rows.closure[1]
+
+        # Facts about the poles: where directions may reverse, and the largest errors.
+        is_assembled = ~has_failed.reshape(mode_count, len(samples))
+        is_uncertified = is_uncertified.reshape(is_assembled.shape)
+        input_count = len(self.requests)
+        compared_rows = []
+        if motion.is_path:
+            compared_rows = [
+                find_compared_rows(
+                    examined_slices, input_index, is_assembled, is_uncertified
+                )
+                for input_index in range(input_count)
+            ]
+        self.pending_poles[id(motion)] = PendingPoles(
+            is_certified=rows.is_certified,
+            is_assembled=is_assembled,
+            uncertified=uncertified,
+            compared_rows=compared_rows,
+            error_maxima=_find_error_maxima(examined_slices, input_count),
+        )
+        return motion
+
+    def _predict_configurations(self, samples: Indices, rows: BlockRows) -> None:
+        """Predict the pair variables of a block, unless there is a closed form.
+
+        They are predicted for each series of successive samples, because the prediction
+        interpolates between neighbours. `samples` (n,) are their numbers, rising.
+        """
+        if self.predict is None:
+            return
+        # A view (variables, modes, samples), into which the function writes.
+        values = rows.values.reshape(len(rows.values), -1, len(samples))
+        edges = np.flatnonzero(np.diff(samples, prepend=-2, append=-2) != 1)
+        for low, high in pairwise(edges):
+            self.predict(samples[low], samples[high - 1] + 1, values[:, :, low:high])
+
+    def _make_motion(self, samples: Indices, q: Floats, rows: BlockRows) -> Motion:
+        """Return the rows of a block as a motion.
+
+        `samples` (n,) are the numbers of the samples, and `q` (inputs, modes * n) the
+        inputs (rad) of all rows.
+        """
+        position_analysis = self.sampling.position_analysis
+        assembly_modes = position_analysis.assembly_modes
+        mode_count = len(assembly_modes)
+        count = len(samples)
+        timing = self.sampling.timing if self.needs_timing else None
+        return Motion(
             mechanism=position_analysis.mechanism,
             joints=position_analysis.solver.joints,
             assembly=position_analysis.assembly,
@@ -747,29 +803,3 @@ class BatchRunner:
             timing=None if timing is None else timing.rows(samples).repeated(mode_count),
             singular_error=rows.singular_error,
         )
-        if len(uncertified):
-            error = motion.rows(uncertified).configuration_error
-            rows.closure[1, uncertified] = error
-        # The kernel has computed the error already. The property is not evaluated again.
-        vars(motion)["configuration_error"] = rows.closure[1]
-
-        # Facts about the poles: where directions may reverse, and the largest errors.
-        is_assembled = ~has_failed.reshape(mode_count, count)
-        is_uncertified = is_uncertified.reshape(is_assembled.shape)
-        input_indices = range(len(self.requests))
-        compared_rows = []
-        if motion.is_path:
-            compared_rows = [
-                find_compared_rows(
-                    examined_slices, input_index, is_assembled, is_uncertified
-                )
-                for input_index in input_indices
-            ]
-        self.pending_poles[id(motion)] = PendingPoles(
-            is_certified=rows.is_certified,
-            is_assembled=is_assembled,
-            uncertified=uncertified,
-            compared_rows=compared_rows,
-            error_maxima=_find_error_maxima(examined_slices, len(input_indices)),
-        )
-        return motion

@@ -131,16 +131,12 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     """Return the rows after which a pole direction may reverse.
 
     A pole is the axis about which one link rotates relative to another. Its direction is
-    that of the relative angular velocity v of the two links. The direction does not reverse
-    between two rows if the scalar product of the velocities in these rows is positive.
+    that of the relative angular velocity of the two links. It does not reverse between two
+    rows if the scalar product of the velocities in these rows is positive.
 
-    First a bound for all rows together is tried. Each component of v is between its least
-    value a and its greatest value b in all rows. The product of the component at any two
-    rows is therefore at least min(a^2, b^2), or a b if a and b have different signs. If the
-    sum of these bounds over the three components is positive, no direction reverses.
-    Because of rounding, the sum divided by the product of the lengths, which is a cosine,
-    has to exceed `MIN_DIRECTION_COSINE`. If it does not, each half of the rows is treated
-    in the same way. Small numbers of rows are compared one by one.
+    In most cases no direction reverses, which a bound for all rows together shows fast. If
+    it does not, each half of the rows is treated in the same way, and small numbers of rows
+    are compared one by one.
 
     Parameters
     ----------
@@ -154,6 +150,38 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     Returns
     -------
     (k,) indices of rows, each less than n - 1.
+    """
+    if _keeps_all_directions(input_columns, velocities):
+        return NO_ROWS
+    half = velocities.shape[1] // 2
+    if half > MAX_ROWS_COMPARED:
+        # The halves share a row, so that the step between them is compared too.
+        return np.append(
+            _find_reversals(input_columns, velocities[:, : half + 1]),
+            _find_reversals(input_columns, velocities[:, half:]) + half,
+        )
+    # (poles, rows, 3). With one argument both links are taken from it.
+    relative_velocities = np.moveaxis(input_columns.relative_velocities(velocities), 1, 2)
+    keeps_direction = _keeps_direction(
+        relative_velocities[:, :-1], relative_velocities[:, 1:]
+    )
+    return np.flatnonzero(~np.all(keeps_direction, axis=0))
+
+
+def _keeps_all_directions(input_columns: InputColumns, velocities: Floats) -> bool:
+    """Return whether no pole direction can reverse between any two rows.
+
+    The scalar product of the velocities in any two rows is bounded by the ranges of their
+    components. If a component is between a and b in all rows, the product of its values in
+    two rows is at least min(a^2, b^2), or a b if a and b have different signs. The sum of
+    these bounds over the three components, divided by the largest possible product of the
+    lengths, is a bound of the cosine between two directions. Because of rounding it has to
+    be at least `MIN_DIRECTION_COSINE`.
+
+    Parameters
+    ----------
+    input_columns, velocities
+        As in `_find_reversals`.
     """
     low = np.min(velocities, axis=1)
     high = np.max(velocities, axis=1)
@@ -169,24 +197,10 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     least_product = np.where(
         product > 0.0, np.minimum(least_squared, greatest_squared), product
     )
-    # The square of the largest possible length. The cosine of the angle between any two
-    # velocities is at least the sum of the least products, divided by it.
+    # The square of the largest possible length.
     largest_square = np.sum(np.maximum(least_squared, greatest_squared), axis=1)
-    if np.all(np.sum(least_product, axis=1) >= MIN_DIRECTION_COSINE * largest_square):
-        return NO_ROWS
-    half = velocities.shape[1] // 2
-    if half > MAX_ROWS_COMPARED:
-        # The halves share a row, so that the step between them is compared too.
-        return np.append(
-            _find_reversals(input_columns, velocities[:, : half + 1]),
-            _find_reversals(input_columns, velocities[:, half:]) + half,
-        )
-    # (poles, rows, 3). With one argument both links are taken from it.
-    relative_velocities = np.moveaxis(input_columns.relative_velocities(velocities), 1, 2)
-    keeps_direction = _keeps_direction(
-        relative_velocities[:, :-1], relative_velocities[:, 1:]
-    )
-    return np.flatnonzero(~np.all(keeps_direction, axis=0))
+    least_scalar_product = np.sum(least_product, axis=1)
+    return bool(np.all(least_scalar_product >= MIN_DIRECTION_COSINE * largest_square))
 
 
 def find_compared_rows(
