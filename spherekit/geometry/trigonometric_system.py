@@ -144,45 +144,50 @@ class EliminantRoots:
 
 
 @dataclass(frozen=True)
-class RemainingForms:
-    """Equations in one angle that remain of a system at given values of its first angle x.
+class EliminantSamples:
+    """Values of the eliminants of n systems at m values of the first angle.
 
-    A form (c0, c1, c2) is the equation c0 + c1 cos + c2 sin = 0 in one angle. It has two
-    zeros, which may be complex, so all numbers are complex.
-
-    - A system of three equations has the angles x, y and z. Its first equation contains x
-      and y only, so at a value of x it is a form in y, with the zeros y1 and y2. At each of
-      these, the other two equations are forms in z.
-    - A system of two equations has the angles x and z. At a value of x, both are forms in
-      z. There is no angle y, so the arrays ``second_...`` are filled with 1.
-
-    The forms are needed for the eliminant: the polynomial in x that is zero at the first
-    angles of solutions. For three equations it is
-
-        R(y1) R(y2) second_weights^p
-
-    R is the resultant of the two forms in z, a polynomial in their coefficients that is
-    zero if both have a common zero. It has degree p in cos y and sin y. The product of its
-    values at y1 and y2 is the resultant of R and the form in y, both as polynomials in
-    e^(iy), divided by ``second_weights^p``. The last factor removes this denominator.
+    The eliminant of a system is the polynomial in the cosine and sine of the first angle
+    that remains when the other angles are eliminated. It is zero at the solutions.
 
     Attributes
     ----------
-    last_forms
-        (n, r, s, 2, 3) both forms in z, for n systems and r values of x. The third axis has
-        the s = 2 zeros of y, or one entry if there is no angle y.
-    second_zeros
-        (n, r, s, 3) values (1, cos y, sin y) at the zeros of y.
-    second_forms
-        (n, r, 3) form in y of the first equation.
-    second_weights
-        (n, r) c1^2 + c2^2 of the form in y.
+    values
+        (n, m) values of the eliminants.
+    bounds
+        (n, m) largest values that the sizes of the factors of the eliminants allow.
+    is_determined
+        (n,) whether the first of three equations determines the second angle at some value
+        of the first angle. True for systems of two equations, which have no second angle.
     """
 
+    values: Complexes
+    bounds: Floats
+    is_determined: Bools
+
+
+@dataclass(frozen=True)
+class SecondAngleZeros:
+    """The second angle y of systems of three equations, at r values of the first angle.
+
+    The first equation does not contain the last angle z. At a value of the first angle it
+    is a form c0 + c1 cos(y) + c2 sin(y) = 0, with two zeros, which may be complex. At each
+    of them, the other two equations are forms in z.
+
+    Attributes
+    ----------
+    factors
+        (n, r, 2, 3) values 1, cos(y) and sin(y) at both zeros.
+    denominator
+        (n, r) c1^2 + c2^2, the denominator of these cosines and sines.
+    last_forms
+        (n, r, 2, 2, 3) the other two equations as forms in z. Axis 2 belongs to the zeros
+        of y, axis 3 to the equations.
+    """
+
+    factors: Complexes
+    denominator: Complexes
     last_forms: Complexes
-    second_zeros: Complexes
-    second_forms: Complexes
-    second_weights: Complexes
 
 
 @dataclass(frozen=True)
@@ -347,7 +352,7 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
         is_lost &= ~np.any(is_near_root & is_flat, axis=1)
         if len(equations) == 3:
             # Where the first equation does not determine y, its zeros are meaningless.
-            second_forms = _reduce_to_forms(systems, -1j * np.log(roots[None])).second_forms
+            second_forms = _second_angle_forms(systems, -1j * np.log(roots[None]))
             form_sizes = np.linalg.norm(second_forms[0], axis=1)
             is_lost |= form_sizes / np.linalg.norm(equations[0]) < UNDETERMINED_RATIO
         lost_count = np.sum(is_lost & (imaginary < MATCHED_IMAGINARY_RAD))
@@ -473,7 +478,7 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         is_clear &= ~np.any(distances < ROOT_CLUSTER_RAD, axis=(1, 2))
         if equations.shape[1] == 3:
             # The first of three equations must determine the second angle.
-            second_forms = _reduce_to_forms(equations, first_angles).second_forms
+            second_forms = _second_angle_forms(equations, first_angles)
             ratios = np.linalg.norm(second_forms, axis=2)
             ratios /= np.linalg.norm(equations.reshape(len(ratios), -1), axis=1)[:, None]
             is_clear &= ~np.any(ratios < UNDETERMINED_RATIO, axis=1)
@@ -618,8 +623,8 @@ def _form_zeros(form: Numbers) -> tuple[Complexes, Complexes]:
     """Return the zeros of forms c0 + c1 cos + c2 sin.
 
     A form is an equation c0 + c1 cos(y) + c2 sin(y) = 0 in an angle y, real or complex.
-    With the weight w = c1^2 + c2^2 and r = sqrt(w - c0^2), it has two zeros, one for each
-    sign of r: cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w.
+    With w = c1^2 + c2^2 and r = sqrt(w - c0^2), it has two zeros, one for each sign of r:
+    cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w.
 
     Parameters
     ----------
@@ -630,27 +635,23 @@ def _form_zeros(form: Numbers) -> tuple[Complexes, Complexes]:
     -------
     zeros
         (..., 2, 3) the factors (1, cos(y), sin(y)) at both zeros, by which coefficients of
-        other equations are multiplied. NaN or infinite if the weight is 0.
-    weight
-        (...,) w.
+        other equations are multiplied. NaN or infinite if the denominator is
+        0.
+    denominator
+        (...,) w, the denominator of both cosines and sines.
     """
     c0, c1, c2 = np.moveaxis(form.astype(complex), -1, 0)
-    weight = c1 * c1 + c2 * c2
-    root = np.sqrt(weight - c0 * c0)
+    denominator = c1 * c1 + c2 * c2
+    root = np.sqrt(denominator - c0 * c0)
     zeros = [
-        np.stack([weight, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1)
+        np.stack([denominator, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1)
         for r in (root, -root)
     ]
-    return np.stack(zeros, axis=-2) / weight[..., None, None], weight
+    return np.stack(zeros, axis=-2) / denominator[..., None, None], denominator
 
 
-def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForms:
-    """Insert values of the first angle into systems of two or three equations.
-
-    Forms remain: equations c0 + c1 cos + c2 sin = 0 in one angle. In a system of two
-    equations in x and z, both become forms in z. In a system of three, the first equation
-    must not contain z. At a value of x it is a form in y. Its two zeros are inserted in the
-    other equations, which become forms in z.
+def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
+    """Return the equations that remain at given values of the first angle.
 
     Parameters
     ----------
@@ -659,33 +660,126 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
         belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     first_angles
         (n, r) values of the first angle (rad).
+
+    Returns
+    -------
+    (n, r, t, 3, ..., 3) coefficients, with one angle less.
     """
-    # Letters: n system, r value of x, k equation, s zero of the first form; x, y, z are the
-    # indices of the factors 1, cos and sin of the three angles.
     factors = angle_factors(first_angles).astype(complex)
-    remaining = np.einsum("nkx...,nrx->nrk...", equations, factors)
-    if equations.shape[1] == 2:
-        # Two equations have no angle y. The eliminant has a power of `second_weights` as a
-        # factor, so these are 1. The other two arrays are not used.
-        ones = np.ones((*first_angles.shape, 1, 3), dtype=complex)
-        return RemainingForms(
-            last_forms=remaining[:, :, None],
-            second_zeros=ones,
-            second_forms=ones[:, :, 0],
-            second_weights=ones[:, :, 0, 0],
-        )
-    # The first equation does not contain z, so only its factor of 1 is not zero.
-    second_forms = remaining[:, :, 0, :, 0]
-    # (n, r, s, 3) the zeros (1, cos y, sin y), and (n, r) c1^2 + c2^2 of each form, the
-    # denominator of these cosines and sines.
-    second_zeros, second_weights = _form_zeros(second_forms)
-    last_forms = np.einsum("nrkyz,nrsy->nrskz", remaining[:, :, 1:], second_zeros)
-    return RemainingForms(
-        last_forms=last_forms,
-        second_zeros=second_zeros,
-        second_forms=second_forms,
-        second_weights=second_weights,
-    )
+    # n system, k equation, x factor of the first angle, r value of the first angle.
+    return np.einsum("nkx...,nrx->nrk...", equations, factors)
+
+
+def _second_angle_forms(equations: Numbers, first_angles: Numbers) -> Complexes:
+    """Return the form in the second angle at given values of the first angle.
+
+    A form is an equation c0 + c1 cos + c2 sin = 0 in one angle. Here it is the first of
+    three equations, which does not contain the last angle.
+
+    Parameters
+    ----------
+    equations
+        (n, 3, 3, 3, 3) coefficients of n systems of three equations. Each of the last three
+        axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and
+        sine.
+    first_angles
+        (n, r) values of the first angle (rad).
+
+    Returns
+    -------
+    (n, r, 3) coefficients of 1, cosine and sine of the second angle.
+    """
+    # Only the factor 1 of the last angle has a coefficient in the first equation.
+    return _insert_first_angle(equations, first_angles)[:, :, 0, :, 0]
+
+
+def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngleZeros:
+    """Return the second angles at given values of the first angle.
+
+    The other two equations, in which only the last angle remains, are returned with them.
+
+    Parameters
+    ----------
+    equations
+        (n, 3, 3, 3, 3) coefficients of n systems of three equations. Each of the last three
+        axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and
+        sine.
+        The first equation must not contain the last angle.
+    first_angles
+        (n, r) values of the first angle (rad).
+    """
+    remaining = _insert_first_angle(equations, first_angles)
+    # Only the factor 1 of the last angle has a coefficient in the first equation.
+    factors, denominator = _form_zeros(remaining[:, :, 0, :, 0])
+    # n system, r value of the first angle, s zero of the second angle, k equation; y and z
+    # are the factors of the second and the last angle.
+    last_forms = np.einsum("nrkyz,nrsy->nrskz", remaining[:, :, 1:], factors)
+    return SecondAngleZeros(factors, denominator, last_forms)
+
+
+def _sample_eliminants(
+    equations: Numbers, incidence: Bools, first_angles: Floats
+) -> EliminantSamples:
+    """Return the values of the eliminants of n systems at given first angles.
+
+    The eliminant is a polynomial in the cosine and sine of the first angle that is zero at
+    the solutions. At a value of the first angle, two equations are forms in the last angle:
+    c0 + c1 cos + c2 sin = 0. Their resultant, which is zero if they have a common zero, is
+    the eliminant.
+
+    For three equations, the resultant is computed at both zeros of the second angle. Their
+    product is zero at the solutions, but it is a fraction, because the zeros have a
+    denominator. The resultant has degree p in the cosine and sine of the second angle, so
+    the product times denominator^p is a polynomial. It is the eliminant.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+    incidence
+        (t, t) whether an equation (row) contains an angle (column), for t = 2 or 3.
+    first_angles
+        (m,) values of the first angle (rad).
+    """
+    system_count, equation_count = equations.shape[:2]
+    all_first_angles = np.broadcast_to(first_angles, (system_count, len(first_angles)))
+    if equation_count == 2:
+        forms = _insert_first_angle(equations, all_first_angles)
+        values = _resultants(forms)
+        bounds = np.prod(np.sum(np.abs(forms) ** 2, axis=3), axis=2)
+        is_determined = np.ones(system_count, dtype=bool)
+    else:
+        zeros = _solve_second_angle(equations, all_first_angles)
+        power = _resultant_degree_in_second_angle(incidence)
+        forms = zeros.last_forms
+        values = np.prod(_resultants(forms), axis=2) * zeros.denominator**power
+        squared_sizes = np.sum(np.abs(forms) ** 2, axis=4)
+        bounds = np.abs(zeros.denominator) ** power * np.prod(squared_sizes, axis=(2, 3))
+        # If the part of the first equation that depends on the second angle is too small,
+        # the zeros are meaningless. The denominator is the square of this part.
+        first_sizes = np.linalg.norm(equations[:, 0].reshape(system_count, -1), axis=1)
+        least_denominator = (UNDETERMINED_RATIO * first_sizes) ** 2
+        is_determined = max_abs(zeros.denominator, axis=1) > least_denominator
+    if np.isrealobj(equations):
+        # The imaginary parts are rounding errors.
+        values = values.real.astype(complex)
+    return EliminantSamples(values, bounds, is_determined)
+
+
+def _resultants(forms: Complexes) -> Complexes:
+    """Return the resultants (...,) of pairs of forms, zero if they have a common zero.
+
+    A form (c0, c1, c2) is an equation c0 + c1 cos + c2 sin = 0 in one angle.
+
+    Parameters
+    ----------
+    forms
+        (..., 2, 3) both forms of each pair.
+    """
+    # The resultant of the forms b and c is n1^2 + n2^2 - n0^2 with n = b x c.
+    normal = np.cross(forms[..., 0, :], forms[..., 1, :])
+    return normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
 
 
 def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoots:
@@ -704,30 +798,31 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
         (t, t) whether an equation (row) contains an angle (column).
     """
     degree = eliminant_degree(incidence)
-    power = _resultant_degree_in_second_angle(incidence)
     count = SAMPLES_PER_DEGREE * degree
     sample_angles = FIRST_SAMPLE_RAD + 2 * np.pi * np.arange(count) / count
-    first_angles = np.broadcast_to(sample_angles, (len(equations), count))
-    forms = _reduce_to_forms(equations, first_angles)
-    # The resultant of two forms b and c is n1^2 + n2^2 - n0^2 with n = b x c.
-    normal = np.cross(forms.last_forms[..., 0, :], forms.last_forms[..., 1, :])
-    resultants = normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
-    weights = forms.second_weights
-    samples = np.prod(resultants, axis=2) * weights**power
-    if np.isrealobj(equations):
-        # The imaginary parts are rounding errors.
-        samples = samples.real.astype(complex)
+    samples = _sample_eliminants(equations, incidence, sample_angles)
 
-    # The largest value of the eliminant that the sizes of its factors allow.
-    form_sizes = np.prod(np.sum(np.abs(forms.last_forms) ** 2, axis=4), axis=(2, 3))
-    scale = np.max(np.abs(weights) ** power * form_sizes, axis=1)
+    spectrum = np.fft.fft(samples.values, axis=1) / count
+    beyond_degree = np.abs(spectrum[:, degree + 1 : count - degree])
+    excess = np.max(beyond_degree, axis=1) / max_abs(spectrum, axis=1)
+
+    # Coefficients of e^(ikx) from k = degree down to -degree, those of a polynomial in
+    # e^(ix) with the highest power first.
+    coefficients = spectrum[:, np.arange(degree, -degree - 1, -1)]
+    # The samples begin at FIRST_SAMPLE_RAD, so the transform measures angles from there.
+    roots = _polynomial_roots(coefficients) * np.exp(1j * FIRST_SAMPLE_RAD)
+    return EliminantRoots(roots, excess, _find_problems(equations, samples))
+
+
+def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
+    """Return for each system why its eliminant does not give the solutions, or ""."""
+    is_determined = samples.is_determined & all_finite(samples.values, 1)
     sizes = np.linalg.norm(equations.reshape(*equations.shape[:2], -1), axis=2)
-    is_determined = max_abs(weights, axis=1) > (UNDETERMINED_RATIO * sizes[:, 0]) ** 2
-    is_determined &= all_finite(samples, 1)
-    is_zero = np.min(sizes, axis=1) < EMPTY_EQUATION_SIZE
-    is_zero |= ~(max_abs(samples, axis=1) > ZERO_ELIMINANT * scale)
-    problems = np.select(
-        [~is_determined, is_zero],
+    has_empty_equation = np.min(sizes, axis=1) < EMPTY_EQUATION_SIZE
+    largest_bound = np.max(samples.bounds, axis=1)
+    has_eliminant = max_abs(samples.values, axis=1) > ZERO_ELIMINANT * largest_bound
+    return np.select(
+        [~is_determined, has_empty_equation | ~has_eliminant],
         [
             "an equation of the elimination does not hold its angle",
             "there are infinitely many complex solutions",
@@ -735,31 +830,35 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
         "",
     ).tolist()
 
-    spectrum = np.fft.fft(samples, axis=1) / count
-    beyond_degree = np.abs(spectrum[:, degree + 1 : count - degree])
-    excess = np.max(beyond_degree, axis=1) / max_abs(spectrum, axis=1)
 
-    # Coefficients of e^(ikx) from k = degree down to -degree, those of a polynomial in
-    # e^(ix) with the highest power first.
-    coefficients = spectrum[:, np.arange(degree, -degree - 1, -1)]
-    companions = np.zeros((len(coefficients), 2 * degree, 2 * degree), dtype=complex)
-    companions[:, 1:, :-1] = np.eye(2 * degree - 1)
+def _polynomial_roots(coefficients: Complexes) -> Complexes:
+    """Return the roots (n, d) of n polynomials of degree d.
+
+    They are the eigenvalues of the companion matrices. If the coefficient of the highest
+    power is zero, all roots are NaN.
+
+    Parameters
+    ----------
+    coefficients
+        (n, d + 1) coefficients, that of the highest power first.
+    """
+    n = len(coefficients)
+    degree = coefficients.shape[1] - 1
+    companions = np.zeros((n, degree, degree), dtype=complex)
+    companions[:, 1:, :-1] = np.eye(degree - 1)
     companions[:, 0] = -coefficients[:, 1:] / coefficients[:, :1]
     is_finite = all_finite(companions, (1, 2))
-    roots = np.full((len(coefficients), 2 * degree), np.nan, dtype=complex)
-    # The samples begin at FIRST_SAMPLE_RAD, so the transform measures angles from there.
-    offset = np.exp(1j * FIRST_SAMPLE_RAD)
-    roots[is_finite] = np.linalg.eigvals(companions[is_finite]) * offset
-    return EliminantRoots(roots, excess, problems)
+    roots = np.full((n, degree), np.nan, dtype=complex)
+    roots[is_finite] = np.linalg.eigvals(companions[is_finite])
+    return roots
 
 
 def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     """Return starts of Newton's method at values of the first angle.
 
     The other angles follow from the equations. In a system of three, the first equation
-    does not contain the last angle, so it gives the second angle. One of the last two
-    equations then gives the last angle. With all other angles inserted, an equation is a
-    form c0 + c1 cos + c2 sin = 0 in one angle, with two zeros.
+    gives two values of the second angle. One of the last two equations then gives two
+    values of the last angle. The starts are all combinations of these values.
 
     Parameters
     ----------
@@ -774,36 +873,43 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     (n, r * s, t) angles (rad). The s starts of a first angle follow one another: 4 for
     three equations, 2 for two. Each solution with that first angle is near one of them.
     """
-    forms = _reduce_to_forms(equations, first_angles)
-    # 1. The second angle: (n, r, 2) zeros of its form, from their cosines and sines. A
-    # system of two equations has no second angle, and this array has one placeholder
-    # instead of two zeros.
-    second_angles = _angles_from_factors(forms.second_zeros)
-
-    # 2. The last angle. For each system, first angle and zero of the second angle, there
-    # are two forms in it: axis 3 of `last_forms`, before the coefficients c0, c1 and c2. At
-    # a solution both have a common zero. The form with the larger (c1, c2) gives it more
-    # accurately.
-    angle_parts = np.linalg.norm(forms.last_forms[..., 1:], axis=4)
-    better = np.argmax(angle_parts, axis=3)[..., None, None]
-    better_forms = np.take_along_axis(forms.last_forms, better, axis=3)[..., 0, :]
-    last_zeros, _ = _form_zeros(better_forms)
-    last_angles = _angles_from_factors(last_zeros)
-
-    # 3. All combinations. Axes: system, first angle, zero of the second angle, zero of the
-    # last angle.
-    first_starts, second_starts, last_starts = np.broadcast_arrays(
-        first_angles[..., None, None], second_angles[..., None], last_angles
-    )
-    has_second_angle = equations.shape[1] == 3
-    if has_second_angle:
-        columns = [first_starts, second_starts, last_starts]
+    if equations.shape[1] == 2:
+        # Axes: system, first angle, value of the last angle.
+        last_angles = _last_angles(_insert_first_angle(equations, first_angles))
+        angles = [first_angles[..., None], last_angles]
     else:
-        columns = [first_starts, last_starts]
-    # All starts of a system in one axis: first angles times zeros of both other angles.
-    start_count = prod(last_angles.shape[1:])
-    shape = (len(first_angles), start_count, len(columns))
-    return np.stack(columns, axis=-1).reshape(shape)
+        # Axes: system, first angle, value of the second angle, value of the last angle.
+        zeros = _solve_second_angle(equations, first_angles)
+        second_angles = _angles_from_factors(zeros.factors)
+        last_angles = _last_angles(zeros.last_forms)
+        angles = [first_angles[..., None, None], second_angles[..., None], last_angles]
+    starts = np.stack(np.broadcast_arrays(*angles), axis=-1)
+    # All starts of a system in one axis.
+    return starts.reshape(len(starts), prod(starts.shape[1:-1]), len(angles))
+
+
+def _last_angles(forms: Complexes) -> Complexes:
+    """Return values of the last angle, of which one satisfies both forms at a solution.
+
+    A form (c0, c1, c2) is an equation c0 + c1 cos + c2 sin = 0 in one angle, with two
+    zeros.
+
+    Parameters
+    ----------
+    forms
+        (..., 2, 3) two forms in the last angle.
+
+    Returns
+    -------
+    (..., 2) both zeros (rad) of one of the forms.
+    """
+    # The form with the larger coefficients of cosine and sine gives the common zero more
+    # accurately.
+    angle_parts = np.linalg.norm(forms[..., 1:], axis=-1)
+    better = np.argmax(angle_parts, axis=-1)[..., None, None]
+    better_forms = np.take_along_axis(forms, better, axis=-2)[..., 0, :]
+    zeros, _ = _form_zeros(better_forms)
+    return _angles_from_factors(zeros)
 
 
 def _best_starts(
