@@ -61,15 +61,16 @@ def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
 
 
 def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
-    """Return the slope epsilon and the angle theta (n,) of great circles, rad.
+    """Return the slope epsilon and the distance angle theta (n,) of great circles, rad.
 
-    In the gnomonic chart an axis (x, y, z) is the point (tan xi, tan zeta) = (y/x, z/x).
-    The great circle with the normal (a, b, c) is the line a + b tan xi + c tan zeta = 0. It
-    has the direction (cos epsilon, sin epsilon) = (c, -b) / sqrt(b^2 + c^2), with epsilon
-    from -pi/2 (exclusive) to pi/2. Its distance from the origin is tan theta =
-    -a / sqrt(b^2 + c^2), positive to the left of this direction. Circles of one slope are a
-    pencil of meridians, in which theta tells them apart. The circle x = 0 is at infinity:
-    its slope is not defined (NaN).
+    A great circle is a straight line in the gnomonic chart. The line has two coordinates:
+
+    - Its slope, the angle epsilon from the axis of tan xi to the line, from -pi/2
+      (exclusive) to pi/2.
+    - Its distance from the origin, tan theta. It is positive if the origin is to the right
+      of the direction (cos epsilon, sin epsilon) of the line.
+
+    The great circle x = 0 is the line at infinity. Its slope is not defined (NaN).
 
     Parameters
     ----------
@@ -77,11 +78,25 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
         (n, 3) normals of the planes of the circles, in the axes x, y, z of the chart. Both
         normals of a plane give the same result.
     """
+    # The points (x, y, z) of the circle with the normal (a, b, c) satisfy a x + b y + c z =
+    # 0. Division by x gives the line a + b tan xi + c tan zeta = 0 with the direction
+    # (c, -b).
+    a, b, c = _orient_normals(normals)
+    length = np.hypot(b, c)
+    epsilon = np.where(length > 0.0, np.arctan2(-b, c), np.nan)
+    # The distance of the origin from the line is a / length.
+    theta = np.arctan2(-a, length)
+    return epsilon, theta
+
+
+def _orient_normals(normals: Floats) -> Floats:
+    """Return the components (3, n) of that normal of each plane for which c is positive.
+
+    The slope arctan2(-b, c) is then between -pi/2 and pi/2. If c is zero, the normal with
+    negative b is returned, so that the slope is pi/2.
+    """
     a, b, c = np.moveaxis(normals, 1, 0)
-    # The normal is reversed if it would give a direction beyond the range of epsilon.
     is_reversed = (c < 0.0) | ((c == 0.0) & (b > 0.0))
-    a, b, c = np.where(is_reversed, -1.0, 1.0) * np.stack([a, b, c])
-    c = c + 0.0  # -0.0 becomes 0.0, for which arctan2 returns angles up to pi/2
-    size = np.hypot(b, c)
-    epsilon = np.where(size > 0.0, np.arctan2(-b, c), np.nan)
-    return epsilon, np.arctan2(-a, size)
+    sign = np.where(is_reversed, -1.0, 1.0)
+    # The sum with 0.0 turns -0.0 into 0.0, for which arctan2 returns angles up to pi/2.
+    return np.stack([sign * a, sign * b, sign * c + 0.0])

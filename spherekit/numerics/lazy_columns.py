@@ -8,7 +8,7 @@ of a source before they read it.
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -120,14 +120,24 @@ class Span(NamedTuple):
     Attributes
     ----------
     rows
-        The rows of the column. In a column in which the rows of k subjects alternate, start
-        and stop are multiples of k, so that each subject has equally many rows.
+        The rows of the column.
     first_output_row
         The row of the output to which the first of them is copied.
+
+    Notes
+    -----
+    In a column in which the rows of k subjects alternate, all three numbers are multiples
+    of k, so that each subject has equally many rows.
     """
 
     rows: slice
     first_output_row: int
+
+    @property
+    def output_rows(self) -> slice:
+        """The rows of the output to which the rows are copied."""
+        row_count = self.rows.stop - self.rows.start
+        return slice(self.first_output_row, self.first_output_row + row_count)
 
 
 def read_columns(columns: Iterable[Column]) -> list[Array]:
@@ -154,32 +164,32 @@ def read_columns(columns: Iterable[Column]) -> list[Array]:
     return arrays
 
 
-class _Target(NamedTuple):
-    """Where the rows of one subject (such as a pole) of a column are written.
+class _PartCopy(NamedTuple):
+    """A part of a column, and the rows of the output array to which it is copied.
+
+    A part has the rows of one subject, such as a pole. Most columns are a single part. In
+    an interleaved column the rows of several parts alternate.
 
     Attributes
     ----------
+    part
+        The part: an array, or a lazy column that a source computes.
     output
-        The output array from the first row of the subject on.
+        View of those rows of the output array that belong to the part.
     subject_count
-        Number of subjects. The rows of this subject belong in every `subject_count`-th row.
+        Number of parts of the column, one for each subject.
     """
 
+    part: Array | LazyColumn
     output: Array
     subject_count: int
 
 
 def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
-    """Copy rows of columns into output arrays.
+    """Copy rows of columns into output arrays, and compute lazy columns at the same time.
 
-    There are three kinds of columns:
-
-    - an array;
-    - a lazy column, which its source computes when it is read. The columns of one source
-      are computed in one pass, because that takes less time;
-    - an interleaved column. It consists of several parts of the first two kinds, whose rows
-      alternate. In a table of poles, for example, each part has the rows of one pole. What
-      a part belongs to is called its subject.
+    A source computes all its lazy columns in one pass, because that takes less time than
+    one pass for each.
 
     Parameters
     ----------
@@ -189,115 +199,99 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
         Which rows of each column are copied, and to which rows of its output. Rows of an
         interleaved column are counted over all its parts.
     """
-    # Lazy columns and where their rows are written, by the identity (`id`) of their source.
-    # A source need not be hashable.
-    targets_by_source: defaultdict[int, list[tuple[LazyColumn, _Target]]]
-    targets_by_source = defaultdict(list)
+    # By the identity (`id`) of the source, because a source need not be hashable.
+    lazy_copies_by_source: defaultdict[int, list[_PartCopy]] = defaultdict(list)
     for column, output in columns:
-        parts = column.parts if isinstance(column, Interleaved) else (column,)
-        for subject, part in enumerate(parts):
-            # Subjects alternate in the output: row 0 is the first row of subject 0, row 1
-            # the first row of subject 1, and so on.
-            target = _Target(output[subject:], subject_count=len(parts))
+        for part_copy in _divide_into_parts(column, output):
+            part = part_copy.part
             if isinstance(part, LazyColumn):
-                targets_by_source[id(part.source)].append((part, target))
+                lazy_copies_by_source[id(part.source)].append(part_copy)
             else:
-                all_rows = slice(0, len(part))
-                _copy_rows([target], spans, available_rows=all_rows, values_of_parts=[part])
-    for parts_and_targets in targets_by_source.values():
-        keys = [part.key for part, _ in parts_and_targets]
-        targets = [target for _, target in parts_and_targets]
-        source = parts_and_targets[0][0].source
-
-        def copy_computed_rows(
-            rows: slice, values: Sequence[Array], targets: list[_Target] = targets
-        ) -> None:
-            """Copy the values (one array for each key) that the source has in some rows."""
-            _copy_rows(targets, spans, available_rows=rows, values_of_parts=values)
-
-        # The source computes the columns with these keys, slice by slice of their rows, and
-        # calls the function with each slice.
-        source.read(keys, copy_computed_rows)
+                part_spans = _count_in_part(spans, part_copy.subject_count)
+                _copy_spans(part, part_copy.output, part_spans)
+    for lazy_copies in lazy_copies_by_source.values():
+        _compute_and_copy(lazy_copies, spans)
 
 
-def _copy_rows(
-    targets: Sequence[_Target],
-    spans: Sequence[Span],
-    available_rows: slice,
-    values_of_parts: Sequence[Array],
-) -> None:
-    """Copy the available rows of several parts of columns into output arrays.
+def _divide_into_parts(column: Column, output: Array) -> list[_PartCopy]:
+    """Return the parts of a column, each with its rows of the output array.
 
-    In some columns the rows of several subjects, such as poles, alternate. Such a column
-    has a part for each subject: with three poles, row r of the part of pole k is row
-    3 r + k of the column. Other columns are one part. Rows that are not in `spans` are left
-    out.
+    With three parts, rows 0, 3, 6, ... of the output belong to the first part, rows 1, 4,
+    7, ... to the second, and rows 2, 5, 8, ... to the third.
+    """
+    if not isinstance(column, Interleaved):
+        return [_PartCopy(column, output, subject_count=1)]
+    count = len(column.parts)
+    return [
+        _PartCopy(part, output[subject::count], subject_count=count)
+        for subject, part in enumerate(column.parts)
+    ]
+
+
+def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -> None:
+    """Compute lazy columns of one source, and copy them as soon as they are computed.
 
     Parameters
     ----------
-    targets
-        For each part, where its rows are written. The output arrays are changed in place.
+    part_copies
+        The lazy columns, and where their rows are written.
     spans
-        Which rows of a column are wanted, and to which rows of the output they are copied.
-    available_rows
-        The rows of which the values are given, counted among the rows of a part.
-    values_of_parts
-        The values of each part in the available rows.
+        Which rows are copied. Rows of interleaved columns are counted over all parts.
     """
-    # Pairs of slices: rows of the output, and rows among the available values. They are
-    # the same for all parts of columns with equally many subjects.
-    slices_by_count: dict[int, list[tuple[slice, slice]]] = {}
-    for target in targets:
-        subject_count = target.subject_count
-        if subject_count not in slices_by_count:
-            slices_by_count[subject_count] = _match_rows(
-                subject_count, spans, available_rows
-            )
-    for values, target in zip(values_of_parts, targets, strict=True):
-        for output_slice, value_slice in slices_by_count[target.subject_count]:
-            target.output[output_slice] = values[value_slice]
+    lazy_columns = [cast(LazyColumn, part_copy.part) for part_copy in part_copies]
+    spans_by_count = {
+        part_copy.subject_count: _count_in_part(spans, part_copy.subject_count)
+        for part_copy in part_copies
+    }
+
+    def copy_computed_rows(computed_rows: slice, values: Sequence[Array]) -> None:
+        """Copy the values of all columns in the rows that the source has computed."""
+        # Columns with equally many subjects share their spans.
+        value_spans_by_count = {
+            count: _spans_of_values(part_spans, computed_rows)
+            for count, part_spans in spans_by_count.items()
+        }
+        for part_copy, part_values in zip(part_copies, values, strict=True):
+            value_spans = value_spans_by_count[part_copy.subject_count]
+            _copy_spans(part_values, part_copy.output, value_spans)
+
+    # The source computes slice after slice of the rows, and calls the function with each.
+    source = lazy_columns[0].source
+    source.read([column.key for column in lazy_columns], copy_computed_rows)
 
 
-def _match_rows(
-    subject_count: int, spans: Sequence[Span], available_rows: slice
-) -> list[tuple[slice, slice]]:
-    """Return which output rows receive which of the available rows of one subject.
-
-    In the column, the rows of all subjects (such as poles) alternate: row r of subject s is
-    row r * subject_count + s of the column. A source delivers the rows of one subject.
-
-    Parameters
-    ----------
-    subject_count
-        Number of subjects, whose rows alternate in the column and in the output.
-    spans
-        Which rows of the column are copied, and to which rows of the output. The ends of a
-        span are multiples of `subject_count`.
-    available_rows
-        The available rows, counted among the rows of the subject.
-
-    Returns
-    -------
-    For each span that contains some of the available rows: the slice of the output that
-    receives them, and their slice among the available rows. The caller applies the first
-    slice to ``output[s:]`` for subject s, so it is the same for all subjects. With three
-    subjects, rows 0 and 1 of a subject go to the rows ``0:6:3`` of ``output[s:]``.
-    """
-    matches = []
+def _copy_spans(values: Array, output: Array, spans: Sequence[Span]) -> None:
+    """Copy spans of rows of an array into an output array."""
     for span in spans:
-        # Rows of the column are converted to rows of the subject.
-        span_start = span.rows.start // subject_count
-        span_stop = span.rows.stop // subject_count
-        # The rows that are in the span and available.
-        low = max(available_rows.start, span_start)
-        high = min(available_rows.stop, span_stop)
-        if low < high:
-            output_start = span.first_output_row + (low - span_start) * subject_count
-            output_stop = span.first_output_row + (high - span_start) * subject_count
-            matches.append(
-                (
-                    slice(output_start, output_stop, subject_count),
-                    slice(low - available_rows.start, high - available_rows.start),
-                )
-            )
-    return matches
+        output[span.output_rows] = values[span.rows]
+
+
+def _count_in_part(spans: Sequence[Span], subject_count: int) -> list[Span]:
+    """Return spans of a column with the rows counted within one part.
+
+    The rows of the parts alternate, so each part has as many rows in a span as the others.
+    """
+    return [
+        Span(
+            slice(span.rows.start // subject_count, span.rows.stop // subject_count),
+            span.first_output_row // subject_count,
+        )
+        for span in spans
+    ]
+
+
+def _spans_of_values(spans: Sequence[Span], computed_rows: slice) -> list[Span]:
+    """Return the part of each span that is computed, with rows counted from the first one.
+
+    For example, if rows 20 to 29 are computed, row 0 of the result is row 20. Spans without
+    computed rows are left out.
+    """
+    value_spans = []
+    for span in spans:
+        start = max(computed_rows.start, span.rows.start)
+        stop = min(computed_rows.stop, span.rows.stop)
+        if start < stop:
+            value_rows = slice(start - computed_rows.start, stop - computed_rows.start)
+            output_row = span.first_output_row + start - span.rows.start
+            value_spans.append(Span(value_rows, output_row))
+    return value_spans

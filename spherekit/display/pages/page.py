@@ -499,10 +499,10 @@ class PageMaker:
             "signed": [
                 {
                     "links": [pole.link, pole.reference],
-                    "end": pole.suffix,
+                    "end": pole.input_suffix,
                     "names": names,
                 }
-                for pole, names in page_quantities.signed_poles(computed_names).items()
+                for pole, names in page_quantities.signed_quantities(computed_names).items()
             ],
             "limits": [
                 {

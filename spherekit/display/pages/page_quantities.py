@@ -31,24 +31,37 @@ class OutputPath(NamedTuple):
     link: str
 
 
-class SignedPole(NamedTuple):
-    """The pole axis of two links that no R pair joins.
+class ReversiblePole(NamedTuple):
+    """The pole axis of two links that no R or P pair joins, while one input moves.
 
-    A pole axis is the axis of the relative rotation of two links. The axis of an R pair has
-    a sense in the file. Any other pole axis has two possible senses, one of which the page
-    chooses.
+    A pole axis is the axis about which one link rotates relative to the other. It has two
+    possible senses. The axis of an R or P pair has its sense in the file, but the sense of
+    any other pole axis is chosen by the page. If the page reverses it, the quantities along
+    the axis change their signs.
 
     Attributes
     ----------
     link, reference
         Names of the link, and of the link relative to which it moves.
-    suffix
-        End of the names of quantities while one input moves.
+    input_suffix
+        End of the names of its quantities, which says which input moves. For example, it
+        is "_by_21" in ``velocity_coefficient_4_1_by_21``, for the input at the pair 21. It
+        is empty if the mechanism has one input.
     """
 
     link: str
     reference: str
-    suffix: str
+    input_suffix: str
+
+    @property
+    def signed_quantities(self) -> list[str]:
+        """Names of the quantities that change their signs with the sense of the axis."""
+        links = f"{self.link}_{self.reference}"
+        return [
+            f"velocity_coefficient_{links}{self.input_suffix}",
+            f"acceleration_coefficient_{links}{self.input_suffix}",
+            *(f"pole_{links}_{x}{self.input_suffix}" for x in COORDINATE_NAMES),
+        ]
 
 
 class PageQuantities:
@@ -67,7 +80,7 @@ class PageQuantities:
         Units of all quantities of the mechanism, by name.
     input_suffixes
         For each input the end of the names of quantities while it moves and the others
-        rest. It is empty for the only input.
+        rest, such as "_by_21" for the input at the pair 21. It is empty for the only input.
     """
 
     def __init__(self, mechanism: Mechanism, inputs: Sequence[str]) -> None:
@@ -148,49 +161,48 @@ class PageQuantities:
                 return name
         return ""
 
-    def signed_poles(self, names: Iterable[str]) -> dict[SignedPole, list[str]]:
-        """Return the quantities whose sign depends on the sense of a pole, by the pole.
+    @cached_property
+    def _reversible_poles(self) -> list[ReversiblePole]:
+        """The pole axes whose sense the page chooses, for each input that moves.
 
-        A pole is the axis of the relative rotation of two links while one input moves. If
-        an R or P pair joins the links, its axis in the file has one of the two senses. For
-        other links the HTML page chooses the sense. If it reverses the sense, it has to
-        change the signs of the quantities that are returned here.
+        Link a relative to b, and b relative to a, are two poles, because their quantities
+        have different names.
+        """
+        mechanism = self._mechanism
+        joined_links = [
+            frozenset(pair.links) for pair in mechanism.pairs if pair.kind.has_axis
+        ]
+        return [
+            ReversiblePole(link, reference, suffix)
+            for link, reference in permutations(mechanism.links, 2)
+            if frozenset((link, reference)) not in joined_links
+            for suffix in self.input_suffixes
+        ]
+
+    def signed_quantities(self, names: Iterable[str]) -> dict[ReversiblePole, list[str]]:
+        """Return the quantities that change their signs with the sense of a pole, by pole.
 
         Parameters
         ----------
         names
-            Quantities that the page computes. Others are left out.
+            Quantities that the page computes. Others, and poles without any, are left out.
         """
-        mechanism = self._mechanism
         computed_names = [*names]
-        joined_links = [
-            frozenset(pair.links) for pair in mechanism.pairs if pair.kind.has_axis
-        ]
-        names_by_pole: dict[SignedPole, list[str]] = {}
-        # Link a relative to b, and b relative to a, have quantities of different names.
-        for a, b in permutations(mechanism.links, 2):
-            if frozenset((a, b)) in joined_links:
-                continue
-            for suffix in self.input_suffixes:
-                names_of_pole = [
-                    f"velocity_coefficient_{a}_{b}{suffix}",
-                    f"acceleration_coefficient_{a}_{b}{suffix}",
-                    *(f"pole_{a}_{b}_{x}{suffix}" for x in COORDINATE_NAMES),
-                ]
-                signed_names = [name for name in names_of_pole if name in computed_names]
-                if signed_names:
-                    names_by_pole[SignedPole(a, b, suffix)] = signed_names
+        names_by_pole: dict[ReversiblePole, list[str]] = {}
+        for pole in self._reversible_poles:
+            signed_names = [
+                name for name in pole.signed_quantities if name in computed_names
+            ]
+            if signed_names:
+                names_by_pole[pole] = signed_names
         return names_by_pole
 
     def sign_velocities(self, names: Iterable[str]) -> list[str]:
         """Return the names of the angular velocities by which the page finds signs.
 
-        The page is an HTML file that computes the mechanism in the browser. A velocity
-        coefficient of two links is positive or negative along the axis of their relative
-        rotation, the pole axis. If no pair joins the links, this axis has no sense of its
-        own. The page continues its sense from sample to sample. To do so, it needs the
-        direction of the relative angular velocity: the difference of the angular velocities
-        of both links. The ground has no angular velocity.
+        The page continues the sense of each pole axis from sample to sample. To do so, it
+        needs the direction of the relative angular velocity of the two links: the
+        difference of their angular velocities. The ground has no angular velocity.
 
         Parameters
         ----------
@@ -199,15 +211,14 @@ class PageQuantities:
 
         Returns
         -------
-        Names of the x, y and z components of these angular velocities. They end with the
-        suffix of the input that moves (`SignedPole.suffix`).
+        Names of the x, y and z components, for each input that moves.
         """
         components: list[str] = []
-        for pole in self.signed_poles(names):
+        for pole in self.signed_quantities(names):
             for link in (pole.link, pole.reference):
                 if link != self._mechanism.ground:
                     components += [
-                        f"angular_velocity_{link}_{x}{pole.suffix}"
+                        f"angular_velocity_{link}_{x}{pole.input_suffix}"
                         for x in COORDINATE_NAMES
                     ]
         return components
