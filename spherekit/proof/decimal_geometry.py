@@ -57,9 +57,10 @@ class CircleContact:
         1 if one circle is inside the other (internal contact), -1 if they are beside each
         other (external contact).
 
-        At the contact, the arc lengths along both circles increase in the same direction.
-        The arc length along the first circle increases with the azimuth about its centre.
-        That along the second one increases with its azimuth multiplied by this sign.
+        Wheels in internal contact roll in the same sense about their centres, and wheels in
+        external contact in opposite senses. The arc length that has rolled along the first
+        circle increases with the azimuth about its centre, and that along the second one
+        with its azimuth times this sign.
     """
 
     frames: Sequence[Frame]
@@ -77,26 +78,26 @@ class CircleContact:
     ) -> tuple[Vector, Vector]:
         """Return the unit tangents at the centres of two circles, towards their contact.
 
-        Both centres and both tangents are (3,) in any common axes. The circles are on a
-        unit sphere, and the tangents are along the great circle through the centres. The
-        contact is on this great circle, too. There are three cases:
+        The great circle through both centres passes through the contact. From the first
+        centre towards the contact, and on along this circle, the contact is reached after
+        the first radius, and the second centre after `centre_arc`. The arc from the second
+        centre on to the contact is therefore the second radius times `sense`. If it is
+        negative (external contact), the contact is behind, between both centres.
 
-        - External contact (`sense` is -1): the contact is between the centres.
-        - Internal contact (`sense` is 1), first radius larger: the contact is beyond the
-          second centre, as seen from the first.
-        - Internal contact, second radius larger: the contact is beyond the first centre, as
-          seen from the second.
+        Parameters
+        ----------
+        first_centre, second_centre
+            (3,) unit vectors in any common axes, which are the axes of the result, too.
         """
-        # The arc between the centres is the sum of the radii in external contact, and in
-        # internal contact the first radius less the second, which can be negative.
         sine, cosine = self.centre_arc.sin_cos()
-        # With a positive sine, the first vector points towards the second centre, and the
-        # second one away from the first centre. With a negative sine both are reversed.
-        from_first = (second_centre - cosine * first_centre) / sine
-        # In external contact the sense -1 reverses the second vector: the contact is on the
-        # side of the first centre.
-        from_second = self.sense * (cosine * second_centre - first_centre) / sine
-        return from_first, from_second
+        # A point at the arc x on the great circle is cos(x) c + sin(x) d, with the first
+        # centre c and the direction d there. The second centre is the point at
+        # `centre_arc`, which gives d.
+        direction_at_first = (second_centre - cosine * first_centre) / sine
+        # The derivative by x there, -sin(x) c + cos(x) d, is the direction at the second
+        # centre. In external contact the contact is behind it.
+        direction_at_second = (cosine * second_centre - first_centre) / sine
+        return direction_at_first, self.sense * direction_at_second
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,13 @@ REST_NEWTON_STEPS = 3
 """Gauss-Newton steps from a zero of the projected rate to the least relative rate."""
 ZERO_ROUNDING_FACTOR = 16.0
 """Error of a zero from rounding of its arc length, in EPS times the length of the curve."""
+CONFIGURATION_ERROR_FACTOR = 8.0
+"""Error of a configuration, in EPS over the reciprocal condition number of its equations.
+Larger: more rates count as zero, and more axes as unknown; smaller: the error bound of a
+velocity may be exceeded."""
+VELOCITY_ERROR_FACTOR = 0.25
+"""Error of quantities that follow from a configuration, in EPS over the square of the
+reciprocal condition number. Larger or smaller: as for `CONFIGURATION_ERROR_FACTOR`."""
 
 
 @dataclass(frozen=True)
@@ -130,24 +137,11 @@ class LinkMotion:
         self.dw = linearisation.body_rates(bends)
         vector_derivatives = linearisation.vector_rates(self.w)
         self.dw += linearisation.tree.body_rates(vector_derivatives, tangents)
-        # The loop equations with the tangent as a further row are square and regular,
-        # except at crossings of curves.
-        equations = bordered(linearisation.jacobian, tangents)
-        reciprocal_condition = np.maximum(
-            bordered_reciprocal_condition(equations, left_inverse(equations)), EPS
-        )
-        # At a crossing the second derivatives are NaN. Values and tangents do not follow
-        # from these equations there, so errors are not amplified by their inverse.
+        # Second derivatives are NaN at a crossing of curves.
         is_crossing = np.isnan(bends[:, 0])
-        reciprocal_condition[is_crossing] = 1.0
-        # With the reciprocal condition number k, the configuration has an error of about
-        # EPS / k, and quantities that follow from it have one of about EPS / k^2. The bound
-        # is a sum of multiples of both. With larger factors than 8 and 0.25, more rates
-        # would count as zero and more axes as unknown. With smaller ones, the bound might
-        # be exceeded.
-        largest_w = np.linalg.norm(self.w, axis=2).max(axis=1, initial=1.0)
-        amplification = 8.0 / reciprocal_condition + 0.25 / reciprocal_condition**2
-        self.rounding = EPS * largest_w * amplification
+        self.rounding = bound_velocity_rounding(
+            linearisation.jacobian, tangents, self.w, is_crossing
+        )
 
     def relative(self, i: int, j: int) -> tuple[Floats, Floats]:
         """Return w and dw (n, 3) of body j relative to body i."""
@@ -213,31 +207,75 @@ class LinkMotion:
         """Return the axis (n, 3) along the derivative of w, and its error bound (n,).
 
         w is the angular velocity of the pole's second link relative to the first, along the
-        unit vector u of the axis. This axis is used near a zero of w, where the direction
-        of w is lost in rounding. Near the zero the derivative w' by the arc length has the
-        direction of u, with this error:
-
-        - At an arc length x from the zero, w is about x w', so x is about |w| / |w'|.
-        - The part of w' across u is |w| |u'|, so w' deviates from u by about x |u'|.
-        - The bound is x (1 + |u'|) plus rounding. The 1 is there so that it does not vanish
-          with |u'|.
+        axis. This method is used near a zero of w, where the direction of w is lost in
+        rounding. At the zero, the derivative w' by the arc length is along the axis. At the
+        arc length x from the zero, it is not, because the axis has turned in between. The
+        error is at most x times the rate at which the axis turns, plus rounding.
         """
         _, dw = self.relative(*pole)
-        # `speed` is |w|, and `growth` is |w'|.
-        speed, growth = self.speeds(pole)
+        speed, growth = self.speeds(pole)  # |w| and |w'|
+        distance_from_zero = speed / growth
+        # The 1 is a reserve: without it, the bound would vanish if the axis does not turn.
+        turning_rate = 1.0 + self._axis_turning_rate(pole)
+        error = distance_from_zero * turning_rate + self.rounding / growth
+        return dw / growth[:, None], error
+
+    def _axis_turning_rate(self, pole: Pole) -> Floats:
+        """Return the angle (n,) through which an axis turns per unit of arc length.
+
+        It is the part of w' at right angles to the axis, divided by |w|. Here w is the
+        relative angular velocity along the axis, and w' its derivative by the arc length.
+
+        At a zero of w the direction of w is only rounding. The formula then gives huge
+        numbers without a meaning. The result is therefore at most 1 / e, where e is the
+        error bound (rad) of the axis along w. Near the zero, e and this limit are about 1.
+        Elsewhere e is so small that the limit has no effect.
+        """
+        _, dw = self.relative(*pole)
+        speed, _ = self.speeds(pole)
         axis, axis_error = self._axis_by_velocity(pole)
-        # u' is the part of w' at right angles to u, relative to the size of w.
-        axis_derivative = (dw - axis * np.vecdot(axis, dw)[:, None]) / speed[:, None]
-        axis_rate = np.linalg.norm(axis_derivative, axis=1)
-        # The error e (rad) of the computed u rises to 1 near the zero of w, where the
-        # direction of w is only rounding. The computed |u'| contains about e |w'| / |w|,
-        # which is then so large that the axis would count as unknown. |u'| is therefore
-        # limited to 1 / e:
-        # - near the zero, e is about 1, and so is the limit;
-        # - elsewhere e is tiny, and the limit is so large that it has no effect.
-        axis_rate = np.minimum(axis_rate, 1.0 / np.clip(axis_error, EPS, 1.0))
-        deviation = speed * (1.0 + np.nan_to_num(axis_rate))
-        return dw / growth[:, None], (self.rounding + deviation) / growth
+        along_axis = axis * np.vecdot(axis, dw)[:, None]
+        turning_rate = np.linalg.norm((dw - along_axis) / speed[:, None], axis=1)
+        limit = 1.0 / np.clip(axis_error, EPS, 1.0)
+        # The rate is NaN where w is exactly zero.
+        return np.nan_to_num(np.minimum(turning_rate, limit))
+
+
+def bound_velocity_rounding(
+    jacobian: Floats, tangents: Floats, w: Floats, is_crossing: Bools
+) -> Floats:
+    """Return bounds (n,) of the rounding errors of the angular velocities of all links.
+
+    Rounding is amplified near a crossing of curves, where the closure equations are nearly
+    singular. With their reciprocal condition number k, a configuration has an error of
+    about EPS / k, and quantities that follow from it have one of about EPS / k^2. The bound
+    is a sum of multiples of both.
+
+    Parameters
+    ----------
+    jacobian
+        (n, equations, variables) derivatives of the closure equations.
+    tangents
+        (n, variables) unit tangents of the curve.
+    w
+        (n, bodies, 3) angular velocities.
+    is_crossing
+        (n,) whether curves cross in the configuration. Another method computes such
+        configurations with their tangents, so that rounding is not amplified (k = 1).
+    """
+    # The closure equations with the tangent as a further row are square and regular, except
+    # at crossings of curves.
+    equations = bordered(jacobian, tangents)
+    reciprocal_condition = bordered_reciprocal_condition(equations, left_inverse(equations))
+    reciprocal_condition = np.maximum(reciprocal_condition, EPS)
+    reciprocal_condition[is_crossing] = 1.0
+    amplification = (
+        CONFIGURATION_ERROR_FACTOR / reciprocal_condition
+        + VELOCITY_ERROR_FACTOR / reciprocal_condition**2
+    )
+    # Angular velocities of 1 or less have the rounding errors of 1.
+    largest_w = np.linalg.norm(w, axis=2).max(axis=1, initial=1.0)
+    return EPS * largest_w * amplification
 
 
 @dataclass(frozen=True)

@@ -354,7 +354,7 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     inputs_on_curve = curve.at(ends.ravel()).values[:, input_variable]
     q = inputs_on_curve.reshape(ends.shape) + shifts
     is_end = np.zeros(ends.shape, dtype=bool)
-    if not sampled.whole_range(number):
+    if not sampled.count_periods_in_range(number):
         distance_to_range = np.min(np.abs(q[..., None] - sampled.range), axis=2)
         is_end |= distance_to_range < RANGE_END_TOLERANCE_RAD
     if not curve.closed:

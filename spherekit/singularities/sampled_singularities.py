@@ -245,24 +245,38 @@ class SampledSingularities:
             (rad) is moved to its start.
         """
         first_curve, _ = places[0]
-        low, high = self.range
-        input_on_curve = values[[self._driven]]
-        # All inputs in the range that differ from it by whole periods, or else the nearest.
-        inputs, _ = turns_in_range(input_on_curve, low, high, self._period(first_curve))
-        if self._passed_ranges is not None and first_curve not in self._passed_ranges:
-            inputs = inputs[:1]
         is_passed = any(self._is_passed(curve, s) for curve, s in places)
-        for q in inputs.tolist():
-            # Both ends of a range of whole periods are the same configuration. For other
-            # ranges `whole_range` is 0.
-            if high - q < margin and self.whole_range(first_curve):
-                q = low
+        for q in self._find_inputs(first_curve, values[self._driven], margin):
             # A piece is a part of a curve that is one assembly mode.
             pieces: list[Piece] = []
             for curve, s in places:
                 pieces += self._pieces_at(curve, s, q)
-            is_in_range = bool(in_range(np.array(q), low, high))
+            is_in_range = bool(in_range(np.array(q), *self.range))
             yield Occurrence(q, self.modes_of(pieces), is_in_range and is_passed)
+
+    def _find_inputs(self, curve: int, q: float, margin: float) -> list[float]:
+        """Return all inputs in the range at which the configuration with an input q occurs.
+
+        They differ from q by whole periods of the input. If none is in the range, the
+        nearest one outside is returned. If a simulation passes nothing of the curve, one
+        input is enough, because the configuration only counts as not passed.
+
+        Parameters
+        ----------
+        curve, q
+            Number of a curve through the configuration, and its input (rad) there.
+        margin
+            If the range consists of whole periods, its two ends are the same configuration.
+            Inputs nearer to its upper end than this (rad) are then set to its lower end.
+        """
+        low, high = self.range
+        inputs, _ = turns_in_range(np.array([q]), low, high, self._period(curve))
+        if self._passed_ranges is not None and curve not in self._passed_ranges:
+            inputs = inputs[:1]
+        if self.count_periods_in_range(curve) > 0:
+            inputs = np.where(high - inputs < margin, low, inputs)
+        occurrence_inputs: list[float] = inputs.tolist()
+        return occurrence_inputs
 
     def _pieces_at(self, curve: int, s: float, q: float) -> Iterator[Piece]:
         """Yield the pieces of a curve that include an arc length s at an input q.
@@ -290,7 +304,7 @@ class SampledSingularities:
         if self.is_simulation:
             # A simulation has no range with several periods: any number is accepted.
             period_step = 1
-        elif number_in_range := self.whole_range(curve):
+        elif number_in_range := self.count_periods_in_range(curve):
             # The range has a whole number of periods, such as 2. Its ends are one
             # configuration, so the input of the piece may be at one end and q at the other.
             period_step = number_in_range
@@ -371,7 +385,7 @@ class SampledSingularities:
             passed_ranges[number] = float(np.min(s)), float(np.max(s))
         return passed_ranges
 
-    def whole_range(self, curve: int) -> int:
+    def count_periods_in_range(self, curve: int) -> int:
         """Return how many periods of a curve the range has, 0 if not a whole number."""
         if self.is_simulation:
             return 0

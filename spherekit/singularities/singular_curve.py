@@ -207,33 +207,34 @@ class SingularCurve:
     def cusps(self) -> LocusPoints:
         """Return the cusps of the curve in the plane of the inputs or of the output.
 
-        At a cusp the tangent of the curve is parallel to the singular motion, in which the
-        inputs (type II) or the output (type I) rest. A point that moves along the curve
-        passes the cusp with the inputs, or the output, momentarily at rest. The path of the
-        inputs, or of the output, generally reverses its direction at the cusp.
+        A point that moves along the curve passes a cusp with the inputs (type II), or the
+        output (type I), momentarily at rest. Their path generally reverses its direction
+        there. At a cusp, the tangent of the curve is therefore parallel to the singular
+        motion, in which the inputs, or the output, rest.
 
-        The mechanism has two degrees of freedom. If only a part of it moves in singular
-        motions, and this part has only one, no cusps are searched, because the test for a
-        cusp needs two coordinates of each motion.
+        No cusps are searched if only a part of the mechanism moves in singular motions, and
+        this part has one degree of freedom. The test then is not possible, because the
+        motions of this part have one coordinate, and directions in a plane have two.
         """
         if self.locus.motion_dimension < self.locus.degrees_of_freedom:
             no_points = self.nodes.rows(slice(0))
             return no_points
+        return self.zeros(cusp_determinants)
 
-        def side_of_motion(points: LocusPoints) -> Floats:
-            """Return a number (n,) for each point that changes its sign at a cusp.
 
-            At a cusp the singular motion is parallel to the tangent of the curve. Both are
-            combinations of the same two independent rates of all variables. The result is
-            the determinant of their coordinates, which is zero if both are parallel.
-            """
-            # (n, V, 2) motion and tangent, as rates of all V variables.
-            rates = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
-            # The products with the two rates of the orthonormal basis (n, V, 2) are the
-            # coordinates of the motion, and those of the tangent.
-            return np.linalg.det(np.swapaxes(points.bases.motion, 1, 2) @ rates)
+def cusp_determinants(points: LocusPoints) -> Floats:
+    """Return how far the tangent of a curve is from parallel to the singular motion.
 
-        return self.zeros(side_of_motion)
+    With two degrees of freedom, the rates that close the loops are a plane. Tangent and
+    singular motion are vectors in it, with two coordinates each. The result (n,) is the
+    determinant of these coordinates. It changes its sign at a cusp, where both vectors are
+    parallel.
+    """
+    # Axes of the arrays: point, variable, vector of the orthonormal basis of the plane.
+    plane_basis = points.bases.motion
+    motion = np.vecmat(points.motions, plane_basis)
+    tangent = np.vecmat(points.tangents[:, :, 0], plane_basis)
+    return motion[:, 0] * tangent[:, 1] - motion[:, 1] * tangent[:, 0]
 
 
 def to_curve_points(points: LocusPoints) -> CurvePoints:
