@@ -78,8 +78,8 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     ------
     ModelError
         If there is no such R pair, if its joint limits exclude the value, or if all
-        declared inputs would be locked. Also if new axes would change how a contact rolls,
-        or the position of a profile that is a Fourier series.
+        declared inputs would be locked. The error is also raised if new link axes would
+        change how a contact rolls, or move a profile that is a Fourier series.
 
     Examples
     --------
