@@ -254,6 +254,23 @@ class Plan:
             if not common_axis.is_exact
         )
 
+    @cached_property
+    def rounded_common_axes(self) -> frozenset[Pole]:
+        """The poles that are common axes of pairs only up to rounding.
+
+        The bodies of such a pole are joined by several pairs in series. The axes of these
+        pairs should be one line, but the numbers of the file are rounded, so they differ a
+        little. A pole whose bodies are joined by one pair is exactly the axis of this pair,
+        and is not among them.
+        """
+        return frozenset(
+            step.pole
+            for step in self.steps
+            if isinstance(step, PrimaryPole)
+            and step.case == "coaxial"
+            and step.pair in self.rounded_axes
+        )
+
     def pole(self, i: int, j: int) -> Pole | None:
         """Return the pole of the bodies of two links, None if they are one body."""
         body_i = self.body[i]

@@ -18,7 +18,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.vectors import nans, norm_columns
 from spherekit.mechanism.pair_frames import SAME_AXIS_SINE
-from spherekit.planning.pole_plan import Pole, PrimaryPole
+from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
 from spherekit.tolerances import (
@@ -206,10 +206,7 @@ class RowVelocities:
         key
             The pole as numbers of its links, or the number of one link.
         """
-        # `_columns` has the results of the compiled functions of all quantities. There are
-        # none if the velocity equations are singular at all rows, because they then cannot
-        # be solved for the rates. All is NaN in this case.
-        if not self._column_indices:
+        if not self._has_rates:
             return nans((COMPONENT_COUNTS.get(name, 1), len(self.status)))
         values = self._columns[self._column_indices[name][key]]
         if name == "w":
@@ -217,6 +214,14 @@ class RowVelocities:
         if name == "direction":
             return np.where(self.motion.failed, np.nan, values)
         return np.where(self.status == Status.OK, values, np.nan)
+
+    @property
+    def _has_rates(self) -> bool:
+        """Whether the velocity equations can be solved for the rates at any row.
+
+        If they are singular at all rows, no quantity is computed.
+        """
+        return bool(self._column_indices)
 
     def relative_velocity(self, pole: Pole) -> Floats:
         """Return v (3, n), the difference of the angular velocities of two links."""
@@ -229,18 +234,21 @@ class RowVelocities:
         return self.quantity("dw", second) - self.quantity("dw", first)
 
     def use_planned_velocities(self, planned_poles: PlannedPoles) -> None:
-        """Replace w by the angular velocities that follow from the plan of the poles.
+        """Replace the angular velocities of links by those that follow from known poles.
 
-        The plan computes poles one after another, as intersections of great circles. The
-        user can choose this method instead of the velocity equations. w are the angular
-        velocities of links per unit rate of the moving input. The plan does not give their
-        derivatives dw, so these remain those of the equations.
+        The velocity equations gave the angular velocities so far. The plan of the poles is
+        another method: it computes poles one after another, as intersections of great
+        circles. It gives no derivatives of the angular velocities, so these remain those of
+        the equations.
 
-        The equations have error bounds, which do not apply to w by the plan. No row counts
-        as certified or as computed in quad precision any more, and the difference of both w
-        is added to the error of the velocity coefficients. Rows in which the plan
-        determines directions only with an error above `USABLE_DIRECTION` (rad) become
-        ILL_CONDITIONED. All changes are made in place.
+        The error bounds of the equations do not apply to the plan. Therefore all of this
+        changes, in place:
+
+        - No row counts as certified or as computed in quad precision any more.
+        - By how much both methods differ is added to the error of the velocity coefficient
+          of each pole.
+        - Rows in which the plan determines directions only with an error above
+          `USABLE_DIRECTION` (rad) become ILL_CONDITIONED.
 
         Parameters
         ----------
@@ -256,15 +264,18 @@ class RowVelocities:
         is_uncertain = ~(direction_error < USABLE_DIRECTION)
         self.status[is_uncertain & (self.status == Status.OK)] = Status.ILL_CONDITIONED
 
-        # `relative_velocity` gives v by the equations before `planned_w` is set, and v by
-        # the plan afterwards.
-        previous_v = {pole: self.relative_velocity(pole) for pole in self.pole_errors}
+        # The relative angular velocities of the links of each pole. Setting `planned_w`
+        # changes them from those of the equations to those of the plan.
+        velocities_by_equations = {
+            pole: self.relative_velocity(pole) for pole in self.pole_errors
+        }
         self.planned_w = {
             link: w[body] for link, body in enumerate(self.request.plan.body) if body in w
         }
         for pole, errors in self.pole_errors.items():
+            velocity_by_plan = self.relative_velocity(pole)
             errors["velocity_coefficient_error"] += norm_columns(
-                self.relative_velocity(pole) - previous_v[pole]
+                velocity_by_plan - velocities_by_equations[pole]
             )
 
     def _bound(self, name: str) -> Floats:
@@ -274,14 +285,10 @@ class RowVelocities:
     def _find_certified_rows(self) -> Bools:
         """Return (n,) the rows whose error bounds are small enough in float64.
 
-        A pole is the axis about which two links rotate relative to each other. In a
-        certified row the direction of each pole is accurate, or it is certain that its
-        links do not move relative to each other.
-
-        The direction is the unit vector u along the relative angular velocity v of the
-        links. With the derivative dv of v with respect to the input, the derivative of u is
-
-        du = (dv - (dv . u) u) / norm(v).
+        Rows that are not certified are computed again in quad precision. In a certified
+        row, the velocity equations are far from singular. For each pole (the axis about
+        which two links rotate relative to each other) either its direction is accurate, or
+        it is certain that its links do not move relative to each other.
         """
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
         # The curvature uncertainty exceeds 1 if the two profiles of a contact have nearly
@@ -292,33 +299,11 @@ class RowVelocities:
         # Poles that are axes of pairs are known exactly. The other ones follow from v.
         for pole in self._reversible_poles:
             errors = self.pole_errors[pole]
-            direction_error = errors["direction_error"]
-            # The coefficients are v . u and dv . u. Their error bounds also bound the
-            # errors of the vectors v and dv.
-            v_error = errors["velocity_coefficient_error"]
-            dv_error = errors["acceleration_coefficient_error"]
             v_size = norm_columns(self.relative_velocity(pole))
             dv_size = norm_columns(self.relative_velocity_derivative(pole))
-            # 1. The direction is accurate. Let e(x) be a bound of the error of x. The
-            # products in dv . u and in du give
-            #     dv_error = e(dv) + |dv| e(u),
-            #     e(du) = (e(dv) + 2 |dv| e(u)) / |v| <= 2 dv_error / |v|.
-            # The errors of u and du, each relative to its limit, may add up to 1:
-            #     direction_error / MAX_CERTIFIED_ERROR_RAD
-            #     + (2 dv_error / |v|) / MAX_DIRECTION_DQ_ERROR <= 1.
-            # `uncertainty` is the left side times `MAX_CERTIFIED_ERROR_RAD`. If v is zero,
-            # it is infinite or NaN.
-            uncertainty = (
-                direction_error
-                + 2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR * dv_error / v_size
+            is_certified &= _is_direction_accurate(errors, v_size) | _is_certainly_at_rest(
+                errors, v_size, dv_size
             )
-            is_accurate = uncertainty <= MAX_CERTIFIED_ERROR_RAD
-            # 2. Or the links do not move relative to each other: v and dv are zero within
-            # their error bounds. With a large error bound they could still move, so that of
-            # dv must not exceed the limit `NO_MOTION` (1e-9).
-            has_no_motion = (v_size <= v_error) & (dv_size <= dv_error)
-            has_no_motion &= dv_error <= NO_MOTION
-            is_certified &= is_accurate | has_no_motion
         return is_certified
 
     def _find_reordered_rows(
@@ -618,71 +603,122 @@ class RowVelocities:
         axes of these pairs differ by rounding. If the velocity equations are singular at
         all rows, the angles are unknown, and the result is empty.
         """
-        if not self._column_indices:
+        if not self._has_rates:
             return {}
-        plan = self.request.plan
         return {
-            step.pole: self._separation_of_axes(step.pole)
-            for step in plan.steps
-            if isinstance(step, PrimaryPole)
-            and step.pass_number > 0
-            and step.pair in plan.rounded_axes
+            pole: self._separation_of_axes(pole)
+            for pole in self.request.plan.rounded_common_axes
         }
 
     def _separation_of_axes(self, links: Pole) -> Floats:
         """Return by which angle (n,) the rounding of common axes can turn a pole.
 
-        `SAME_AXIS_SINE` is the largest sine of axes that count as equal. `rate_size` is the
-        sum of the sizes of all terms of the velocity equations, which are rates times unit
-        vectors. The product is the error of the relative angular velocity v. It turns the
-        direction v / |v| by at most the angle that is returned.
+        The pole has the direction of the relative angular velocity v of its links. A change
+        of v turns it by at most the size of this change, divided by that of v.
         """
+        # v is a sum of rates times axes. Each axis changes by at most `SAME_AXIS_SINE`, the
+        # largest sine between axes that count as equal, and `rate_size` is the sum of all
+        # rates.
+        v_error = SAME_AXIS_SINE * self._bound("rate_size")
         v_size = norm_columns(self.relative_velocity(links))
         with np.errstate(invalid="ignore", divide="ignore"):
-            return SAME_AXIS_SINE * self._bound("rate_size") / v_size
+            return v_error / v_size
 
     def _add_errors_of_common_axes(self) -> None:
-        """Increase the errors of poles that are the common axis of several pairs.
+        """Increase the errors of poles that are a common axis of several pairs.
 
-        Links that turn about a common axis of several pairs have this axis as their pole
-        (the axis of their relative rotation). If the axes of these pairs differ by
-        rounding, each pair turns about a slightly different axis. The relative angular
-        velocity v of the links is a sum of terms, rate times axis. It changes by at most
-        the sine of the angle between the axes times the sizes of all terms. The same
-        applies to the derivative dv of v with respect to the input. The error bounds of the
-        poles and `axis_separations` are changed in place.
+        Links that turn about one line, through several pairs in series, have this line as
+        their pole (the axis of their relative rotation). If the axes of the pairs differ by
+        rounding, the line is not exactly known. The error bounds of such poles and
+        `axis_separations` are changed in place.
         """
         plan = self.request.plan
-        pairs = axis_pairs(plan)
         for links, errors in self.pole_errors.items():
-            pole = plan.pole(*links)
-            if not pole:
+            if plan.pole(*links) not in plan.rounded_common_axes:
                 continue
-            # The plan computes poles in rounds, each from poles of earlier rounds. Poles of
-            # round 0 are the axes of pairs that join the two links themselves. They are
-            # exact, so only poles of later rounds get larger errors.
-            is_computed = plan.pass_numbers[pole] > 0
-            # `pairs` has the pair whose axis a pole is, if there is one. `rounded_axes` are
-            # pairs whose axis is equal to that of another pair but for rounding.
-            if not is_computed or pairs.get(pole) not in plan.rounded_axes:
-                continue
-            v_size = norm_columns(self.relative_velocity(links))
-            dv_size = norm_columns(self.relative_velocity_derivative(links))
-            v_error = SAME_AXIS_SINE * self._bound("rate_size")
-            direction_error = self._separation_of_axes(links)
-            # The acceleration coefficient dv . u has two errors: that of dv, and that of u
-            # times |dv|. `acceleration_size` is the same as `rate_size` for the
-            # acceleration equations.
-            coefficient_error = (
-                SAME_AXIS_SINE * self._bound("acceleration_size")
-                + direction_error * dv_size
-            )
-            # The derivative of u is (dv - (dv . u) u) / |v|. Its error has three sources:
-            # that of dv, and those of u and of 1 / |v|, each at most `direction_error`
-            # times |dv| / |v|. `coefficient_error` is the sum of the first two.
-            direction_dq_error = (coefficient_error + direction_error * dv_size) / v_size
-            self.axis_separations[links] = direction_error
-            errors["direction_error"] += direction_error
-            errors["velocity_coefficient_error"] += v_error
-            errors["acceleration_coefficient_error"] += coefficient_error
-            errors["direction_dq_error"] += direction_dq_error
+            errors_of_axis = self._errors_of_common_axis(links)
+            self.axis_separations[links] = errors_of_axis["direction_error"]
+            for name, error in errors_of_axis.items():
+                errors[name] += error
+
+    def _errors_of_common_axis(self, links: Pole) -> dict[str, Floats]:
+        """Return the errors of a pole that come from the rounding of a common axis.
+
+        The relative angular velocity v of the links is a sum of terms, rate times axis. If
+        the axes change by a small angle, v changes by at most this angle times the sizes of
+        all terms. The same applies to the derivative dv of v with respect to the input. The
+        pole has the direction u = v / |v|.
+
+        Returns
+        -------
+        The error bounds (n,), by their names in `POLE_ERRORS`.
+        """
+        v_size = norm_columns(self.relative_velocity(links))
+        dv_size = norm_columns(self.relative_velocity_derivative(links))
+        v_error = SAME_AXIS_SINE * self._bound("rate_size")
+        dv_error = SAME_AXIS_SINE * self._bound("acceleration_size")
+        direction_error = self._separation_of_axes(links)
+        # The acceleration coefficient is dv . u, so both factors have errors.
+        coefficient_error = dv_error + direction_error * dv_size
+        # The derivative of u is (dv - (dv . u) u) / |v|. Its error has three sources: that
+        # of dv, and those of u and of 1 / |v|, each at most `direction_error` times
+        # |dv| / |v|. `coefficient_error` is the sum of the first two.
+        direction_dq_error = (coefficient_error + direction_error * dv_size) / v_size
+        return {
+            "direction_error": direction_error,
+            "velocity_coefficient_error": v_error,
+            "acceleration_coefficient_error": coefficient_error,
+            "direction_dq_error": direction_dq_error,
+        }
+
+
+def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bools:
+    """Return (n,) whether float64 gives the direction of a pole and its derivative.
+
+    The direction is the unit vector u = v / |v| of the relative angular velocity v of two
+    links. With the derivative dv of v with respect to the input, its derivative is
+
+        du = (dv - (dv . u) u) / |v|.
+
+    Parameters
+    ----------
+    errors
+        Error bounds (n,) of the pole, by their names in `POLE_ERRORS`.
+    v_size
+        (n,) length of v.
+    """
+    # The acceleration coefficient is dv . u. Its error has two parts, from dv and from u.
+    # The error of |v| du has the same parts, the second one twice: u occurs in the
+    # projection, and the error of |v| is of the same relative size as that of u.
+    direction_dq_error = 2.0 * errors["acceleration_coefficient_error"] / v_size
+    # Each error has a limit. The fractions of the limits that are used may add up to 1. If
+    # v is zero, the sum is infinite or NaN, and the direction is not accurate.
+    used_fractions = (
+        errors["direction_error"] / MAX_CERTIFIED_ERROR_RAD
+        + direction_dq_error / MAX_DIRECTION_DQ_ERROR
+    )
+    return np.asarray(used_fractions <= 1.0)
+
+
+def _is_certainly_at_rest(
+    errors: Mapping[str, Floats], v_size: Floats, dv_size: Floats
+) -> Bools:
+    """Return (n,) whether the two links of a pole do not move relative to each other.
+
+    Their relative angular velocity v and its derivative dv with respect to the input are
+    then zero within their error bounds.
+
+    Parameters
+    ----------
+    errors
+        Error bounds (n,) of the pole, by their names in `POLE_ERRORS`.
+    v_size, dv_size
+        (n,) lengths of v and dv.
+    """
+    # The coefficients are the components of v and dv along the pole. Their error bounds
+    # also bound the errors of the vectors.
+    v_error = errors["velocity_coefficient_error"]
+    dv_error = errors["acceleration_coefficient_error"]
+    is_zero = (v_size <= v_error) & (dv_size <= dv_error)
+    # Links with a large error bound could still move.
+    return np.asarray(is_zero & (dv_error <= NO_MOTION))
