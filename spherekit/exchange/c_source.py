@@ -64,7 +64,7 @@ REAL_TYPE_LINE = "    typedef typename constant_of<Scalar>::type Real;\n"
 
 TABLE_FORMAT = """\
     {scalar} table_{{k}}[{{columns}}];
-    {{name}}_table_{{k}}({{place}}, table_{{k}});"""
+    {{name}}_table_{{k}}({{argument}}, table_{{k}});"""
 """Lines that evaluate a stored series."""
 
 C = Language(

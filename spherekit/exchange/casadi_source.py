@@ -28,7 +28,7 @@ CASADI = Language(
         },
     ),
     assignment_format="    {0} = {1}",
-    table_format="    table_{k} = _table_{k}({place})",
+    table_format="    table_{k} = _table_{k}({argument})",
     comment_prefix="# ",
     escape_comment=python_comment,
     name_rules=identifiers.CASADI_NAME_RULES,

@@ -187,18 +187,17 @@ class ModeTable(NamedTuple):
     left_out
         The other assembly modes.
     undetermined
-        Numbers of the modes that are left out because the chosen equations do not determine
-        them. Formulas for such a mode alone solve equations that do.
+        Numbers of the modes that are left out because the chosen velocity equations do not
+        determine them. Such a mode can be exported alone: other equations are then chosen.
     compared
         Number of inputs at which each mode was compared. If it differs between modes, it is
         the smallest. It is 0 if no mode was compared.
     largest_difference
         Largest difference (rad) of a pair variable between the formulas and the mechanism.
     smooth
-        The mode values by intervals of the input, if a mode has different values in
-        different intervals. In closed form, mode values are the signs of the dyads (groups
-        of two links). They change where curves of configurations cross and the mode follows
-        a smooth curve through the crossing. None if each mode keeps its values.
+        How the modes continue smoothly where curves of configurations cross. Their mode
+        values then change with the input. (In closed form, mode values are the signs of the
+        dyads, the groups of two links.) None if each mode keeps its values.
     """
 
     modes: tuple[Mode, ...]

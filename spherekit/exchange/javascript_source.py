@@ -14,7 +14,7 @@ JAVASCRIPT = Language(
         "Math.", {"sign": "Math.sign({0})", "maximum": "Math.max({0}, {1})"}
     ),
     assignment_format="  const {0} = {1};",
-    table_format="  const table_{k} = {name}_table_{k}({place});",
+    table_format="  const table_{k} = {name}_table_{k}({argument});",
     comment_prefix="// ",
     escape_comment=javascript_comment,
     name_rules=identifiers.JAVASCRIPT_NAME_RULES,

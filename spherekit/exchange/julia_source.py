@@ -35,7 +35,7 @@ JULIA = Language(
         },
     ),
     assignment_format="    {0} = {1}",
-    table_format="    table_{k} = {name}_table_{k}({place})",
+    table_format="    table_{k} = {name}_table_{k}({argument})",
     comment_prefix="# ",
     escape_comment=julia_comment,
     name_rules=identifiers.JULIA_NAME_RULES,

@@ -1,8 +1,9 @@
 r"""Printed formulas of the positions of links and pairs.
 
 The frame of link l has the unit vectors i, j, k in ground axes: k is the first axis of the
-link, and j is the tangent at k of the arc to its second axis. An axis u of the link at the
-arc a from k, whose arc makes the angle b with that to the second axis, is
+link, and j is the tangent at k of the arc to its second axis. An axis u of the link has two
+polar coordinates about k: the arc a from k to u, and the azimuth b. The azimuth is counted
+from the second axis, so
 
     u = cos(a) k + sin(a) (cos(b) j - sin(b) i).
 
@@ -60,7 +61,10 @@ class AngleExpression(NamedTuple):
 
 
 class LinkAxis(NamedTuple):
-    """An axis of a link, and its position relative to the first axis of the link.
+    """An axis of a link, with its polar coordinates about the first axis of the link.
+
+    On the unit sphere, the first axis is the pole of these coordinates. The second axis of
+    the link has the azimuth 0.
 
     Attributes
     ----------
@@ -68,14 +72,13 @@ class LinkAxis(NamedTuple):
         Symbol of the unit vector of the axis.
     arc
         Arc from the first axis of the link to this axis; zero for the first axis.
-    turn
-        Angle between two arcs that begin at the first axis of the link: from the arc to the
-        second axis, to the arc to this axis.
+    azimuth
+        Angle about the first axis from the second axis to this axis.
     """
 
     vector: ExpressionNode
     arc: AngleExpression = AngleExpression()
-    turn: AngleExpression = AngleExpression()
+    azimuth: AngleExpression = AngleExpression()
 
 
 class DyadSide(NamedTuple):
@@ -297,17 +300,17 @@ class PositionFormulas:
                 arc,
                 f"arc of link {link_label} from {first_text} to {axis_text}",
             )
-            turn = AngleExpression()
+            azimuth = AngleExpression()
             if arc_index:  # the third axis, or a later one
                 # The printed table of symbols explains this angle in the row below the arc
                 # to the same axis. The word "there" refers to that arc.
-                turn = self._declare_size(
+                azimuth = self._declare_size(
                     ("angles", (link_name, axis_name)),
                     rf"\beta_{{{label}}}",
                     sizes.angles[arc_index - 1],
                     f"angle there from {second_text} to {axis_text}",
                 )
-            link_axes.append(LinkAxis(vector, arc_expression, turn))
+            link_axes.append(LinkAxis(vector, arc_expression, azimuth))
         return link_axes
 
     def _refuse_link(self, link: int) -> EngineError:
@@ -559,7 +562,7 @@ class PositionFormulas:
         sine_product = (
             first_axis.arc.sine
             * second_axis.arc.sine
-            * second_axis.turn.subtract(first_axis.turn).cosine
+            * second_axis.azimuth.subtract(first_axis.azimuth).cosine
         )
         cosine = first_axis.arc.cosine * second_axis.arc.cosine + sine_product
         if first_axis is self._axes_by_link[side.link][0]:
@@ -589,7 +592,7 @@ class PositionFormulas:
         """
         link = side.link
         # An axis has its symbol (`vector`), the arc to it from k (`arc`), and the angle of
-        # this arc about k (`turn`).
+        # this arc about k (`azimuth`).
         axis_u = side.first_axis
         axis_v = side.second_axis
         if axis_v.arc.sine == 0.0:
@@ -601,7 +604,9 @@ class PositionFormulas:
         if axis_u is not axis_k:
             cosine_uv = self._write_arc_cosine(side)  # c
             triple_product = (
-                axis_u.arc.sine * axis_v.arc.sine * axis_v.turn.subtract(axis_u.turn).sine
+                axis_u.arc.sine
+                * axis_v.arc.sine
+                * axis_v.azimuth.subtract(axis_u.azimuth).sine
             )
             normal_part = triple_product * cross_product(axis_u.vector, axis_v.vector)
             part_along_u = (
@@ -642,9 +647,8 @@ class PositionFormulas:
         tangent
             The unit tangent at k of the arc from k to `axis`.
         axis
-            Any axis of the link except its first. `axis.turn` is an angle about k between
-            two arcs that begin at k: from the arc to the second axis, to the arc to this
-            axis.
+            Any axis of the link except its first. Its azimuth is the angle about k from the
+            second axis to this axis.
         i
             The vector i if it is known. Otherwise it is written as j x k.
         """
@@ -657,14 +661,14 @@ class PositionFormulas:
             # instead, and no formula is written. Only axes always have a formula.
             formula_list.write(k, first_vector, always=True)
         # j points to the second axis. It is the tangent towards `axis`, rotated about k by
-        # minus `axis.turn`: j = cos(turn) tangent + sin(turn) tangent x k. The tangent
-        # occurs twice, so it gets a symbol, unless the sine is zero.
-        if axis.turn.sine != 0.0:
+        # minus its azimuth b: j = cos(b) tangent + sin(b) tangent x k. The tangent occurs
+        # twice, so it gets a symbol, unless the sine is zero.
+        if axis.azimuth.sine != 0.0:
             tangent = formula_list.write_indexed(r"\mathbf{d}", label, tangent)
         j = formula_list.write_indexed(
             r"\mathbf{j}",
             label,
-            axis.turn.cosine * tangent + axis.turn.sine * cross_product(tangent, k),
+            axis.azimuth.cosine * tangent + axis.azimuth.sine * cross_product(tangent, k),
         )
         if i is None:
             i = formula_list.write_indexed(r"\mathbf{i}", label, cross_product(j, k))
@@ -681,7 +685,7 @@ class PositionFormulas:
     def _tangent_at_first_axis(self, link: int, axis: LinkAxis) -> Expr:
         """Return the unit tangent, at the first axis of a link, of the arc to an axis."""
         i, j, _ = self.link_frames[link]
-        return axis.turn.cosine * j - axis.turn.sine * i
+        return axis.azimuth.cosine * j - axis.azimuth.sine * i
 
     def _tangent_symbol(self, link: int, pair: int) -> ExpressionNode:
         """Return the symbol of the unit tangent to the reference arc of a link at a pair.

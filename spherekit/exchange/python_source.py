@@ -27,7 +27,7 @@ PYTHON = Language(
         },
     ),
     assignment_format="        {0} = {1}",
-    table_format="        table_{k} = _table_{k}({place})",
+    table_format="        table_{k} = _table_{k}({argument})",
     comment_prefix="# ",
     escape_comment=python_comment,
     name_rules=identifiers.PYTHON_NAME_RULES,

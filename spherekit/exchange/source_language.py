@@ -27,12 +27,12 @@ class Language:
     assignment_format
         An assignment of the value {1} to the new name {0}.
     table_format
-        A statement that evaluates a table of stored functions of one variable, which are
-        Chebyshev series, and assigns their values to one array. Its fields are:
+        A call of a function that evaluates table {k}, and assigns the result to an array. A
+        table has several functions of one argument, stored as Chebyshev series. The other
+        fields are:
 
-        - {k}: number of the table, which is in the name of the function that is called,
-        - {name}: name of the mechanism in the source code, which is in that name too,
-        - {place}: the expression of the variable,
+        - {name}: name of the mechanism in the source code, a part of the function's name,
+        - {argument}: the expression of the argument,
         - {columns}: number of functions in the table, the length of the array.
     comment_prefix
         Begins the lines of a comment.

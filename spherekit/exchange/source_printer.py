@@ -143,11 +143,11 @@ class Source:
                 table_number = table_by_term[node]
                 table = formulas.tables[table_number]
                 argument_node = table.variable
-                position = f"{text_by_node[table.variable]} + {self._literal(table.start)}"
+                variable = text_by_node[table.variable]
                 call_by_table[table_number] = language.table_format.format(
                     k=table_number,
                     name=self.name,
-                    place=position,
+                    argument=f"{variable} + {self._literal(table.start)}",
                     columns=len(table.terms),
                 )
             argument, _, _ = text_by_node[argument_node].partition("[")

@@ -21,6 +21,7 @@ from spherekit.runs.needs import Needs
 from spherekit.scenes.scene import Range
 from spherekit.status import Status
 from spherekit.velocities.pole_field import (
+    BASIC_NEEDS,
     POLE_QUANTITIES,
     PoleField,
     PoleQuantity,
@@ -559,16 +560,10 @@ class Batch:
 
         An analysis declares in its `Needs` of which poles it reads which quantities,
         because a run computes only the declared ones. A pole is the instantaneous axis of
-        the relative rotation of two links. `Needs` has four sets of poles:
-
-        - `directions`: their directions are read,
-        - `rates`: their velocity coefficients or the derivatives of these are read,
-        - `turns`: the derivatives of their directions by the input are read,
-        - `planes`: two great circles that intersect in the pole are read.
-
-        Directions and some other quantities are computed together with velocity
-        coefficients and great circles. They may be read if the pole is in `directions`,
-        `rates` or `planes`.
+        the relative rotation of two links. A quantity may be read if the pole is in one of
+        certain sets of `Needs`. The direction of a pole, for example, is computed together
+        with its velocity coefficient (`rates`) and its great circles (`planes`), so each of
+        these sets is enough.
 
         Parameters
         ----------
@@ -579,29 +574,22 @@ class Batch:
         """
         pole = pole_of(i, j)
         needs = self.needs
-        # Description of the quantity; None for "planes" and "pole_status".
+        # Two names that can be read are no `PoleQuantity`: "planes" and "pole_status".
         pole_quantity = _QUANTITY_BY_NAME.get(quantity)
-        # The set that has to contain the pole; "any" stands for the three named above.
-        required_set = "any" if pole_quantity is None else pole_quantity.declared_in
-        # `sufficient_sets` are the sets of which one must have the pole, `declaration` what
-        # the message proposes. The sets are searched one by one. A union would take longer,
-        # as this method is called for every column of every pole.
-        sufficient_sets = [needs.directions, needs.rates, needs.planes]
-        declaration = "directions=..."
-        if quantity == "planes":
-            sufficient_sets = [needs.planes]
-            declaration = "planes=..."
-        elif required_set == "turns":
-            sufficient_sets = [needs.turns]
-            declaration = "turns=..."
-        elif required_set == "rates":
-            sufficient_sets = [needs.rates]
-            declaration = "rates=..."
+        sufficient_needs = BASIC_NEEDS
+        if pole_quantity is not None:
+            sufficient_needs = pole_quantity.sufficient_needs
+        elif quantity == "planes":
+            sufficient_needs = ("planes",)
+        # The sets are searched one by one. A union would take longer, as this method is
+        # called for every column of every pole.
+        is_declared = any(pole in getattr(needs, name) for name in sufficient_needs)
+        # What the message proposes.
+        declaration = f"{sufficient_needs[0]}=..."
         if pole_quantity is not None and pole_quantity.is_derivative:
+            is_declared = is_declared and needs.derivatives
             declaration += ", derivatives=True"
-            if not needs.derivatives:
-                sufficient_sets = []
-        if not any(pole in declared_poles for declared_poles in sufficient_sets):
+        if not is_declared:
             # The link with the larger number comes first, as in the names of poles.
             low, high = (self.mechanism.links[link] for link in pole)
             raise UndeclaredNeed(

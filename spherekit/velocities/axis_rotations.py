@@ -130,6 +130,11 @@ class ProfileSide:
         return ProfileSeries.fit(self.track.curve)
 
     @property
+    def max_curvature_second(self) -> float:
+        """The largest size of d2k/ds2 along the profile; 0 for a circle."""
+        return self.series.max_curvature_second if self.column_symbols else 0.0
+
+    @property
     def column_derivatives(self) -> list[Expr]:
         """The derivatives of the columns with respect to the arc length, in their order.
 

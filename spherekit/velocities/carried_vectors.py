@@ -42,13 +42,12 @@ class CarriedVector:
         ground axes. None if the vector is fixed in the link.
     slide_length
         Length of `slide`, exactly.
-    slide_change
-        The derivative of `slide` with respect to the variable, seen from the link, is a sum
-        of two parts. This is a bound of the length of the first part. The second part has
-        second derivatives of the curvatures of `sides`. The property `slide_change_bound`
-        is a bound of both.
+    known_slide_change
+        Bound of the length of the known terms in the derivative of `slide` with respect to
+        the variable, seen from the link. The other terms contain the second derivative of a
+        curvature, for which there is no expression.
     sides
-        The profiles of a contact on whose curvatures `slide` depends.
+        The profiles of a contact whose curvatures have these second derivatives.
     """
 
     vector: Exprs
@@ -56,16 +55,18 @@ class CarriedVector:
     length: Expr = 1.0
     slide: Exprs | None = None
     slide_length: Expr = 0.0
-    slide_change: Expr = 0.0
+    known_slide_change: Expr = 0.0
     sides: tuple[ProfileSide, ...] = ()
 
     @property
     def slide_change_bound(self) -> Expr:
-        """Bound of the length of the derivative of `slide` by the variable."""
-        # The curvature of a circle is a number. That of another profile is a symbol, one of
-        # its `column_symbols`, and its second derivative has a bound along the profile.
-        return self.slide_change + sum(
-            side.series.max_curvature_second for side in self.sides if side.column_symbols
+        """Bound of the length of the derivative of `slide` by the variable.
+
+        It is used to bound the error of `slide` at a computed configuration. The unknown
+        second derivatives of curvatures are replaced by their largest values.
+        """
+        return self.known_slide_change + sum(
+            side.max_curvature_second for side in self.sides
         )
 
     def derivative(self, w: Exprs, rate: Expr) -> Exprs:
@@ -158,7 +159,7 @@ def carried_vectors(
                 ends[carrier],
                 slide=tangent,
                 slide_length=1.0,
-                slide_change=root(1.0 + curvature * curvature),
+                known_slide_change=root(1.0 + curvature * curvature),
             )
             vectors[owned[0]] = _rolling_vector(sides, curvature, contact_lines[pair])
     return [*vectors.values()], contact_lines
@@ -202,20 +203,19 @@ def _contact_frame(
 def _rolling_vector(
     sides: tuple[ProfileSide, ProfileSide], curvature: Expr, contact_line: CarriedVector
 ) -> CarriedVector:
-    """Return the vector (k1 - k2) p of a rolling contact, with its changes.
+    """Return the vector (k1 - k2) p of a rolling contact, with its derivatives.
 
     The vector is the angular velocity of the second link relative to the first, per unit of
-    arc length s. k1 and k2 are the curvatures of both profiles. p is the contact point, t
-    the tangent and n the normal. As the contact moves, these change on the link that
-    carries the vector: dp/ds = t and dt/ds = k n - p. The result has, with primes for
-    derivatives by s:
+    arc length s. k1 and k2 are the curvatures of both profiles, p is the contact point. The
+    first derivative of the vector by s is needed for accelerations, and the length of the
+    second one for error bounds. With the tangent t and the normal n, p' = t and
+    t' = k n - p. (Primes are derivatives by s, seen from the link that carries the vector.)
 
-    - ``slide``, the first derivative of the vector: (k1 - k2) t + (k1 - k2)' p.
-    - ``slide_length``, the length of ``slide``.
-    - ``slide_change``, a bound of the length of the first two terms of the second
-      derivative 2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p. The third term is
-      missing, because there are no expressions of k1'' and k2''.
-      `CarriedVector.slide_change_bound` adds their largest values along the profiles.
+        first derivative:  (k1 - k2) t + (k1 - k2)' p
+        second derivative: 2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p
+
+    There are no expressions of k1'' and k2''. `CarriedVector.known_slide_change` bounds the
+    two terms without them.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def _rolling_vector(
             + slope_difference * slope_difference
         ),
         # The length of k n - p is sqrt(1 + k^2).
-        slide_change=2.0 * absolute(slope_difference)
+        known_slide_change=2.0 * absolute(slope_difference)
         + absolute(curvature_difference) * root(1.0 + curvature * curvature),
         sides=sides,
     )
@@ -260,12 +260,11 @@ def _vector_along_profile(
     contact point and t the tangent. Primes are derivatives by the arc length, and k' is
     called the slope of the profile.
 
-    - The derivative of n + k p is k' p, because n' = -k t and p' = t. It is the field
-      ``slide`` of the result, and ``slide_length`` is its length ``|k'|``.
-    - The second derivative is k' t + k'' p. Error bounds need a bound of its length. The
-      field ``slide_change`` is the length of the first term, again ``|k'|``. There is no
-      expression of k'', so `CarriedVector.slide_change_bound` adds the largest value of k''
-      along the profile to this field.
+    - The derivative of n + k p is k' p, because n' = -k t and p' = t. It is needed for
+      accelerations.
+    - The second derivative is k' t + k'' p. Its length is needed for error bounds. There is
+      no expression of k'', so `CarriedVector.known_slide_change` is the length of the first
+      term alone, ``|k'|``.
 
     Parameters
     ----------
@@ -297,6 +296,6 @@ def _vector_along_profile(
         length=root(1.0 + side.curvature * side.curvature),
         slide=point * (sense * side.slope),
         slide_length=slope_size,
-        slide_change=slope_size,
+        known_slide_change=slope_size,
         sides=(side,),
     )

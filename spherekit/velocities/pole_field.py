@@ -24,6 +24,13 @@ returned, with fewer correct digits.
 """
 
 
+NeededPoles = Literal["directions", "rates", "planes", "turns"]
+"""A set of poles in `Needs`."""
+
+BASIC_NEEDS: tuple[NeededPoles, ...] = ("directions", "rates", "planes")
+"""The sets of `Needs` for whose poles the direction is computed."""
+
+
 @dataclass(frozen=True)
 class PoleQuantity:
     """A quantity of a pole, such as its direction or its velocity coefficient.
@@ -37,11 +44,9 @@ class PoleQuantity:
         Number of its components: 3 for a vector, 1 for a number.
     changes_sign
         Whether it changes its sign if the direction of the pole is reversed.
-    declared_in
-        `Needs` declares what an analysis reads. It has sets of poles: `directions`, `rates`
-        (velocity coefficients), `planes` (great circles) and `turns` (derivatives of
-        directions). This is the set in which a pole must be so that the quantity is
-        available: "rates" or "turns", or "any" for any of the first three.
+    sufficient_needs
+        An analysis declares in the sets of `Needs` of which poles it reads which
+        quantities. The quantity of a pole is computed if one of these sets has the pole.
     is_derivative
         Whether it is a derivative by the input, so that `Needs` has to have
         ``derivatives=True``.
@@ -57,7 +62,7 @@ class PoleQuantity:
     name: str
     components: int
     changes_sign: bool
-    declared_in: Literal["any", "rates", "turns"] = "any"
+    sufficient_needs: tuple[NeededPoles, ...] = BASIC_NEEDS
     is_derivative: bool = False
     error: Literal["none", "bounded", "reported"] = "none"
     locked_value: float = nan
@@ -87,7 +92,7 @@ POLE_QUANTITIES = (
         "direction_dq",
         3,
         changes_sign=True,
-        declared_in="turns",
+        sufficient_needs=("turns",),
         is_derivative=True,
         error="bounded",
     ),
@@ -95,7 +100,7 @@ POLE_QUANTITIES = (
         "velocity_coefficient",
         1,
         changes_sign=True,
-        declared_in="rates",
+        sufficient_needs=("rates",),
         error="reported",
         locked_value=0.0,
     ),
@@ -103,7 +108,7 @@ POLE_QUANTITIES = (
         "acceleration_coefficient",
         1,
         changes_sign=True,
-        declared_in="rates",
+        sufficient_needs=("rates",),
         is_derivative=True,
         error="reported",
         locked_value=0.0,
