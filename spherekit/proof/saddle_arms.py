@@ -104,7 +104,7 @@ class ArmRates:
 
 @dataclass(frozen=True)
 class DirectionRates:
-    """The gradient of g and signs of rates for a direction (1, slope) from the saddle.
+    """The gradient of g and the signs of rates in one direction from the saddle.
 
     A saddle is a configuration in which two curves of configurations cross. Near it they
     are the curves g(u, v) = 0 in two coordinates u and v, with u = v = 0 at the saddle. The
@@ -113,17 +113,21 @@ class DirectionRates:
 
     Attributes
     ----------
-    gradient
-        g_u / u and g_v / u at points (u, slope u) near the saddle, where g_u and g_v are
-        the derivatives of g by u and by v. At the saddle these derivatives are 0, and near
-        it they are about proportional to u. The two entries are balls, which are numbers
-        with a bound of their error.
+    g_u, g_v
+        The derivatives of g by u and by v at points near the saddle, divided by ``|u|``. At
+        the saddle they are 0, and near it they are about proportional to the distance. They
+        are balls, which are numbers with a bound of their error.
     signs
         (variables,) signs of the rates along (-g_v, g_u), 0 if not proven.
     """
 
-    gradient: list[Ball]
+    g_u: Ball
+    g_v: Ball
     signs: Indices
+
+    def opposite(self) -> "DirectionRates":
+        """Return the same for the opposite direction from the saddle."""
+        return DirectionRates(-self.g_u, -self.g_v, -self.signs)
 
 
 def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[float, float]]:
@@ -189,10 +193,9 @@ def _evaluate_direction(
     # the larger one has this size. `widen` adds the error to the radius of a ball.
     error = gradient_error * max(1.0, abs(slope))
     direction = exact_balls([1.0, slope])
-    gradient = [widen(entry, error) for entry in derivatives.hessian @ direction]
-    g_u, g_v = gradient
+    g_u, g_v = (widen(entry, error) for entry in derivatives.hessian @ direction)
     rates = derivatives.variable_rates @ [-g_v, g_u]
-    return DirectionRates(gradient, (rates > 0).astype(int) - (rates < 0))
+    return DirectionRates(g_u, g_v, signs=(rates > 0).astype(int) - (rates < 0))
 
 
 def _prove_rate_signs(
@@ -222,7 +225,7 @@ def _prove_rate_signs(
     first, last = (
         _evaluate_direction(derivatives, slope, gradient_error) for slope in slope_bounds
     )
-    points_to_larger_v = first.gradient[0] > 0 and last.gradient[0] > 0
+    points_to_larger_v = first.g_u > 0 and last.g_u > 0
     if not points_to_larger_v:
         return np.zeros_like(first.signs)
     return np.where(first.signs == last.signs, first.signs, 0)
@@ -343,27 +346,25 @@ def find_monotonic_variables(
         derivatives.hessian, 4.004 * gradient_at_saddle / least_distance
     )
     gradient_error = 1.001 * gradient_at_saddle / least_distance
-    # `slope_bounds` has two bounds of v / u for each sign of the slope: number 0 of smaller
-    # magnitude, number 1 of larger magnitude. If the level is positive, Q is negative, so
-    # that |v| is large: directions (u, v) of points of the arcs are steeper than bound 0.
-    # An arc then crosses the v axis and joins two arms with the same sign of v. If the
-    # level is negative, directions are less steep than bound 1, and an arc joins two arms
-    # with the same sign of u. Rates are linear in the direction, so they keep their sign
-    # along an arc if they have it in the directions at both of its ends.
-    # `component` is the component of the gradient (0 by u, 1 by v) that must not change its
-    # sign, `sense` the orientation of the first end of the arc relative to the last one.
+    flat_positive, steep_positive = slope_bounds[1]
+    flat_negative, steep_negative = slope_bounds[-1]
+    # The directions from the saddle to both ends of one arc. The other arc is opposite, and
+    # has the same signs reversed.
     if level > 0:
-        sense = -1
-        component = 1
-        bound = 0
+        # Q is negative, so |v| is large. The arc with v > 0 crosses the v axis. All its
+        # directions are steeper than the flat bounds.
+        first = _evaluate_direction(derivatives, flat_positive, gradient_error)
+        last = _evaluate_direction(derivatives, flat_negative, gradient_error).opposite()
+        # g falls with growing v, so the tangent (-g_v, g_u) points towards larger u.
+        is_oriented = first.g_v < 0 and last.g_v < 0
     else:
-        sense = 1
-        component = 0
-        bound = 1
-    first, last = (
-        _evaluate_direction(derivatives, slope_bounds[sign][bound], gradient_error)
-        for sign in (1, -1)
-    )
-    is_oriented = sense * first.gradient[component] > 0 and last.gradient[component] > 0
-    has_equal_signs = (first.signs == sense * last.signs) & (first.signs != 0)
+        # Q is positive, so |u| is large. The arc with u > 0 crosses the u axis. All its
+        # directions are flatter than the steep bounds.
+        first = _evaluate_direction(derivatives, steep_positive, gradient_error)
+        last = _evaluate_direction(derivatives, steep_negative, gradient_error)
+        # g grows with u, so the tangent points towards larger v.
+        is_oriented = first.g_u > 0 and last.g_u > 0
+    # Rates are linear in the direction. They keep their sign along the arc if they have it
+    # in the directions to both ends.
+    has_equal_signs = (first.signs == last.signs) & (first.signs != 0)
     return np.asarray(is_oriented & has_equal_signs)
