@@ -70,15 +70,13 @@ class GearPhases(NamedTuple):
     ratios
         (m, inputs) derivatives of the rolled lengths by the inputs.
     periods
-        (inputs,) growth (rad) of each input after which the same configurations return.
+        (inputs,) growth (rad) of each input after which the same configurations return, as
+        the gear ratios show it.
 
-        - Infinite if they never return by the gear ratios, or if only some of the rolled
-          lengths follow from the inputs.
-        - NaN if no rolled length follows from the inputs, so that there are no gear ratios.
-
-        Inputs are reduced by whole periods only if these are finite. In the other cases a
-        configuration curve shows whether configurations return
-        (`spherekit.positions.configuration_curve.ArcCurve.returns_after`).
+        - Finite: all wheels are in their first positions again.
+        - Infinite: some wheels never are, or they may be out of position, because only some
+          of the rolled lengths follow from the inputs.
+        - NaN: no rolled length follows from the inputs, so that there are no gear ratios.
     all_known
         Whether the rolled lengths of all contacts follow from the inputs.
     """
@@ -123,10 +121,8 @@ def make_gear_phases(
 
     Returns
     -------
-    The rolled lengths with the periods of the inputs, after which the same configurations
-    return. A period is NaN if no rolled length follows from the inputs. It is infinite if
-    only some lengths do, or if the wheels never return together. None if the mechanism has
-    no rolling contact.
+    The rolled lengths, with the periods of the inputs after which the same configurations
+    return. None if the mechanism has no rolling contact.
     """
     # Variables that count how far two wheels have rolled on each other. The second element
     # is the joint of the variable.

@@ -353,14 +353,8 @@ class SampledModes:
         self._solution_count += 1
         self._progress.report_if_due(lambda: f"{self._solution_count} followed")
 
-    def _add_sheets(self, values: Floats, samples: Indices) -> Indices:
-        """Follow and add the sheets of configurations that are not in the graph yet.
-
-        A sample is one choice of values for all inputs, and a node of the graph is one
-        configuration at one sample. Verified steps lead from a configuration to those at
-        neighbouring samples. All that they reach from one start, at most one at each
-        sample, are called a sheet. No further sheet is followed once there are
-        `MAX_ASSEMBLY_MODES`.
+    def _add_configurations(self, values: Floats, samples: Indices) -> Indices:
+        """Add configurations to the graph, each with those that are reached from it.
 
         Parameters
         ----------
@@ -371,27 +365,45 @@ class SampledModes:
 
         Returns
         -------
-        (m,) number of the solution to which each configuration belongs: of a sheet, or of a
-        single configuration that was computed before (`_count_nodes_as_solutions`). It is
-        -1 if there is none.
+        (m,) number of the solution to which each configuration belongs, -1 if there is
+        none. The numbers show a search which solutions it has reached before.
         """
         solutions = np.full(len(samples), -1, dtype=np.intp)
-        for row in range(len(samples)):
-            # `find` takes arrays of many configurations, here of one. The node is -1 if no
-            # node at the sample agrees within a tolerance.
-            row_sample = samples[row : row + 1]
-            row_values = values[row : row + 1]
-            node = self._graph.find(row_sample, row_values)[0]
-            if node < 0 and not self._is_sheet_limit_reached:
-                sheet = self._follow_sheet(row_values)
-                if sheet is None:
-                    continue
+        for row, sample in enumerate(samples.tolist()):
+            solutions[row] = self._add_configuration(values[row], sample)
+        return solutions
+
+    def _add_configuration(self, values: Floats, sample: int) -> int:
+        """Add a configuration to the graph, with all others that are reached from it.
+
+        A configuration that is a node of the graph already is only looked up. From a new
+        one, verified steps lead to neighbouring samples, from there to the next ones, and
+        so on. All configurations that they reach are called a sheet, and become nodes. No
+        further sheet is followed once there are `MAX_ASSEMBLY_MODES`.
+
+        Parameters
+        ----------
+        values, sample
+            (variables,) the configuration (rad), and the index of its sample of the inputs.
+
+        Returns
+        -------
+        Number of the solution to which the node belongs (`_solution_of_node`), or -1 if the
+        configuration has no node.
+        """
+        node = self._find_node(values, sample)
+        if node < 0 and not self._is_sheet_limit_reached:
+            sheet = self._follow_sheet(values[None])
+            if sheet is not None:
                 self._add_sheet(sheet)
                 # Still -1 if the steps do not reach the sample of the start.
-                node = self._graph.find(row_sample, row_values)[0]
-            if node >= 0:
-                solutions[row] = self._solution_of_node[node]
-        return solutions
+                node = self._find_node(values, sample)
+        return int(self._solution_of_node[node]) if node >= 0 else -1
+
+    def _find_node(self, values: Floats, sample: int) -> int:
+        """Return the node of the graph that is a configuration at a sample, or -1."""
+        (node,) = self._graph.find(np.array([sample]), values[None])
+        return int(node)
 
     @property
     def _is_sheet_limit_reached(self) -> bool:
@@ -408,28 +420,21 @@ class SampledModes:
         return max(MAX_ASSEMBLY_MODES, MOST_MODE_ROWS // len(self.input_grid))
 
     def _search_modes(self) -> Completeness:
-        """Search modes if not all configurations at the samples were computed.
+        """Search modes from random starts, and return how complete they are.
 
+        This is the method for mechanisms not all of whose configurations can be computed.
         Random starts are made at all samples. Each configuration that closes gives a sheet:
-        the set of configurations that verified steps reach from it. Each sheet is one of
-        the solutions that are counted in `_solution_count`.
-
-        Free wheels are an exception: if the inputs do not determine how far wheels have
-        rolled, no random starts are made, see `_search_free_wheels`.
-
-        Returns
-        -------
-        How complete the modes are: they were found at some samples only (`SAMPLED`), or
-        only the mode of the reference pose was searched.
+        the set of configurations that verified steps reach from it.
         """
-        # How far wheels have rolled; None without wheels.
         gear_phases = self.solver.gear_phases
-        if gear_phases is not None:
-            # If the reference pose gave no sheet, the first sample is solved.
-            if not self._solution_count:
-                self._search_sample(0)
-            if not gear_phases.all_known:
-                return self._search_free_wheels()
+        if gear_phases is not None and not gear_phases.all_known:
+            # The inputs do not determine how far wheels have rolled, so that there are
+            # infinitely many modes.
+            return self._search_free_wheels()
+        if gear_phases is not None and not self._solution_count:
+            # The reference pose gave no mode. The first ones come from the solution of all
+            # groups at one sample, in which trains of wheels are placed by gear ratios.
+            self._search_sample(0)
         self.methods = [
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
         ]
@@ -450,9 +455,8 @@ class SampledModes:
     def _search_free_wheels(self) -> Completeness:
         """Search modes if the inputs do not determine how far wheels have rolled.
 
-        There are infinitely many modes then. The mode of the reference pose is used if its
-        sheet was found before. A sheet is the set of configurations that verified steps
-        reach from one configuration. Otherwise all groups of links are solved at up to
+        There are infinitely many modes then. If the mode of the reference pose was found
+        before, it is the only one. Otherwise all groups of links are solved at up to
         `MAX_SEARCHED_SAMPLES` samples, until one has configurations. The result says how
         complete the modes are.
         """
@@ -479,9 +483,8 @@ class SampledModes:
         sample_assemblies = enumerate_assemblies(self.solver, self.input_grid.q[sample])
         self.probes += 1
         self.methods = list(map(least_complete, self.methods, sample_assemblies.methods))
-        self._add_sheets(
-            sample_assemblies.values, np.full(len(sample_assemblies.values), sample)
-        )
+        for configuration in sample_assemblies.values:
+            self._add_configuration(configuration, sample)
 
     def _search(self, samples: Indices) -> SearchStatistics:
         """Add the sheets of configurations to which random starts lead.
@@ -513,7 +516,7 @@ class SampledModes:
             # A round gives the number of its starts, the configurations that closed, and
             # the position in `samples` of each.
             start_count, values, rows = next(starts)
-            solutions = self._add_sheets(values, samples[rows])
+            solutions = self._add_configurations(values, samples[rows])
             statistics.add(start_count, hits=solutions, total=self._solution_count)
             self.probes += start_count
             self._progress.report_if_due(lambda: statistics.progress_text("modes"))

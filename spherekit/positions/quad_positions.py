@@ -499,40 +499,47 @@ def _sine_of_arc(arc: HalfAngle) -> Floats:
 
 
 def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Floats:
-    """Return a bound of the error of the bodies of a dyad, after it is placed.
+    """Return a bound (n,) of the error (rad) of the bodies of a dyad, after it is placed.
 
-    A dyad is two bodies that a middle pair joins to each other and outer pairs join to a
-    third body, which carries the outer axes. The three axes form a spherical triangle. With
-    the error e of the third body, the triple product t of the axes, and the smallest sine s
-    of the three arcs, the bound is 4 (e + min(e / t, sqrt(2 e) / s)).
-
-    - e / t: away from the dead centre, the angles change by the error over the determinant
-      of the velocity equations, which is t.
-    - sqrt(2 e) / s: at the dead centre t is zero, and the triangle is flat. If its angles
-      change by x, an arc changes by s^2 x^2 / 2 at least. So x is at most sqrt(2 e) / s.
-
-    The factor 4 is a safety factor.
+    The dyad has two bodies, which are placed relative to a third one, the carrier of its
+    outer axes. Their error is that of the carrier plus that of the angles of the dyad. For
+    the angles there are two bounds, one away from the dead centre and one at it. The
+    smaller one is taken. The result is infinite, which means unknown, if both are.
 
     Parameters
     ----------
     error
-        (n,) error bound (rad) of the body that carries the outer axes.
+        (n,) error bound (rad) of the carrier.
     triple
-        (n,) absolute triple product of the axes, which is the determinant of the velocity
-        equations of the dyad. 0 at the dead centre.
+        (n,) absolute triple product of the three axes of the dyad. 0 at the dead centre.
     sines
         Sines (n,) of the arcs of both bodies, and of the arc between the outer axes.
-
-    Returns
-    -------
-    (n,) bound (rad). It is infinite if neither part gives a bound. This is so at a dead
-    centre if s is less than 10 times sqrt(2 e): two axes coincide nearly, so the dyad may
-    turn about them.
     """
-    smallest_sine = np.minimum.reduce(sines)
-    flat_error = np.where(smallest_sine > 0.0, np.sqrt(2.0 * error) / smallest_sine, np.inf)
-    # The formula of the flat triangle is only valid for small errors, up to 0.1 rad.
-    flat_error = np.where(flat_error < LARGEST_FLAT_DYAD_ERROR_RAD, flat_error, np.inf)
-    regular_error = np.where(triple > 0.0, error / triple, np.inf)
-    # `fmin` takes the other one if one of them is NaN.
+    regular_error = _regular_angle_error(error, triple)
+    flat_error = _flat_angle_error(error, np.minimum.reduce(sines))
+    # `fmin` takes the other one if one of them is NaN. The factor 4 is for safety.
     return 4.0 * (error + np.fmin(regular_error, flat_error))
+
+
+def _regular_angle_error(error: Floats, triple: Floats) -> Floats:
+    """Return a bound (n,) of the error of the angles of a dyad that is not flat.
+
+    The velocity equations give the change of the angles: it is the error (n,) of the axes
+    over their determinant. The determinant is the triple product (n,) of the three axes. It
+    is 0 at the dead centre, where the dyad is flat and the bound is infinite.
+    """
+    return np.where(triple > 0.0, error / triple, np.inf)
+
+
+def _flat_angle_error(error: Floats, smallest_sine: Floats) -> Floats:
+    """Return a bound (n,) of the error of the angles of a dyad at its dead centre.
+
+    The three axes of a dyad form a spherical triangle, which is flat at the dead centre. If
+    its angles then change by x, an arc changes by s^2 x^2 / 2 at least, where s is the
+    smallest sine of its arcs. Arcs with an error e thus allow x up to sqrt(2 e) / s.
+
+    The formula holds for small x. Bounds above `LARGEST_FLAT_DYAD_ERROR_RAD` are therefore
+    replaced by infinity. This happens if two axes nearly coincide (s is nearly 0).
+    """
+    bound = np.where(smallest_sine > 0.0, np.sqrt(2.0 * error) / smallest_sine, np.inf)
+    return np.where(bound < LARGEST_FLAT_DYAD_ERROR_RAD, bound, np.inf)
