@@ -521,7 +521,7 @@ def _nearest_point_rates(
     relative_by_arc_lengths = np.stack([by_arc_length_1, -by_arc_length_2], axis=1)
     relative_by_variable = by_variable_1 - by_variable_2
     rates, *_ = np.linalg.lstsq(relative_by_arc_lengths, -relative_by_variable, rcond=None)
-    return rates
+    return np.asarray(rates, dtype=float)
 
 
 class FrameRotations(NamedTuple):
