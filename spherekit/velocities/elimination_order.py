@@ -15,7 +15,7 @@ modes. Several orders may therefore be needed for one set of configurations.
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,6 +52,25 @@ MOST_ORDERS = 16
 take about as long to generate as those of the first."""
 MAX_CONFIGURATIONS_PER_ORDER = 32
 """Largest number of configurations from which one order is chosen."""
+
+
+class PivotCandidate(NamedTuple):
+    """A pivot that is possible in a step of the elimination.
+
+    Attributes
+    ----------
+    loop
+        Number of the loop.
+    variables
+        Numbers of the variables for which the equations of the loop would be solved.
+    independence
+        How far the axes of the variables are from linearly dependent: 1 for axes at right
+        angles, 0 for dependent axes. The least value of all configurations counts.
+    """
+
+    loop: int
+    variables: list[int]
+    independence: float
 
 
 def assign_elimination_orders(
@@ -137,11 +156,11 @@ def choose_elimination_order(
 ) -> EliminationOrder | None:
     """Choose one elimination order for several configurations.
 
-    This is Gaussian elimination of the Jacobians with a choice of the pivot in each step. A
-    pivot is a loop with the variables (at most three) for which its equations are solved.
-    The same pivots are used for all configurations. The columns of a pivot are the axes of
-    its variables. Their independence is the product of their singular values, divided by
-    the product of their lengths. The configuration at which it is least counts.
+    This is Gaussian elimination of the Jacobians, with a choice of the pivot in each step.
+    A pivot is a loop with the variables (at most three) for which its equations are solved.
+    The same pivots are used for all configurations. A pivot is good if the axes of its
+    variables are far from linearly dependent at all of them, and if the step needs few
+    products.
 
     Parameters
     ----------
@@ -161,23 +180,24 @@ def choose_elimination_order(
     loops = list(range(rows // 3))
     columns = list(passive)
     pivots: list[Pivot] = []
-    # By loop, the independence and the variables of its possible pivots. A pivot changes
-    # only the equations of loops that contain its variables. The candidates of other loops
-    # are not computed again; otherwise the number of decompositions would grow with the
-    # square of the number of loops.
-    candidates: dict[int, list[tuple[float, list[int]]]] = {}
+    # By loop, its possible pivots. A pivot changes only the equations of loops that contain
+    # its variables. The candidates of other loops are not computed again; otherwise the
+    # number of decompositions would grow with the square of the number of loops.
+    candidates: dict[int, list[PivotCandidate]] = {}
     while columns:
         # (loops, variables): whether the equations of a loop contain a variable.
         contains_variable = np.any(remaining[:, loops], axis=(0, 2))
         for loop, loop_contains in zip(loops, contains_variable, strict=True):
             if loop not in candidates:
                 loop_variables = [c for c in columns if loop_contains[c]]
-                candidates[loop] = _judge_candidates(remaining[:, loop], loop_variables)
-        best = _choose_pivot(candidates, loops, columns, contains_variable)
-        if best is None:
+                candidates[loop] = _judge_candidates(
+                    loop, remaining[:, loop], loop_variables
+                )
+        pivot = _choose_pivot(candidates, loops, columns, contains_variable)
+        if pivot is None:
             return None
-        loop, chosen = best
-        pivots.append(best)
+        loop, chosen = pivot
+        pivots.append(pivot)
         # The equations of loops that contain a variable of the pivot change, so their
         # candidates are judged again.
         for changed_loop, contains in zip(loops, contains_variable, strict=True):
@@ -185,30 +205,28 @@ def choose_elimination_order(
                 del candidates[changed_loop]
         loops.remove(loop)
         columns = [c for c in columns if c not in chosen]
-        # Express the variables of the pivot by the others, and insert them into other
-        # loops. A pivot has as many variables as its loop has independent equations. If
-        # these are fewer than the three equations, the matrix is not square. The
-        # pseudo-inverse then solves all three, because they agree up to rounding.
-        solved = np.linalg.pinv(remaining[:, loop][:, :, chosen]) @ remaining[:, loop]
+        # Express the variables of the pivot by the others, and insert them into the loops
+        # that remain. The pseudo-inverse also serves pivots with fewer than three
+        # variables. The three equations of their loop then repeat each other, so that a
+        # solution of some is one of all.
+        axes = remaining[:, loop][:, :, chosen]
+        solved = np.linalg.pinv(axes) @ remaining[:, loop]
         remaining[:, loops] -= remaining[:, loops][..., chosen] @ solved[:, None]
     return pivots
 
 
 def _judge_candidates(
-    rows: Floats, loop_variables: Sequence[int]
-) -> list[tuple[float, list[int]]]:
+    loop: int, rows: Floats, loop_variables: Sequence[int]
+) -> list[PivotCandidate]:
     """Return the sets of variables for which the equations of one loop can be solved.
 
     A loop has three equations, of which some may follow from others. A set has as many
     variables as there are independent equations.
 
-    The column of a variable in the equations is its axis. The independence of the axes of a
-    set is the product of their singular values, divided by the product of their lengths. It
-    is 1 for axes at right angles, and 0 for dependent axes. The least value of all
-    configurations counts.
-
     Parameters
     ----------
+    loop
+        Number of the loop.
     rows
         (k, 3, variables) equations of the loop at k configurations. Variables for which
         other loops were solved before are replaced by their solutions.
@@ -217,8 +235,7 @@ def _judge_candidates(
 
     Returns
     -------
-    The independence and the variables of each set. The list is empty if the loop has no
-    independent equation.
+    The possible pivots. The list is empty if the loop has no independent equation.
     """
     if not loop_variables:
         return []
@@ -229,32 +246,48 @@ def _judge_candidates(
     if not rank:
         return []
     sets = [list(chosen) for chosen in combinations(loop_variables, rank)]
-    # (sets, k, 3, rank) the axes of the variables of each set.
+    # (sets, k, 3, rank): the column of a variable in the equations is its axis.
     axes = np.moveaxis(rows[:, :, sets], 2, 0)
-    lengths_product = np.prod(np.linalg.norm(axes, axis=2), axis=2)
-    independence = np.prod(np.linalg.svd(axes, compute_uv=False), axis=2)
+    independence = np.min(_axes_independence(axes), axis=1)
+    return [
+        PivotCandidate(loop, variables, value)
+        for variables, value in zip(sets, independence.tolist(), strict=True)
+    ]
+
+
+def _axes_independence(axes: Floats) -> Floats:
+    """Return how far axes are from linearly dependent: 1 at right angles, 0 if dependent.
+
+    It is the volume that the axes span (the product of their singular values), divided by
+    the product of their lengths.
+
+    Parameters
+    ----------
+    axes
+        (..., 3, r) with r axes as columns.
+    """
+    volume = np.prod(np.linalg.svd(axes, compute_uv=False), axis=-1)
+    lengths_product = np.prod(np.linalg.norm(axes, axis=-2), axis=-1)
     # The limit prevents a division by zero.
-    independence = np.min(independence / np.maximum(lengths_product, 1e-300), axis=1)
-    return list(zip(independence.tolist(), sets, strict=True))
+    return np.asarray(volume / np.maximum(lengths_product, 1e-300))
 
 
 def _choose_pivot(
-    candidates: Mapping[int, Sequence[tuple[float, list[int]]]],
+    candidates: Mapping[int, Sequence[PivotCandidate]],
     loops: Sequence[int],
     columns: Sequence[int],
     contains_variable: Bools,
 ) -> Pivot | None:
     """Choose the next pivot of an elimination: a loop and the variables that it gives.
 
-    The independence of a pivot is 1 if the axes of its variables are at right angles, and 0
-    if they are linearly dependent. Its cost estimates the number of products of the step.
-    Among the pivots that are at least `MIN_INDEPENDENCE_RATIO` times as independent as the
-    best one, the pivot with the lowest cost is chosen.
+    Two aims compete: axes that are far from linearly dependent, so that few digits are
+    lost, and few products. Among the pivots that are at least `MIN_INDEPENDENCE_RATIO`
+    times as independent as the best one, the pivot with the lowest cost is chosen.
 
     Parameters
     ----------
     candidates
-        By loop, the independence and the variables of its possible pivots.
+        By loop, its possible pivots.
     loops
         Numbers of the loops that are no pivots yet.
     columns
@@ -268,37 +301,55 @@ def _choose_pivot(
     The pivot, or None if no loop gives any of the variables.
     """
     best_independence = max(
-        (independence for loop in loops for independence, _ in candidates[loop]),
+        (candidate.independence for loop in loops for candidate in candidates[loop]),
         default=0.0,
     )
     if not best_independence > 0.0:
         return None
-    judged: list[tuple[float, float, Pivot]] = []
+    best_pivot: Pivot | None = None
+    best_rank = (-np.inf, 0.0)
     for loop, loop_contains in zip(loops, contains_variable, strict=True):
         loop_variables = [c for c in columns if loop_contains[c]]
-        for independence, chosen in candidates[loop]:
-            # Dependent axes would make the solved equations inaccurate. Written with "not",
-            # so that NaN is left out, too.
-            if not independence >= MIN_INDEPENDENCE_RATIO * best_independence:
+        for candidate in candidates[loop]:
+            # Written with "not", so that NaN is left out, too.
+            if not candidate.independence >= MIN_INDEPENDENCE_RATIO * best_independence:
                 continue
-            # The variables of the pivot are expressed by the other variables of the loop
-            # and inserted into the other loops that contain a variable of the pivot. Each
-            # of these loops needs one product per other variable and one more for the right
-            # side. An other variable that was not in such a loop is then in it (`filled`),
-            # which costs products in later steps.
-            other_variables = [c for c in loop_variables if c not in chosen]
-            loops_with_pivot = contains_variable[
-                np.any(contains_variable[:, chosen], axis=1)
-            ]
-            filled = int(np.sum(~loops_with_pivot[:, other_variables]))
-            # `loops_with_pivot` has the loop of the pivot, too, into which nothing is
-            # inserted.
-            products = (len(loops_with_pivot) - 1) * (1 + len(other_variables))
-            cost = FILL_COST * filled + products
-            judged.append((-cost, independence, (loop, chosen)))
-    # Lowest cost first, then the most independent axes.
-    _, _, best_pivot = max(judged, key=itemgetter(0, 1))
+            cost = _elimination_cost(candidate, loop_variables, contains_variable)
+            # Lowest cost first, then the most independent axes.
+            rank = (-cost, candidate.independence)
+            if rank > best_rank:
+                best_rank = rank
+                best_pivot = (loop, candidate.variables)
     return best_pivot
+
+
+def _elimination_cost(
+    candidate: PivotCandidate, loop_variables: Sequence[int], contains_variable: Bools
+) -> int:
+    """Return about how many products the elimination of the variables of a pivot costs.
+
+    The variables are expressed by the other variables of their loop, and inserted into the
+    other loops that contain one of them.
+
+    Parameters
+    ----------
+    candidate
+        The pivot.
+    loop_variables
+        Numbers of the variables that its loop contains, without those eliminated before.
+    contains_variable
+        (loops, variables) whether the equations of a loop contain a variable. The loop of
+        the pivot is one of them.
+    """
+    other_variables = [c for c in loop_variables if c not in candidate.variables]
+    has_pivot_variable = np.any(contains_variable[:, candidate.variables], axis=1)
+    loops_with_pivot = contains_variable[has_pivot_variable]
+    # One product per other variable and one for the right side, for each of these loops
+    # except the loop of the pivot itself.
+    products = (len(loops_with_pivot) - 1) * (1 + len(other_variables))
+    # Zero entries that become nonzero cost products in later steps.
+    filled = int(np.sum(~loops_with_pivot[:, other_variables]))
+    return FILL_COST * filled + products
 
 
 def inverse_sizes(matrices: Floats) -> Floats:
@@ -316,10 +367,8 @@ def inverse_sizes(matrices: Floats) -> Floats:
 def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floats:
     """Return the Frobenius norms of the left inverses that an elimination order gives.
 
-    The order consists of pivots: a loop with the variables for which its equations are
-    solved. An order with a much larger inverse than the smallest possible one amplifies
-    rounding errors and is not used. This function does numerically what
-    `spherekit.velocities.loop_inverse.loop_inverse` does with expressions.
+    An order with a much larger inverse than the smallest possible one amplifies rounding
+    errors and is not used.
 
     Parameters
     ----------
@@ -333,36 +382,8 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
     (n,) norms of the inverses, which map right-hand sides of the equations to passive
     variables. Infinite if a pivot is singular, so that the result is no inverse.
     """
-    n, equations, count = jacobians.shape
-    loops = equations // 3
-    # The identity matrix beside the equations becomes the inverse (Gauss-Jordan
-    # elimination).
-    unit = np.broadcast_to(np.eye(equations), (n, equations, equations))
-    rows = np.concatenate([jacobians, unit], axis=2)
-    rows = rows.reshape(n, loops, 3, count + equations)
     with np.errstate(all="ignore"):
-        for loop, chosen in order:
-            axes = rows[:, loop][:, :, chosen]
-            if len(chosen) == 3:
-                inverse = left_inverse(axes)
-            else:
-                # Some of the three equations of this loop follow from those of other loops.
-                # The pivot then has fewer than three variables. The equations are solved
-                # for them by least squares (normal equations).
-                transposed = np.swapaxes(axes, 1, 2)
-                inverse = left_inverse(transposed @ axes) @ transposed
-            # The equations of this loop are solved for the variables of the pivot, and the
-            # result is inserted into all other loops. With fewer than three variables, only
-            # as many rows of this loop are replaced. The other rows are not used any more.
-            solved = inverse @ rows[:, loop]
-            for other_loop in range(loops):
-                if other_loop != loop:
-                    rows[:, other_loop] -= rows[:, other_loop][:, :, chosen] @ solved
-            rows[:, loop, : len(chosen)] = solved
-        # The solved rows of each pivot are rows of the inverse.
-        inverses = np.concatenate(
-            [rows[:, loop, : len(chosen), count:] for loop, chosen in order], axis=1
-        )
+        inverses = _eliminated_inverses(jacobians, order)
         variables = [variable for _, chosen in order for variable in chosen]
         # A pivot matrix whose elements are only rounding errors gives huge factors, which
         # can cancel by chance. The result then has an ordinary size without being an
@@ -371,3 +392,59 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
         is_inverse = np.max(errors, axis=(1, 2)) <= MAX_LEFT_INVERSE_ERROR
         sizes = np.linalg.norm(inverses, axis=(1, 2))
         return np.where(is_inverse, sizes, np.inf)
+
+
+def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
+    """Return the left inverses by Gauss-Jordan elimination in a given order.
+
+    `spherekit.velocities.loop_inverse.loop_inverse` does the same with expressions.
+
+    Parameters
+    ----------
+    jacobians
+        (n, 3 * loops, variables) closure Jacobians of n configurations.
+    order
+        The pivots that give all passive variables.
+
+    Returns
+    -------
+    (n, passive variables, 3 * loops) inverses, with the variables in the order of the
+    pivots. Not an inverse, or not finite, if a pivot is singular.
+    """
+    n, equation_count, variable_count = jacobians.shape
+    # The identity matrix beside the equations becomes the inverse.
+    unit = np.broadcast_to(np.eye(equation_count), (n, equation_count, equation_count))
+    equations = np.concatenate([jacobians, unit], axis=2)
+    # For each loop its three equations (n, 3, variables + equations).
+    rows_by_loop = np.split(equations, equation_count // 3, axis=1)
+    for loop, chosen in order:
+        axes = rows_by_loop[loop][:, :, chosen]
+        # The equations of this loop are solved for the variables of the pivot. One row for
+        # each of these variables replaces them.
+        solved_rows = _solving_matrix(axes) @ rows_by_loop[loop]
+        rows_by_loop[loop] = solved_rows
+        # The solution is inserted into all other loops.
+        for other_loop, rows in enumerate(rows_by_loop):
+            if other_loop != loop:
+                rows -= rows[:, :, chosen] @ solved_rows
+    solved_rows = np.concatenate([rows_by_loop[loop] for loop, _ in order], axis=1)
+    return np.asarray(solved_rows[:, :, variable_count:])
+
+
+def _solving_matrix(axes: Floats) -> Floats:
+    """Return the matrices that solve the equations of a loop for the variables of a pivot.
+
+    Parameters
+    ----------
+    axes
+        (n, 3, m) coefficients of the m variables in the three equations of the loop.
+
+    Returns
+    -------
+    (n, m, 3) left inverses. With fewer than three variables, some of the equations follow
+    from those of other loops, and they are solved by least squares (normal equations).
+    """
+    if axes.shape[2] == 3:
+        return left_inverse(axes)
+    transposed = np.swapaxes(axes, 1, 2)
+    return np.asarray(left_inverse(transposed @ axes) @ transposed)
