@@ -131,34 +131,31 @@ class EquivalentLinkage:
         symbol_by_index
             Symbols that replace some of the `numbers`, by the index of the number.
         """
-        # All numbers in order, some of them as symbols. Each rotation takes the next three
-        # of them.
+        # All numbers in order, some of them as symbols.
         numbers = iter(symbol_by_index.get(k, x) for k, x in enumerate(self.numbers))
-        chains: list[JointTransform] = []
-        # A pair of the mechanism, by its index, has two constant rotations, one for each of
-        # its links. A sliding contact has three.
+        # For each R pair its constant rotations in the first and in the second link.
+        constants_by_pair: list[tuple[Entries, Entries]] = []
         for index, constant_rotations in enumerate(self.constant_rotations):
-            rotations: list[Exprs] = []
-            for _ in constant_rotations:
-                first_angle = next(numbers)
-                second_angle = next(numbers)
-                third_angle = next(numbers)
-                rotations.append(
-                    about_z(first_angle) @ _about_y(second_angle) @ about_z(third_angle)
-                )
-            # For each R pair its constant rotations in the first and in the second link.
-            ends: list[tuple[Entries, Entries]] = [(rotations[0], rotations[-1])]
+            # Each rotation has the next three numbers as its Euler angles.
+            rotations = [
+                _rotation_from_euler(next(numbers), next(numbers), next(numbers))
+                for _ in constant_rotations
+            ]
             if index in self.sliding:
-                # A sliding contact is replaced by two R pairs. Its three rotations are
-                # those of the first link, of the link between the centres, and of the
-                # second link. The axes of the link between the centres are chosen equal to
-                # the frame of its first pair, so one more rotation is the identity.
-                ends = [(rotations[0], np.eye(3)), (rotations[1], rotations[2])]
-            for first, second in ends:
-                # Each R pair has one variable. Both have the same number, which is that of
-                # the pairs before.
-                variable = len(chains)
-                chains.append(JointTransform((first, second), (AxisRotation(variable),)))
+                # A sliding contact rotates its second link relative to its first by
+                # first Z between Z second, with two variable rotations Z. Two R pairs
+                # replace it: "first Z" leads to the link between the centres, whose axes
+                # are those of this first pair, and "between Z second" to the second link.
+                first, between, second = rotations
+                constants_by_pair += [(first, np.eye(3)), (between, second)]
+            else:
+                first, second = rotations
+                constants_by_pair.append((first, second))
+        # Each R pair has one variable, of the same number.
+        chains = [
+            JointTransform(constants, (AxisRotation(pair),))
+            for pair, constants in enumerate(constants_by_pair)
+        ]
         followers: dict[int, list[Expr]] = {}
         if self.train is not None:
             # The remaining numbers are a ratio for each input and an offset. The angle of a
@@ -321,6 +318,11 @@ def _replace_contacts(
         joint_limits=(),
         modes={},
     )
+
+
+def _rotation_from_euler(first: Expr, second: Expr, third: Expr) -> Exprs:
+    """Return the rotation (3, 3) about z, y and z by three Euler angles (rad)."""
+    return about_z(first) @ _about_y(second) @ about_z(third)
 
 
 def _about_y(angle: Expr) -> Exprs:

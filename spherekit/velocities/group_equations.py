@@ -14,6 +14,7 @@ one equation. The private rates follow from the other rates.
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,19 +42,29 @@ Larger: larger groups have expressions, whose length grows with the factorial of
 GROUND_DIRECTIONS = constants(np.eye(3))
 """Directions (3, 3) of the equations of a loop without private variables."""
 
-WITHOUT_PRIVATE = -1
-"""Stands for the equation of a loop that does not contain its two private variables.
-
-Private variables occur in no other loop. All other equations are components along the
-vector of a variable, and the number of this variable stands for them.
-"""
-
 MIN_INDEPENDENCE = 1e-6
 """Smallest part of an equation of unit size that no other equations determine.
 
 Smaller parts count as rounding errors. Larger: mechanisms whose equations are nearly
 dependent are refused. Smaller: equations that repeat each other can be chosen together.
 """
+
+
+class EquationChoice(NamedTuple):
+    """Says which component of the vector equation of a loop is one of the equations solved.
+
+    Attributes
+    ----------
+    loop_index
+        Index of the loop.
+    variable
+        Number of the variable of the loop along whose vector the component is taken. None
+        if it is perpendicular to the vectors of the two private variables of the loop,
+        which occur in no other loop. The equation then does not contain them.
+    """
+
+    loop_index: int
+    variable: int | None
 
 
 @dataclass(frozen=True)
@@ -100,9 +111,8 @@ class GroupEquations:
     unknowns
         The variables whose rates are solved together.
     chosen_equations
-        If equations of the group repeat each other, the independent ones: the index of the
-        loop, and the variable along whose vector the equation is taken, or
-        `WITHOUT_PRIVATE`. Otherwise None, and all equations are used.
+        If equations of the group repeat each other, the independent ones. Otherwise None,
+        and all equations are used.
     """
 
     def __init__(
@@ -157,7 +167,7 @@ class GroupEquations:
         ]
         eliminated = {v for variables in self.private_variables for v in variables}
         self.unknowns = [v for v in group_variables if v not in eliminated]
-        self.chosen_equations: list[tuple[int, int]] | None = None
+        self.chosen_equations: list[EquationChoice] | None = None
         if group.redundant:
             self.chosen_equations = self._choose_equations(compute_vectors())
         if len(self.unknowns) > MAX_DETERMINANT_SIZE:
@@ -172,24 +182,17 @@ class GroupEquations:
         """Return the numbers of the variables of a pair."""
         return self.mechanism.variables_of(pair)
 
-    def _choose_equations(self, vectors: Floats) -> list[tuple[int, int]]:
-        """Return independent equations, one for each unknown, as `chosen_equations`.
+    def _choose_equations(self, vectors: Floats) -> list[EquationChoice]:
+        """Return independent scalar equations, one for each unknown.
 
-        An equation is the component of the equation of a loop along a direction: along the
-        vector of one of its variables, or perpendicular to its two private variables, which
-        occur in no other loop and are eliminated by this choice. The independent equations
-        are the pivots of a QR decomposition of all equations at one configuration.
+        They are the pivots of a QR decomposition, at one configuration, of all equations
+        that can be chosen.
 
         Parameters
         ----------
         vectors
             (variables, 3) vectors of all variables at this configuration: relative angular
             velocities of the links of their pairs per unit rate.
-
-        Returns
-        -------
-        The index of the loop of each equation, with the variable along whose vector it is
-        taken, or `WITHOUT_PRIVATE`.
 
         Raises
         ------
@@ -214,7 +217,7 @@ class GroupEquations:
             )
         return [equations[k] for k in order[:count]]
 
-    def _equation_rows(self, vectors: Floats) -> dict[tuple[int, int], Floats]:
+    def _equation_rows(self, vectors: Floats) -> dict[EquationChoice, Floats]:
         """Return the coefficients of the unknowns in all equations that can be chosen.
 
         Parameters
@@ -224,34 +227,60 @@ class GroupEquations:
 
         Returns
         -------
-        By the index of the loop and the variable along whose vector the equation is taken,
-        or `WITHOUT_PRIVATE`: the coefficients (unknowns,), divided by the size of the whole
+        For each equation the coefficients (unknowns,), divided by the size of the whole
         equation. Equations whose coefficients are rounding errors are left out.
         """
-        row_by_equation: dict[tuple[int, int], Floats] = {}
-        for loop_index, (loop, private) in enumerate(
-            zip(self.loops, self.private_variables, strict=True)
-        ):
+        row_by_equation: dict[EquationChoice, Floats] = {}
+        for loop_index, loop in enumerate(self.loops):
             # For each variable +1 or -1 if the loop passes its pair, otherwise 0.
             senses = np.zeros(len(vectors))
             for pair, sense in loop:
                 senses[list(self._variables_of(pair))] += sense
+            # The vector equation of the loop: the sum of these vectors times rates is zero.
             loop_vectors = senses[:, None] * vectors
-            directions = {v: vectors[v] for v in np.flatnonzero(senses).tolist()}
-            if private:
-                first, second = private
-                normal = np.cross(loop_vectors[first], loop_vectors[second])
-                directions = {WITHOUT_PRIVATE: normal}
-            for key, direction in directions.items():
-                # The coefficients of all variables in this equation.
+            directions = self._equation_directions(loop_index, senses, vectors)
+            for equation, direction in directions.items():
+                # The coefficients of all variables in this component of the equation.
                 row = loop_vectors @ direction
                 row_size = float(np.linalg.norm(row))
                 direction_size = float(np.linalg.norm(direction))
                 # An equation whose coefficients are rounding errors says nothing: the
                 # private axes are parallel, or all axes of the loop lie in one plane.
                 if row_size > MIN_INDEPENDENCE * max(direction_size, MIN_INDEPENDENCE):
-                    row_by_equation[loop_index, key] = row[self.unknowns] / row_size
+                    row_by_equation[equation] = row[self.unknowns] / row_size
         return row_by_equation
+
+    def _equation_directions(
+        self, loop_index: int, senses: Floats, vectors: Floats
+    ) -> dict[EquationChoice, Floats]:
+        """Return the directions (3,) of the components of a loop's equation.
+
+        Two variables of a loop can be private: they occur in no other loop. Then there is
+        one direction, perpendicular to the vectors of both, so that the equation does not
+        contain them. Otherwise there are the directions of the vectors of all variables of
+        the loop. They span the equation, and do not depend on the choice of the ground
+        axes.
+
+        Parameters
+        ----------
+        loop_index
+            Index of the loop.
+        senses
+            (variables,) +1 or -1 if the loop passes the pair of a variable, otherwise 0.
+        vectors
+            (variables, 3) vectors of all variables.
+        """
+        private = self.private_variables[loop_index]
+        if private:
+            first, second = private
+            normal = np.cross(
+                senses[first] * vectors[first], senses[second] * vectors[second]
+            )
+            return {EquationChoice(loop_index, None): normal}
+        return {
+            EquationChoice(loop_index, variable): vectors[variable]
+            for variable in np.flatnonzero(senses).tolist()
+        }
 
     def has_independent_equations(self, vectors: Floats) -> bool:
         """Return whether the equations that are solved determine the rates.
@@ -270,7 +299,7 @@ class GroupEquations:
         row_by_equation = self._equation_rows(vectors)
         if not row_by_equation.keys() >= set(self.chosen_equations):
             return False
-        rows = np.array([row_by_equation[key] for key in self.chosen_equations])
+        rows = np.array([row_by_equation[equation] for equation in self.chosen_equations])
         least_singular_value = np.linalg.svd(rows, compute_uv=False)[-1]
         return bool(least_singular_value >= MIN_INDEPENDENCE)
 
@@ -388,10 +417,8 @@ class GroupEquations:
                 else:
                     directions += [(loop_index, axis) for axis in GROUND_DIRECTIONS]
         else:
-            # The second entry is the number of a variable of the loop, along whose vector
-            # the equation is taken, or `WITHOUT_PRIVATE`.
             for loop_index, variable in self.chosen_equations:
-                if variable == WITHOUT_PRIVATE:
+                if variable is None:
                     directions.append((loop_index, normal_to_private(loop_index)))
                 else:
                     directions.append((loop_index, vectors[variable]))
