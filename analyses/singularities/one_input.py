@@ -79,7 +79,7 @@ LABEL_OF_AXIS = {
 """Labels of the axes of `SixPoles` in drawings, in the order in which they are drawn."""
 AXES_OF_FIRST_PLANE = {"I": ("io", "os", "is_"), "II": ("or_", "os", "rs")}
 AXES_OF_SECOND_PLANE = {"I": ("ir", "is_", "rs"), "II": ("io", "os", "is_")}
-"""The axes of the two planes that coincide at a type of singularity."""
+"""The axes of the two planes that coincide, by the type of the singularity."""
 GALLERY_HEADER = (
     "Arrows: poles of the input link i, its reference r, the output link o and its "
     "reference s, or the fourth link of form ii. Great circles: the planes that "
@@ -545,61 +545,102 @@ class OneInput:
     def _gallery(self) -> Scene:
         """Return a page that draws the singularities: sample k shows singularity k.
 
-        Each drawing has the links, six pole axes and two planes. The relation c y' = d q'
-        between the rates of output and input concerns four links: the output link o and its
-        reference s, the input link i and its reference r. Each two of them turn about a
-        pole axis relative to each other. At a singularity the plane through three of the
-        axes coincides with the plane through three others. A singularity that extends over
-        a whole curve has no single configuration to draw, and is left out.
+        Each drawing has the links, the six pole axes of the links of input and output, and
+        the two planes through three of these axes that coincide. A singularity that extends
+        over a whole curve has no single configuration to draw, and is left out.
         """
-        sampled = self.sampled
         # A point on a curve has an arc length s. A whole curve has NaN.
         has_point = np.isfinite(self.points["s"])
         points = {name: column[has_point] for name, column in self.points.items()}
-        curves = points["curve"].tolist()
-        # The relation can be written in two forms with different pole axes. y' is the rate
-        # of o relative to s in form i, and relative to r in form ii. Form ii exists unless
-        # o is i or r. It is drawn if it exists, otherwise form i. (Both are listed in the
-        # order i, ii.)
-        six_poles: list[SixPoles] = []
-        for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
-            output = self.names.index(name)
-            relations = sampled.report.evaluate_relations(curve, s[None], output).relations
-            six_poles.append(relations[-1].poles)
-        configurations = [
-            sampled.configuration(curve, s)
-            for curve, s in zip(curves, points["s"], strict=True)
-        ]
-        # Orientations of all links (singularities, links, 3, 3).
-        rotations = np.stack(configurations)
+        six_poles = self._poles_of_singularities(points)
+        rotations = self._link_rotations(points)
         parts: list[Primitive] = [
-            *link_bodies(sampled.position_analysis.mechanism, rotations)
+            *link_bodies(self.sampled.position_analysis.mechanism, rotations),
+            *_pole_arrows(six_poles),
+            *_coinciding_planes(six_poles, points["kind"]),
+            Text("list", "Singularities", _gallery_text(points)),
         ]
-        for name, label in LABEL_OF_AXIS.items():
-            # Pole axes (singularities, 3) with this name; NaN where an axis is undefined.
-            axes = np.concatenate([getattr(poles, name) for poles in six_poles])
-            if np.any(np.isfinite(axes)):
-                parts.append(
-                    Arrow(f"pole/{name}", label, axes, primary=False, path_shown=False)
-                )
-        # The three axes of each plane depend on the type. `AXES_OF_FIRST_PLANE` and
-        # `AXES_OF_SECOND_PLANE` name them for type I (the output rests while the input
-        # moves) and type II (the reverse). Type III and self-motions are drawn with the
-        # planes of type II.
-        types = ["I" if kind == "I" else "II" for kind in points["kind"]]
-        # The two planes that coincide, each through one triplet of the six axes.
-        for number, (label, axes_of_plane) in enumerate(
-            (("one triplet", AXES_OF_FIRST_PLANE), ("the other", AXES_OF_SECOND_PLANE))
-        ):
-            normals = []
-            for poles, kind in zip(six_poles, types, strict=True):
-                normal, _ = poles.plane(axes_of_plane[kind])
-                normals.append(normal)
-            path = f"plane/{number}"
-            parts.append(GreatCircle(path, f"plane of {label}", np.concatenate(normals)))
-        parts.append(Text("list", "Singularities", _gallery_text(points)))
-        sample_axis = Axis("singularity", "", np.arange(float(len(six_poles))))
+        sample_axis = Axis("singularity", "", np.arange(float(len(points["s"]))))
         return Scene("Singularities", tuple(parts), (sample_axis,))
+
+    def _link_rotations(self, points: Mapping[str, Any]) -> Floats:
+        """Return the orientations (n, links, 3, 3) of all links at n singularities.
+
+        `points` are columns of the table of singularities.
+        """
+        return np.stack(
+            [
+                self.sampled.configuration(curve, s)
+                for curve, s in zip(points["curve"].tolist(), points["s"], strict=True)
+            ]
+        )
+
+    def _poles_of_singularities(self, points: Mapping[str, Any]) -> SixPoles:
+        """Return the pole axes of input and output at n singularities.
+
+        They are the axes of the relation c y' = d q' between the rates of output and input.
+        If the relation can be written in two forms, they are the axes of form ii.
+
+        Parameters
+        ----------
+        points
+            Columns of the table of singularities.
+        """
+        poles_of_each: list[SixPoles] = []
+        curves = points["curve"].tolist()
+        for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
+            curve_relations = self.sampled.report.evaluate_relations(
+                curve, s[None], self.names.index(name)
+            )
+            relation_by_form = {
+                relation.form: relation for relation in curve_relations.relations
+            }
+            # Form i always exists. Form ii does unless the output link is also a link of
+            # the input.
+            relation = relation_by_form.get("ii", relation_by_form["i"])
+            poles_of_each.append(relation.poles)
+        axes_by_name = {
+            name: np.concatenate([getattr(poles, name) for poles in poles_of_each])
+            for name in LABEL_OF_AXIS
+        }
+        return SixPoles(**axes_by_name)
+
+
+def _pole_arrows(six_poles: SixPoles) -> list[Primitive]:
+    """Return an arrow along each pole axis that is defined at some singularity."""
+    arrows: list[Primitive] = []
+    for name, label in LABEL_OF_AXIS.items():
+        axes = getattr(six_poles, name)
+        if np.any(np.isfinite(axes)):
+            arrow = Arrow(f"pole/{name}", label, axes, primary=False, path_shown=False)
+            arrows.append(arrow)
+    return arrows
+
+
+def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
+    """Return the great circles in the two planes that coincide at each singularity.
+
+    Each plane contains three of the six pole axes. Which three depends on the type: I (the
+    output rests while the input moves) or II (the reverse). Type III and self-motions are
+    drawn with the planes of type II.
+
+    Parameters
+    ----------
+    six_poles
+        The pole axes at n singularities.
+    kinds
+        (n,) the types of the singularities as texts.
+    """
+    is_type_1 = np.array([kind == "I" for kind in kinds], dtype=bool)
+    planes: list[Primitive] = []
+    for number, (label, axes_by_type) in enumerate(
+        (("one triplet", AXES_OF_FIRST_PLANE), ("the other", AXES_OF_SECOND_PLANE))
+    ):
+        normals_at_type_1, _ = six_poles.plane(axes_by_type["I"])
+        normals_at_type_2, _ = six_poles.plane(axes_by_type["II"])
+        normals = np.where(is_type_1[:, None], normals_at_type_1, normals_at_type_2)
+        planes.append(GreatCircle(f"plane/{number}", f"plane of {label}", normals))
+    return planes
 
 
 def _gallery_text(points: Mapping[str, Any]) -> str:

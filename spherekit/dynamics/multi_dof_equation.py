@@ -129,38 +129,59 @@ def _derive_independence(
 ) -> Expr:
     """Return the measure of independence of the closure equations as an expression.
 
-    It is zero where closure equations depend on each other. Let J be the matrix of the
-    velocity equations J v' = 0 of the loops. The measure is det(J J^T), times a constant by
-    which it is 1 at the closed configuration `values` (variables,).
+    It is zero where closure equations depend on each other, and 1 at the closed
+    configuration `values` (variables,).
+    """
+    independence = _derive_closure_determinant(coordinate_rates, layout.freedoms)
+    # The Taylor integrator heyoka controls its error relative to the largest of the state
+    # and of all event functions. A measure far above 1 would make steps less accurate.
+    return _scale_to_one(independence, layout.variables, values)
 
-    The matrix J is not multiplied out. The measure follows from numbers that are known
-    already, for m degrees of freedom:
 
-    - D (`scale`) is the determinant of the square part of J that has the columns of the
-      variables that are no coordinates.
-    - tau_i (`tau`) is D n_i, where n_i are the rates of all variables per unit rate of
-      coordinate i.
+def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int) -> Expr:
+    """Return det(J J^T) of the velocity equations J v' = 0 of the loops.
 
-    Any square part of J has the determinant D times, up to its sign, the determinant of the
-    other variables' rates in n_1 ... n_m. By the Cauchy-Binet formula, det(J J^T) is the
-    sum of the squares of the former, and det(n_i . n_k) that of the latter. Therefore
+    The determinant is zero where the equations depend on each other. It is computed from
+    the motions that the equations permit, which are known already:
 
-        det(J J^T) = D^2 det(n_i . n_k) = det(tau_i . tau_k) / D^(2 m - 2).
+        det(J J^T) = det(T T^T) / D^(2 m - 2).
+
+    Row i of T is tau_i = D n_i. The vector n_i has the rates of all variables per unit rate
+    of coordinate i, of m coordinates (degrees of freedom). D is the determinant of the
+    columns of J that belong to the other variables. The equation holds because, up to
+    signs, the maximal minors of J are D times the complementary minors of the vectors n_i.
+
+    Parameters
+    ----------
+    coordinate_rates
+        The homogeneous rates tau_i and the determinant D (`scale`).
+    freedoms
+        The number m of degrees of freedom.
     """
     tau = coordinate_rates.tau
-    products = [[dot(a, b) for b in tau] for a in tau]  # m x m
-    independence = determinant(products)
-    # Division by D^(2 m - 2).
+    closure_determinant = determinant([[dot(a, b) for b in tau] for a in tau])
     inverse_scale = 1.0 / coordinate_rates.scale
-    for _ in range(2 * layout.freedoms - 2):
-        independence = independence * inverse_scale
-    if has_variables(independence):
-        # The Taylor integrator heyoka controls its error relative to the largest of the
-        # state and of all event functions. A measure far above 1 would make steps less
-        # accurate, so it is scaled to 1.
-        at_values = array_function([independence], layout.variables)(values[:, None])
-        independence = independence * (1.0 / at_values.item())
-    return independence
+    for _ in range(2 * freedoms - 2):
+        closure_determinant = closure_determinant * inverse_scale
+    return closure_determinant
+
+
+def _scale_to_one(expression: Expr, variables: Sequence[Expr], values: Floats) -> Expr:
+    """Return an expression divided by its value at a configuration, unless it is constant.
+
+    Parameters
+    ----------
+    expression
+        An expression of the variables.
+    variables
+        Expressions of the variables.
+    values
+        (variables,) the configuration at which the result is 1.
+    """
+    if not has_variables(expression):
+        return expression
+    value = array_function([expression], variables)(values[:, None]).item()
+    return expression * (1.0 / value)
 
 
 def _derive_events(

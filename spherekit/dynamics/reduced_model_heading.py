@@ -10,6 +10,7 @@ from functools import cached_property
 from itertools import chain
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.conventions import Names
 from spherekit.errors import SolveError
@@ -254,101 +255,132 @@ class StoredHeading:
         These are the rates and the accelerations of the coordinates, the time, and the
         present torques of the `tables`.
         """
-        coordinate_names = [
-            f"{quantity} {coordinate}"
-            for quantity in ("rate", "acceleration")
-            for coordinate in self.by
-        ]
-        table_names = [f"table {table.name}" for table in self.tables]
-        return symbols([*coordinate_names, "t", *table_names])
+        table_torques = [self._table_torque(table.name) for table in self.tables]
+        return [*self._rates, *self._accelerations, self._time, *table_torques]
+
+    @cached_property
+    def _rates(self) -> list[ExpressionNode]:
+        """The symbols of the rates of the coordinates."""
+        return symbols([f"rate {coordinate}" for coordinate in self.by])
+
+    @cached_property
+    def _accelerations(self) -> list[ExpressionNode]:
+        """The symbols of the accelerations of the coordinates."""
+        return symbols([f"acceleration {coordinate}" for coordinate in self.by])
+
+    @cached_property
+    def _time(self) -> ExpressionNode:
+        """The symbol of the time."""
+        return symbols(["t"])[0]
+
+    def _table_torque(self, load_name: str) -> ExpressionNode:
+        """Return the symbol of the present torque that the table of a load gives."""
+        return symbols([f"table {load_name}"])[0]
 
     @cached_property
     def forces(self) -> list[list[Expr]]:
         """The generalised forces of each load by each coordinate, as expressions.
 
-        A load is a sum of components. The force of a load by a coordinate is therefore a
-        sum over its components: the magnitude times the velocity on which the component
-        works, per unit rate of the coordinate. Angles, velocities and derivatives in these
-        expressions are symbols of functions that the model stores.
+        The power of a component of a load is its magnitude times a velocity. Its force by a
+        coordinate is therefore the magnitude times this velocity per unit rate of the
+        coordinate. The force of the load is the sum over its components.
         """
-        names = load_names(self.angles)
-        # `by` are the names of the coordinates.
-        coordinate_count = len(self.by)
-        # `motion_symbols` are the rates, then the accelerations of all coordinates, then
-        # the time.
-        rates = self.motion_symbols[:coordinate_count]
-        time = self.motion_symbols[2 * coordinate_count]
-
-        def named_value(name: str) -> Expr:
-            """Return the value of a name in the expression of a load.
-
-            Names are ``theta_PAIR`` (angle of an R pair), ``dtheta_PAIR`` (its rate), and
-            ``t`` (time).
-            """
-            if name.startswith("dtheta_"):
-                # The chain rule: derivatives of the angle by the coordinates times rates.
-                # `by_coordinates` returns the names of the derivatives.
-                angle_name = name.removeprefix("d")
-                derivatives = self.by_coordinates(angle_name)
-                return dot(map(self._function_symbol, derivatives), rates)
-            return time if name == "t" else self._function_symbol(name)
-
         forces: list[list[Expr]] = []
         for load in self.loads:
-            magnitudes: list[Expr] = []
-            for text in load.components:
-                law = parse(text, names)
-                # `convert_to_graph` takes two values for each name: the second one replaces
-                # it in sines and cosines. Here both are the same.
-                values = {}
-                for name in law.names:
-                    value = named_value(name)
-                    values[name] = (value, value)
-                magnitudes.append(convert_to_graph(law, values))
-            # A load without expressions is a torque that a table gives over time. Its
-            # present value is one symbol.
-            if not magnitudes:
-                magnitudes = [*symbols([f"table {load.name}"])]
-            # Row: component of the load; column: the velocity on which it works, per unit
-            # rate of a coordinate.
-            velocities = [
-                [self._function_symbol(name) for name in self.by_coordinates(variable)]
-                for variable in load.works_on
-            ]
-            velocities_by_coordinate = zip(*velocities, strict=True)
-            forces.append([dot(magnitudes, column) for column in velocities_by_coordinate])
+            magnitudes = self._load_magnitudes(load)
+            velocities = [self._velocity_by_coordinates(name) for name in load.works_on]
+            forces_of_load = []
+            for i in range(len(self.by)):
+                velocities_by_coordinate = [velocity[i] for velocity in velocities]
+                forces_of_load.append(dot(magnitudes, velocities_by_coordinate))
+            forces.append(forces_of_load)
         return forces
+
+    def _velocity_by_coordinates(self, name: str) -> list[ExpressionNode]:
+        """Return a velocity per unit rate of each coordinate, as stored functions.
+
+        `name` is a pair variable, whose rate is the velocity, or a velocity of a load.
+        """
+        return [self._function_symbol(stored) for stored in self.by_coordinates(name)]
+
+    def _load_magnitudes(self, load: StoredLoad) -> list[Expr]:
+        """Return the magnitudes of the components of a load as expressions.
+
+        If a table gives the torque over time, it is the only component.
+        """
+        if load.table is not None:
+            return [self._table_torque(load.name)]
+        return [self._convert_magnitude(text) for text in load.components]
+
+    def _convert_magnitude(self, text: str) -> Expr:
+        """Return the magnitude of a load, a text such as ``-0.2*dtheta_21``, as a graph."""
+        law = parse(text, load_names(self.angles))
+        nodes_by_name: dict[str, tuple[Expr, Expr]] = {}
+        for name in law.names:
+            value = self._load_variable(name)
+            # `convert_to_graph` accepts a second value of an angle, less whole revolutions.
+            # Angles of the model are not reduced, so both values are the same.
+            nodes_by_name[name] = (value, value)
+        return convert_to_graph(law, nodes_by_name)
+
+    def _load_variable(self, name: str) -> Expr:
+        """Return the quantity that a name in the expression of a load stands for.
+
+        Names are ``theta_PAIR`` (angle of an R pair), ``dtheta_PAIR`` (its rate), and ``t``
+        (time).
+        """
+        if name == "t":
+            return self._time
+        if name.startswith("dtheta_"):
+            # Chain rule: derivatives of the angle by the coordinates times their rates.
+            derivatives = self._velocity_by_coordinates(name.removeprefix("d"))
+            return dot(derivatives, self._rates)
+        return self._function_symbol(name)
 
     @cached_property
     def torques(self) -> list[Expr]:
         """The driving torque M x'' + C x' - Q for each coordinate, as expressions.
 
         M is the inertia matrix, C x' the products of rates with Christoffel symbols, and Q
-        the generalised force of all loads. The entries of M and the Christoffel symbols are
-        symbols of functions that the model stores.
+        the generalised force of all loads.
         """
-        coordinate_count = len(self.by)
-        # `motion_symbols` starts with the rates, then the accelerations of the coordinates.
-        rates = self.motion_symbols[:coordinate_count]
-        accelerations = self.motion_symbols[coordinate_count : 2 * coordinate_count]
-        # Symmetric matrices are stored row by row to their diagonals. `self.inertia` has
-        # the names of the entries of M in this order.
-        first, second = np.tril_indices(coordinate_count)
-        rate_products = [rates[a] * rates[b] for a, b in zip(first, second, strict=True)]
-        M = np.empty((coordinate_count, coordinate_count), dtype=object)
-        M[first, second] = M[second, first] = list(map(self._function_symbol, self.inertia))
+        inertia_matrix = self._inertia_matrix
+        velocity_torques = self._velocity_torques
         torques: list[Expr] = []
-        for i, factor_by_symbol in enumerate(self.christoffel):
-            # The Christoffel symbols of coordinate i, in the order of `rate_products`. The
-            # factor of a symbol off the diagonal is 2, because it stands for two entries.
-            symbols_of_row = [
-                factor * self._function_symbol(name)
-                for name, factor in factor_by_symbol.items()
-            ]
-            inertia_torque = dot(M[i], accelerations) + dot(symbols_of_row, rate_products)
+        for i in range(len(self.by)):
+            inertia_torque = dot(inertia_matrix[i], self._accelerations)
             load_force = sum((force[i] for force in self.forces), 0.0)
-            torques.append(inertia_torque - load_force)
+            torques.append(inertia_torque + velocity_torques[i] - load_force)
         return torques
+
+    @property
+    def _inertia_matrix(self) -> NDArray[np.object_]:
+        """The symmetric inertia matrix (m, m) as symbols of stored functions."""
+        size = len(self.by)
+        # `inertia` has the names of the entries row by row to the diagonal.
+        rows, columns = np.tril_indices(size)
+        entries = [self._function_symbol(name) for name in self.inertia]
+        matrix = np.empty((size, size), dtype=object)
+        matrix[rows, columns] = entries
+        matrix[columns, rows] = entries
+        return matrix
+
+    @property
+    def _velocity_torques(self) -> list[Expr]:
+        """The torque at each coordinate that is quadratic in the rates, C x'."""
+        # The products of rates, in the order of the Christoffel symbols.
+        rows, columns = np.tril_indices(len(self.by))
+        rate_products = [
+            self._rates[a] * self._rates[b] for a, b in zip(rows, columns, strict=True)
+        ]
+        velocity_torques: list[Expr] = []
+        for factor_by_name in self.christoffel:
+            coefficients = [
+                factor * self._function_symbol(name)
+                for name, factor in factor_by_name.items()
+            ]
+            velocity_torques.append(dot(coefficients, rate_products))
+        return velocity_torques
 
     def _function_symbol(self, name: str) -> ExpressionNode:
         """Return the symbol of a stored function; `SolveError` if it is not stored."""

@@ -16,6 +16,7 @@ L(a) + w x L(w) with one linear map L.
 A wrench (6,) is a moment about O (N m) followed by a force (N).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -167,6 +168,22 @@ class Equilibrium:
     residual: Floats
 
 
+@dataclass(frozen=True)
+class EquationSystem:
+    """Equations that have no unknown reactions in common with all other equations.
+
+    Attributes
+    ----------
+    is_equation
+        (equations,) whether an equation belongs to the system.
+    is_reaction
+        (columns,) whether a reaction is one of its unknowns.
+    """
+
+    is_equation: Bools
+    is_reaction: Bools
+
+
 class NewtonEuler:
     """Newton-Euler equations of all links at n rows, solved for the reactions of pairs.
 
@@ -264,59 +281,67 @@ class NewtonEuler:
         for link in links_without_centre(mechanism):
             self._has_equation[mechanism.link_number[link], MOMENT_COMPONENTS:] = False
         self.matrix = matrix[:, self._has_equation]
-        self._invert(coupled=bool(distances))
+        self._invert_systems(self._divide_equations(is_coupled=bool(distances)))
 
-    def _invert(self, coupled: bool) -> None:
-        """Compute the pseudoinverse, the open reactions and the sliding links.
+    def _divide_equations(self, is_coupled: bool) -> list[EquationSystem]:
+        """Return the systems of equations that are solved separately.
 
-        The results are stored as `_inverse`, `is_open` and `slides`. A reaction is open if
-        the equations do not determine it, because it belongs to reactions that balance each
-        other. A link slides if no reaction can balance some force on it, so that nothing
-        prevents its displacement from the centre O. An equation of forces then has a part
-        outside the column space of the matrix.
+        The equations of moments have the moments of the pairs as unknowns, and those of
+        forces have the forces. They are two systems, each with its own rank.
 
         Parameters
         ----------
-        coupled
-            Whether contacts at known distances from O couple the equations of moments and
-            of forces. Otherwise they are solved as two systems, each with its own rank.
+        is_coupled
+            Whether the moments of some contacts also exert forces, because the distances of
+            these contacts from O are known. All equations then form one system.
+        """
+        # `_has_equation` (links, 6) says which components of the moment and force on which
+        # link have an equation.
+        _, equation_components = np.nonzero(self._has_equation)
+        reaction_components = np.array([x for _, x in self.columns], dtype=int)
+        if is_coupled:
+            all_equations = np.ones(len(equation_components), dtype=bool)
+            all_reactions = np.ones(len(reaction_components), dtype=bool)
+            return [EquationSystem(all_equations, all_reactions)]
+        is_moment_equation = equation_components < MOMENT_COMPONENTS
+        is_moment = reaction_components < MOMENT_COMPONENTS
+        return [
+            EquationSystem(is_moment_equation, is_moment),
+            EquationSystem(~is_moment_equation, ~is_moment),
+        ]
+
+    def _invert_systems(self, systems: Sequence[EquationSystem]) -> None:
+        """Invert systems of equations, and find open reactions and sliding links.
+
+        This method sets `_inverse` (n, columns, equations), `is_open` and `slides`.
         """
         n, equation_count, column_count = self.matrix.shape
         self._inverse = np.zeros((n, column_count, equation_count))
         self.is_open = np.zeros((n, column_count), dtype=bool)
-        is_unheld = np.zeros((n, equation_count), dtype=bool)
-        # If they are coupled, all equations and reactions belong to the first system.
-        # `_has_equation` (links, 6) says which components of the moment and force on which
-        # link have an equation.
-        _, equation_components = np.nonzero(self._has_equation)
-        is_moment_equation = (equation_components < MOMENT_COMPONENTS) | coupled
-        is_moment_column = np.array(
-            [coupled or component < MOMENT_COMPONENTS for _, component in self.columns],
-            dtype=bool,
-        )
-        for equations, columns in (
-            (is_moment_equation, is_moment_column),
-            (~is_moment_equation, ~is_moment_column),
-        ):
-            system = self.matrix[:, equations][:, :, columns]
-            # system = left diag(singular_values) right. A singular value that counts as
-            # zero becomes infinite, so that its reciprocal in the pseudoinverse is zero.
-            left, singular_values, right = np.linalg.svd(system, full_matrices=False)
-            left = transpose(left)
-            is_regular = (
-                singular_values > DEPENDENT_REACTIONS_RATIO * singular_values[:, :1]
-            )
-            singular_values[~is_regular] = np.inf
-            block = np.ix_(np.arange(n), columns, equations)
-            self._inverse[block] = transpose(right) @ (left / singular_values[..., None])
-            # A reaction with a part outside the row space belongs to reactions that
-            # balance each other. An equation with a part outside the column space belongs
-            # to a motion of links that no reaction prevents.
-            self.is_open[:, columns] = _outside_span(is_regular, right)
-            is_unheld[:, equations] = _outside_span(is_regular, left)
-        unheld_components = np.zeros((n, len(self.mechanism.links), 6), dtype=bool)
-        unheld_components[:, self._has_equation] = is_unheld
-        self.slides = np.any(unheld_components[..., MOMENT_COMPONENTS:], axis=2)
+        is_unbalanced = np.zeros((n, equation_count), dtype=bool)
+        for system in systems:
+            equations = system.is_equation
+            reactions = system.is_reaction
+            inverted = _invert(self.matrix[:, equations][:, :, reactions])
+            block = np.ix_(np.arange(n), reactions, equations)
+            self._inverse[block] = inverted.inverse
+            self.is_open[:, reactions] = inverted.is_unknown_open
+            is_unbalanced[:, equations] = inverted.is_equation_unbalanced
+        self.slides = self._find_sliding_links(is_unbalanced)
+
+    def _find_sliding_links(self, is_unbalanced: Bools) -> Bools:
+        """Return which links (n, links) can be displaced from the centre O.
+
+        A link can be displaced if no reactions balance some force on it.
+
+        Parameters
+        ----------
+        is_unbalanced
+            (n, equations) whether no reactions satisfy an equation for all loads.
+        """
+        components = np.zeros((len(is_unbalanced), *self._has_equation.shape), dtype=bool)
+        components[:, self._has_equation] = is_unbalanced
+        return np.any(components[..., MOMENT_COMPONENTS:], axis=2)
 
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
@@ -494,12 +519,46 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     return columns
 
 
+@dataclass(frozen=True)
+class InvertedEquations:
+    """Pseudoinverse of linear equations at n rows, and what the equations leave open.
+
+    Attributes
+    ----------
+    inverse
+        (n, unknowns, equations) Moore-Penrose inverse of the matrix.
+    is_unknown_open
+        (n, unknowns) whether the equations do not determine an unknown.
+    is_equation_unbalanced
+        (n, equations) whether no unknowns satisfy an equation for all right sides.
+    """
+
+    inverse: Floats
+    is_unknown_open: Bools
+    is_equation_unbalanced: Bools
+
+
+def _invert(matrix: Floats) -> InvertedEquations:
+    """Invert a matrix (n, equations, unknowns) by its singular value decomposition.
+
+    Singular values below `DEPENDENT_REACTIONS_RATIO` of the largest count as zero. The
+    singular vectors of the others span what the equations determine.
+    """
+    # matrix = left diag(singular_values) right
+    left, singular_values, right = np.linalg.svd(matrix, full_matrices=False)
+    left = transpose(left)
+    is_regular = singular_values > DEPENDENT_REACTIONS_RATIO * singular_values[:, :1]
+    # The reciprocal of a singular value that counts as zero is zero in the pseudoinverse.
+    singular_values[~is_regular] = np.inf
+    return InvertedEquations(
+        inverse=transpose(right) @ (left / singular_values[..., None]),
+        is_unknown_open=_outside_span(is_regular, right),
+        is_equation_unbalanced=_outside_span(is_regular, left),
+    )
+
+
 def _outside_span(is_regular: Bools, vectors: Floats) -> Bools:
     """Return which coordinate axes are not in the subspace that some unit vectors span.
-
-    The vectors are singular vectors of the equilibrium equations. If the axis of a reaction
-    is outside the row space, the equations do not determine this reaction. If the axis of
-    an equation is outside the column space, reactions cannot satisfy it for all loads.
 
     Parameters
     ----------
