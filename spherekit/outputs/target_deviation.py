@@ -347,7 +347,7 @@ class TargetDeviation:
 
         Returns
         -------
-        (n, variables, 3). Rows are 0 where the output link is on its target.
+        (n, variables, 3).
         """
         tree = self.linearisation.tree
         vectors = self.linearisation.vectors
@@ -363,10 +363,6 @@ class TargetDeviation:
         joints = self.linearisation.joints
         is_contact = [not joints[pair].has_axis for pair in tree.pair_of_variable]
         result[:, is_contact] = np.nan
-        # The caller multiplies the result by `_pair_moments`: the moments at the pairs of
-        # an imagined spring that pulls the output link to its target. They are zero on the
-        # target, and the product has to be zero there, not NaN.
-        result[~self._is_off_target] = 0.0
         return result
 
     def _gradient_rates(self, rates: Floats) -> Floats:
@@ -409,42 +405,35 @@ class TargetDeviation:
     def _solve_motion(
         self, force: Floats, closure_change: Floats, stiffness: Floats
     ) -> Floats:
-        """Return the motion (n, variables) that closes the loops and balances a force.
+        """Return the motion (n, variables) that closes the loops and balances forces.
 
-        A torsional spring of unit stiffness between the output link and its target exerts
-        generalised forces on the variables. The motion x satisfies
+        A torsional spring of unit stiffness acts between the output link and its target. If
+        the variables change by x, its generalised forces on the variables change by -K x,
+        with the stiffness matrix K of the spring. The result is the x for which
 
-            J x = closure_change,        N^T K x = N^T force.
+            J x = closure_change,        N^T (force - K x) = 0.
 
-        J is the Jacobian of the loops. The columns of N are the motions that keep the loops
-        closed. K x is the change of the gradient of the spring's energy. The solution is
-        the sum of J^+ closure_change, which closes the loops, and of N y, which keeps them
-        closed.
+        By the first equation, with the Jacobian J of the loops, x closes the loops. By the
+        second one, it balances the forces in all motions that keep the loops closed, the
+        columns of N. Other forces are balanced by reactions in the loops.
 
         Parameters
         ----------
         force
-            (n, variables) generalised forces on the variables. Reactions in the loops
-            balance the part of them that is not along N. There are two uses:
-
-            - x is a Newton step to the target. The forces are those of the spring, G^T d,
-              with the Jacobian G of the output link and the rotation d that is left to the
-              target.
-            - x is the derivative of the variables by the angle through which the target
-              turns. The balance of forces is differentiated by this angle, and the forces
-              are all its terms that do not contain x.
+            (n, variables) generalised forces on the variables without the part -K x.
         closure_change
             (n, equations) required change of the closure residuals.
         stiffness
-            (n, degrees of freedom, degrees of freedom) N^T K N, the second derivatives of
-            the energy of the spring by motions that keep the loops closed.
+            (n, degrees of freedom, degrees of freedom) N^T K N, the stiffness of the spring
+            for motions that keep the loops closed, or an approximation of it.
         """
         split = self._jacobian_split
+        # 1. The shortest motion that closes the loops. `_gradient_rates` returns K x.
         closing_motion = np.matvec(split.pseudo_inverse, closure_change)
-        # N^T K N y = N^T (force - K x) with x = `closing_motion`, for which
-        # `_gradient_rates` returns K x. `left_inverse` gives NaN for a stiffness that is
-        # exactly singular, where `np.linalg.inv` would raise an error.
         remaining_force = force - self._gradient_rates(closing_motion)
+        # 2. The motion that balances the remaining forces and keeps the loops closed.
+        # `left_inverse` gives NaN for a stiffness that is exactly singular, where
+        # `np.linalg.inv` would raise an error.
         free_motion = np.matvec(
             left_inverse(stiffness), np.vecmat(remaining_force, split.null_space)
         )
@@ -636,11 +625,18 @@ class TargetDeviation:
         d_bias = log_rate_change(d, d_rate, axis)
         d_bias -= log_rate_change(-d, -d_rate, w)
 
-        vector_accelerations = self._vector_accelerations(first, vector_rates)
+        force_by_axes = np.vecdot(
+            self._vector_accelerations(first, vector_rates), self._pair_moments
+        )
+        # On the target all moments are zero. The product is zero there, too, also for
+        # contact pairs, whose vector accelerations are not available (NaN).
+        force_by_axes = np.where(self._is_off_target[:, None], force_by_axes, 0.0)
         # The second derivative of each product (a_v . f_v)'' = a_v'' . f_v + 2 a_v' . f_v'
         # + a_v . f_v'', without terms that contain second derivatives of the variables.
-        force = np.vecdot(vector_accelerations, self._pair_moments)
-        force += np.vecmat(d_bias - log_rate(-d, output_bias), self.output_jacobian)
+        force_by_output = np.vecmat(
+            d_bias - log_rate(-d, output_bias), self.output_jacobian
+        )
+        force = force_by_axes + force_by_output
         force += 2.0 * np.vecdot(vector_rates, moment_rates)
         second = self._solve_motion(
             force=force, closure_change=-loop_bias, stiffness=self.stiffness

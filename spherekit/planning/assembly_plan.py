@@ -260,8 +260,8 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     inputs = driven_pairs(mechanism)
     # The pebble game is an algorithm that counts the degrees of freedom of all parts of a
     # graph. `check_mobility` compares their number with that of the inputs, locks all
-    # inputs but the first, and checks that the first can still move. The game is None if
-    # counting does not decide, because constraints repeat each other.
+    # inputs but the first, and checks that the first can still move. It returns no game
+    # (None) if some constraints repeat others, so that counting gives wrong numbers.
     _, pebble_game = check_mobility(
         mechanism, driven=inputs, locked=inputs[1:], by_rank=by_rank
     )
@@ -270,27 +270,46 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
     if pebble_game is not None:
         groups = split_into_groups(mechanism, body_of_link, open_pairs)
-        return Assembly(inputs, body_of_link, groups)
-    # Two wheels on a common carrier repeat one constraint of the carrier.
+    else:
+        groups = _split_with_redundancy(mechanism, body_of_link, open_pairs)
+    return Assembly(inputs, body_of_link, groups)
+
+
+def _split_with_redundancy(
+    mechanism: Mechanism, body_of_link: Sequence[int], pairs: Sequence[int]
+) -> tuple[Group, ...]:
+    """Return the groups of a structure in which some constraints repeat others.
+
+    An example is two wheels on a common carrier that roll on each other. The carrier
+    already keeps them in touch, and their contact repeats this constraint. If such contacts
+    are the only reason, counting finds the groups without the repeated constraints. If
+    constraints repeat each other in another way, all bodies are one group.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    body_of_link
+        For each link the smallest number of a link of its body.
+    pairs
+        Numbers of the pairs that join the bodies.
+    """
     carried_contacts = find_carried_contacts(mechanism)
     try:
-        groups = split_into_groups(
-            mechanism, body_of_link, open_pairs, carried_contacts=carried_contacts
+        return split_into_groups(
+            mechanism, body_of_link, pairs, carried_contacts=carried_contacts
         )
     except CountError:
-        # Constraints are redundant in another way than by wheels on carriers. Counting
-        # cannot find groups then, so all bodies are one group, placed in the ground.
         whole_group = _make_group(
             mechanism,
             body_of_link,
-            base_body=body_of_link[0],
-            pairs=open_pairs,
+            base_body=body_of_link[0],  # the ground
+            pairs=pairs,
             redundant=True,
         )
         # The flag `revolute` marks groups of R pairs with independent equations, which have
         # methods of their own. Here the equations depend on each other.
-        groups = (whole_group._replace(revolute=False),)
-    return Assembly(inputs, body_of_link, groups)
+        return (whole_group._replace(revolute=False),)
 
 
 def split_into_groups(

@@ -18,7 +18,7 @@ are better conditioned.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import combinations, count, pairwise
 
 from spherekit.mechanism.graph import connected_components
 from spherekit.planning.mobility import PebbleGame
@@ -315,37 +315,6 @@ def _choose_opening(
         The part, without an opening pole.
     """
 
-    def try_opening(opening_pole: Pole) -> BlockPoles:
-        """Return the part with the passes that follow if one of its poles is known.
-
-        This pole is called the opening pole. It counts as known, besides all `known_poles`.
-        Each pass finds the unknown poles of the part that lie on two great circles through
-        known poles, and has a step for each of them. The result has the steps of all
-        passes in order. The caller tries several opening poles, and chooses the one
-        from which passes find the most others.
-        """
-        poles_after_opening = known_poles.copy()
-        steps_of_all_passes: list[LinePole] = []
-        # A step of the pass that solves the part makes the opening pole known. The pole
-        # follows from no great circles (`via`), and its step is not in the result.
-        pass_number = block.pass_number
-        steps_of_pass = [LinePole(opening_pole, pass_number=pass_number, via=())]
-        while steps_of_pass:
-            for step in steps_of_pass:
-                poles_after_opening.add(step)
-            pass_number += 1
-            steps_of_pass = _find_line_poles(
-                empty_plan,
-                contacts_by_pole,
-                known_poles=poles_after_opening,
-                poles=poles_after_opening.unknown_of(block.poles),
-                pass_number=pass_number,
-            )
-            steps_of_all_passes += steps_of_pass
-        return replace(
-            block, opening=opening_pole, steps_from_opening=tuple(steps_of_all_passes)
-        )
-
     def most_poles_first(opened_block: BlockPoles) -> tuple[int, int]:
         """Return a sort key: parts with the most found poles first, then by fewest passes.
 
@@ -359,4 +328,56 @@ def _choose_opening(
 
     max_trials = max(1, MAX_OPENING_WORK // len(block.poles) ** 2)
     tried_poles = sorted(block.poles, key=most_lines_first)[:max_trials]
-    return min(map(try_opening, tried_poles), key=most_poles_first)
+    opened_blocks = [
+        _open_block(empty_plan, contacts_by_pole, known_poles, block, pole)
+        for pole in tried_poles
+    ]
+    return min(opened_blocks, key=most_poles_first)
+
+
+def _open_block(
+    empty_plan: Plan,
+    contacts_by_pole: dict[Pole, list[int]],
+    known_poles: KnownPoles,
+    block: BlockPoles,
+    opening_pole: Pole,
+) -> BlockPoles:
+    """Return a part with all poles that follow if one of its poles counts as known.
+
+    The poles are found in passes. Each pass finds all unknown poles of the part that lie on
+    two great circles through known poles. They are known in the next pass.
+    `steps_from_opening` of the result has the steps of all passes, one for each pole.
+
+    Parameters
+    ----------
+    empty_plan
+        The mechanism with its bodies and the moving input, as a plan without steps.
+    contacts_by_pole
+        Numbers of the sliding pairs that join the bodies of a pole.
+    known_poles
+        The poles that are known before the part is solved. They are not changed.
+    block
+        The part, without an opening pole.
+    opening_pole
+        The pole that counts as known.
+    """
+    poles_after_opening = known_poles.copy()
+    # The opening pole follows from no great circles (`via`). Its step is not in the result.
+    poles_after_opening.add(LinePole(opening_pole, pass_number=block.pass_number, via=()))
+    steps_of_all_passes: list[LinePole] = []
+    for pass_number in count(block.pass_number + 1):
+        steps_of_pass = _find_line_poles(
+            empty_plan,
+            contacts_by_pole,
+            known_poles=poles_after_opening,
+            poles=poles_after_opening.unknown_of(block.poles),
+            pass_number=pass_number,
+        )
+        if not steps_of_pass:
+            break
+        for step in steps_of_pass:
+            poles_after_opening.add(step)
+        steps_of_all_passes += steps_of_pass
+    return replace(
+        block, opening=opening_pole, steps_from_opening=tuple(steps_of_all_passes)
+    )

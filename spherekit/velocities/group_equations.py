@@ -297,7 +297,9 @@ class GroupEquations:
         if self.chosen_equations is None:
             return True
         row_by_equation = self._equation_rows(vectors)
-        if not row_by_equation.keys() >= set(self.chosen_equations):
+        # An equation has no row if all its coefficients vanish in this configuration. It
+        # then determines nothing.
+        if any(equation not in row_by_equation for equation in self.chosen_equations):
             return False
         rows = np.array([row_by_equation[equation] for equation in self.chosen_equations])
         least_singular_value = np.linalg.svd(rows, compute_uv=False)[-1]

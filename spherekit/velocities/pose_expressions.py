@@ -100,14 +100,7 @@ def place_link(
         if not isinstance(rotation, AxisRotation):
             basis = basis @ rotation
             continue
-        # The rotation is by the angle scale * variable + offset about z. If the scale is
-        # negative, the sine and cosine of the opposite angle are written, and the sign of
-        # the sine is changed. If a pair is passed in the opposite sense, its scale and
-        # offset have the opposite signs, and it still has the same two expressions.
-        sense = 1.0 if rotation.scale > 0.0 else -1.0
-        angle = abs(rotation.scale) * variables[rotation.variable] + sense * rotation.offset
-        cosine = function("cos", angle)
-        sine = sense * function("sin", angle)
+        cosine, sine = _rotation_cos_sin(rotation, variables)
         # The product of the basis with a rotation about z.
         basis = np.stack(
             [
@@ -120,6 +113,20 @@ def place_link(
     # The depth ranks links by the length of their expressions.
     depth = start.depth + 1
     return LinkOrientation(basis, chain.constants[-1], depth)
+
+
+def _rotation_cos_sin(
+    rotation: AxisRotation, variables: Sequence[Expr]
+) -> tuple[Expr, Expr]:
+    """Return the cosine and the sine of the angle of a rotation, as expressions.
+
+    The angle is scale * variable + offset. If a path goes through a pair in the opposite
+    direction, the angle is the opposite one. Both directions share their expressions, since
+    cos(-x) = cos(x) and sin(-x) = -sin(x): those of the angle with the positive scale.
+    """
+    sense = 1.0 if rotation.scale > 0.0 else -1.0
+    angle = abs(rotation.scale) * variables[rotation.variable] + sense * rotation.offset
+    return function("cos", angle), sense * function("sin", angle)
 
 
 def place_by_variables(
