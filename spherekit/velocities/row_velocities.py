@@ -245,8 +245,8 @@ class RowVelocities:
         changes, in place:
 
         - No row counts as certified or as computed in quad precision any more.
-        - By how much both methods differ is added to the error of the velocity coefficient
-          of each pole.
+        - The difference between both methods is added to the error of the velocity
+          coefficient of each pole.
         - Rows in which the plan determines directions only with an error above
           `USABLE_DIRECTION` (rad) become ILL_CONDITIONED.
 
@@ -296,7 +296,8 @@ class RowVelocities:
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
         # dw are the derivatives of the angular velocities of all links by the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
-        # Poles that are axes of pairs are known exactly. The other ones follow from v.
+        # Poles that are axes of pairs are known exactly. The other ones follow from the
+        # relative angular velocities v of their links.
         for pole in self._reversible_poles:
             errors = self.pole_errors[pole]
             v_size = norm_columns(self.relative_velocity(pole))
