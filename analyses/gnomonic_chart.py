@@ -70,13 +70,14 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
     - Its distance from the origin, tan theta. It is positive if the origin is to the right
       of the direction (cos epsilon, sin epsilon) of the line.
 
-    The great circle x = 0 is the line at infinity. Its slope is not defined (NaN).
+    The great circle x = 0 is the line at infinity. Its slope is not defined (NaN), and its
+    theta is pi/2 with either sign.
 
     Parameters
     ----------
     normals
         (n, 3) normals of the planes of the circles, in the axes x, y, z of the chart. Both
-        normals of a plane give the same result.
+        normals of a plane give the same result, except for the circle x = 0.
     """
     # The points (x, y, z) of the circle with the normal (a, b, c) satisfy a x + b y + c z =
     # 0. Division by x gives the line a + b tan xi + c tan zeta = 0 with the direction

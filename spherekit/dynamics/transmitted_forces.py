@@ -339,9 +339,11 @@ class NewtonEuler:
         is_unbalanced
             (n, equations) whether no reactions satisfy an equation for all loads.
         """
-        components = np.zeros((len(is_unbalanced), *self._has_equation.shape), dtype=bool)
-        components[:, self._has_equation] = is_unbalanced
-        return np.any(components[..., MOMENT_COMPONENTS:], axis=2)
+        n = len(is_unbalanced)
+        link_count = len(self._has_equation)
+        unbalanced_components = np.zeros((n, link_count, 6), dtype=bool)
+        unbalanced_components[:, self._has_equation] = is_unbalanced
+        return np.any(unbalanced_components[..., MOMENT_COMPONENTS:], axis=2)
 
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
