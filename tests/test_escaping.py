@@ -130,10 +130,10 @@ def assert_compiles(paths, language):
 
 
 def code_without_comments(path, language):
-    """Return what a language reads of a source: its text or tree without comments.
+    """Return a source without its comments: the code that a program of the language sees.
 
-    For C and C++ the preprocessor removes the comments. It fails if one of them has signs
-    about which it warns, such as the beginning of another comment.
+    For C and C++ the preprocessor removes the comments. The test fails if the preprocessor
+    warns, for example of a comment that begins within another comment.
     """
     if language in ("c", "cpp"):
         words = [*compiler_of(language), "-E", "-P", str(path)]

@@ -211,7 +211,9 @@ def execute(options: Namespace) -> int:
     is_at_inputs = options.at is not None
     input_count = len(mechanism.inputs)
     if is_at_inputs and options.range:
-        raise AnalysisError("--at and --range exclude each other; give only one of them")
+        raise AnalysisError(
+            "--at and --range cannot be used together; give only one of them"
+        )
     if options.poles and not is_at_inputs:
         raise AnalysisError(
             "--poles computes bounds of the poles at given input values, but no values are "

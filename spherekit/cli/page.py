@@ -64,8 +64,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "what a mode does where two curves of configurations cross: end = it "
-            "keeps the signs of its dyads (default); pass = it follows its smooth "
+            "what an assembly mode does where two curves of configurations cross: end = "
+            "it keeps the signs of its dyads (default); pass = it follows its smooth "
             "curve through the crossing"
         ),
     )

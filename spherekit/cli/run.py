@@ -145,8 +145,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--prove",
         action="store_true",
         help=(
-            "compute proven bounds of every pole in every row (table proven_poles), and "
-            "check the error bounds of the table poles with them"
+            "compute proven bounds for every pole in every row (table proven_poles), and "
+            "compare the error bounds of the table `poles` with them"
         ),
     )
     parser.add_argument(

@@ -47,7 +47,7 @@ def add_input_argument(parser: ArgumentParser) -> None:
         metavar="PAIR",
         action="append",
         help=(
-            "drive this pair, and not the inputs of the file; give the option once for "
+            "drive this pair instead of the inputs of the file; give the option once for "
             "each degree of freedom"
         ),
     )
@@ -90,10 +90,10 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         action="append",
         help=(
             "motion of an input over time, such as "
-            "cycloidal:from=0deg,to=90deg,duration=2. Kinds: "
-            "constant_speed:speed=,from= polynomial:coefficients=a+b+c "
-            "cycloidal:from=,to=,duration= table:times=a+b,angles=a+b,rest_at_ends=. "
-            "Times are in s; "
+            "cycloidal:from=0deg,to=90deg,duration=2. Kinds and their keys: "
+            "constant_speed (speed, from); polynomial (coefficients); cycloidal (from, "
+            "to, duration); table (times, angles, rest_at_ends). Values of a list are "
+            "joined by +, such as times=0+1+2. Times are in s; "
             f"{UNIT_RULE}"
         ),
     )
@@ -130,9 +130,9 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "what a mode does where two curves of configurations cross: end = it "
-            "keeps the signs of its dyads, and a simulation ends (default); pass = "
-            "it follows its smooth curve through the crossing"
+            "what an assembly mode does where two curves of configurations cross: end = "
+            "it keeps the signs of its dyads, and a simulation stops there (default); "
+            "pass = it follows its smooth curve through the crossing"
         ),
     )
     parser.add_argument(

@@ -123,7 +123,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="?",
         choices=("png", "pdf", "svg"),
         help=(
-            "draw the figures of merit over the varied sizes, and write the figures "
+            "plot the figures of merit against the varied sizes, and write the plots "
             "into DIR/_figures"
         ),
     )

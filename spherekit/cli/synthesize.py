@@ -54,7 +54,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=whole_number,
         default=12,
         help=(
-            "number of the best designs from which a local optimisation starts "
+            "number of designs, the best ones, that a local optimisation improves "
             "(default: 12)"
         ),
     )

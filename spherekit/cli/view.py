@@ -89,7 +89,7 @@ def execute(options: Namespace) -> int:
             "--view`; its mechanism alone is shown by `spherekit view MECHANISM.toml`"
         )
     if options.web and options.png:
-        raise OutputError("--web and --png exclude each other; give only one of them")
+        raise OutputError("--web and --png cannot be used together; give only one of them")
     if options.png:
         from spherekit.display.rerun.screenshot import check_picture
 

@@ -619,8 +619,8 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
         raise _error(
             mechanism,
             f"near: {_format_degrees(near)} is not a distance from a singularity; give an "
-            "angle of at least 0 and less than 90 deg. Its sine is compared with the "
-            "measures of type I and II",
+            "angle of at least 0 and less than 90 deg. Poses at which the measure of type "
+            "I or II is below the sine of this angle are left out",
         )
     if near == 0.0:
         return ()

@@ -44,7 +44,7 @@ class SceneListener:
         """
         self.inputs = head.inputs
         self.focus = head.focus  # unit vector to the side from which a viewer looks
-        self.row = head.row  # number of neighbouring samples in a grid of inputs
+        self.row = head.row  # number of samples in a row of the grid of inputs
         self.properties = head.properties
         self.assembly_modes = head.assembly_modes
         self.times = head.times
