@@ -133,8 +133,8 @@ class CoefficientFormulas:
     def derivative(self, expression: Expr, input_index: int) -> Expr:
         """Return the derivative of an expression with respect to an input.
 
-        The expression may depend on the inputs only by axes of pairs, poles and
-        coefficients, since only their derivatives have been written.
+        The expression may contain axes of pairs, poles and coefficients. Their derivatives
+        are formulas of the document. It must not depend on the inputs in another way.
         """
         return differentiate([expression], self._derivatives_by_term[input_index])[0]
 

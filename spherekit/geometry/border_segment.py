@@ -521,10 +521,10 @@ def find_nearest_point(
     between its ends. The height of the border, its angle to the left of the chord, is a
     polynomial along the chord. The order of a segment is the degree of this polynomial.
 
-    Segments that can contain the nearest point are raised to the highest order. The nearest
-    point is the end of a segment, or a point at which the slope of the cosine of the
-    distance is zero. If the border of a segment was not found, only its ends are
-    considered.
+    Segments that can contain the nearest point are computed again with polynomials of the
+    highest degree. The nearest point is the end of a segment, or a point at which the slope
+    of the cosine of the distance is zero. Segments without a polynomial, because points of
+    the border were not found, have their ends only.
 
     Parameters
     ----------

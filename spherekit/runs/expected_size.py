@@ -57,8 +57,10 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
 
     Parameters
     ----------
-    study, analyses, assembly
-        The run, and the groups of its mechanism.
+    study, analyses
+        The run: its mechanism and samples, and what it computes.
+    assembly
+        The groups of links of the mechanism that are positioned one after another.
     poles
         Number of poles that are evaluated at each configuration.
 
