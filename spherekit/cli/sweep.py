@@ -206,6 +206,11 @@ def execute(options: Namespace) -> int:
             words = [*options.words, "-o", "DIR", "--figures"]
             command = (shlex.join(["spherekit", *words]), "save all rows and draw figures")
             report.next_steps = [command]
+        if not options.file.endswith(".study.toml"):
+            name = f"new_{Path(options.file).stem}"
+            words = ["spherekit", "new", "mechanism", name, "--like", options.file]
+            purpose = "a copy of the mechanism, for the numbers of the best design"
+            report.next_steps.append((shlex.join(words), purpose))
         report.print(options)
     return 0
 

@@ -70,7 +70,11 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
         report.warnings += _warn_of_change_points(frame[is_valid])
         report.warnings += _describe_reasons(frame[~is_valid])
     report.accuracy = "; ".join(
-        ["figures of merit are the extremes of the samples of each design", *result.remarks]
+        [
+            "figures of merit are the extremes of the samples of each design"
+            f"{_sample_distance(sweep)}",
+            *result.remarks,
+        ]
     )
     if result.folder:
         # A part is a file with the rows of some successive designs.
@@ -117,6 +121,18 @@ def _sample_words(sweep: "Sweep") -> str:
     count = "x".join(map(str, sweep.samples.shape))
     noun = "input" if len(ranges) == 1 else "inputs"
     return f"; {counted(count, 'sample')}, {noun} {' and '.join(ranges)}"
+
+
+def _sample_distance(sweep: "Sweep") -> str:
+    """Return how far samples of the only input are apart in words, or an empty text.
+
+    An example is ``, which are 1 deg apart``.
+    """
+    samples = sweep.samples
+    if samples is None or len(samples.inputs) != 1 or len(samples.rows) < 2:
+        return ""
+    first, second = samples.rows[:2, 0]
+    return f", which are {degrees_text(abs(second - first))} deg apart"
 
 
 def _ranked_rows(frame: Any) -> Any:
