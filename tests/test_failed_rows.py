@@ -168,7 +168,7 @@ def test_numbers_that_are_never_finite_are_refused_in_one_sentence(
 @pytest.mark.parametrize(
     ("name", "analysis", "sentence"),
     [
-        ("bevel_differential", "dynamics", "is 0 in every row"),
+        ("bevel_differential", "dynamics", "is 0 throughout"),
         ("five_bar", "statics", "no loads, so there is nothing to hold"),
         ("five_bar", "dynamics", "no loads: the torques balance only the inertia"),
     ],
