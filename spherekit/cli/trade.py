@@ -139,7 +139,7 @@ def _make_report(result: "Trade", tolerance: float | None) -> ScreenReport:
     """Return the report of a trade: the recommended setting, then all settings.
 
     A setting is one way to compute a run. A trade has the measured time and error of each
-    setting. The numbers to which errors are relative are printed as details.
+    setting. The numbers to which errors are relative are details, for ``--verbose``.
     """
     from spherekit.runs.trade_text import (
         ALIGNMENTS,
@@ -162,7 +162,10 @@ def _make_report(result: "Trade", tolerance: float | None) -> ScreenReport:
     report.results.append(ScreenTable(columns, tuple(make_rows(result))))
     report.results.append(MARK_TEXT)
     report.results += list_inapplicable_settings(result)
-    report.results.append("--verbose also prints to which numbers errors are relative.")
+    report.accuracy = (
+        "errors are absolute, or relative to the largest number of a column (--verbose "
+        "says which)"
+    )
     report.details = describe_errors(result)
     return report
 
