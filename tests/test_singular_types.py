@@ -412,3 +412,16 @@ def test_measures_of_singularities_agree_with_inverse_kinematics(name):
     input_count = len(mechanism.inputs)
     assert np.all(size_of_P < np.sqrt(input_count) * largest_row_size * (1.0 + 1e-9))
     assert np.all(size_of_P > largest_row_size * (1.0 - 1e-9))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("kind", ["I", "II"])
+def test_a_row_without_a_configuration_has_no_determinant(kind):
+    # Points of a singular curve that Newton's method does not reach are NaN.
+    mechanism = load_without_loads("five_bar")
+    solver = solver_of(mechanism)
+    report = SingularityReport.for_output(solver, output_of(mechanism), kind)
+    values = closed(solver, 4)
+    values[1] = np.nan
+    determinants = report.locus.measure(report.locus.tangent_space(values)).value
+    assert np.isfinite(determinants).tolist() == [True, False, True, True]

@@ -105,9 +105,14 @@ class SingularityMeasure:
     def value(self) -> Floats:
         """(n,) determinant, zero in singular configurations.
 
-        It is det B of the matrix B of `constrained_rates`, or det(B^T B).
+        It is det B of the matrix B of `constrained_rates`, or det(B^T B). Rows without a
+        configuration (NaN) have no determinant (NaN).
         """
-        return np.linalg.det(self._square_matrix)
+        matrix = self._square_matrix
+        is_finite = all_finite(matrix, (1, 2))
+        # LAPACK reports an invalid value if a matrix contains NaN.
+        determinant = np.linalg.det(np.where(is_finite[:, None, None], matrix, 0.0))
+        return np.where(is_finite, determinant, np.nan)
 
     @property
     def gradient(self) -> Floats:

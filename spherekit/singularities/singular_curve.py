@@ -186,9 +186,9 @@ class SingularCurve:
         # So the basis of each node is aligned with that of the node before. On a closed
         # curve the last node is the first one again, with the basis of the first node. Its
         # value is computed again with a basis that is aligned with that of the node before.
-        # On an open curve this changes nothing but rounding.
-        last_chord = np.array([len(node_values) - 2])
-        node_values[-1] = function(self.points_on_chords(last_chord, np.ones(1)))[0]
+        if self.closed:
+            last_chord = np.array([len(node_values) - 2])
+            node_values[-1] = function(self.points_on_chords(last_chord, np.ones(1)))[0]
         starts = node_values[:-1]
         stops = node_values[1:]
         is_clear = np.maximum(np.abs(starts), np.abs(stops)) > VANISHING_FUNCTION
