@@ -263,16 +263,21 @@ class MidPlane:
         -------
         The variables (n, 2) rad of both driven pairs, by the signs of their legs.
         """
+        feet = self.elbow_feet(normals)
+        leg_count = len(self.arcs)
+        # The variable of a base pair depends on the elbow of its own leg only. So the
+        # variables of all legs are computed once for each sign, not once for each mode.
+        readings_by_sign = {}
+        for sign in (-1, 1):
+            elbows, _triple_products = feet.elbows(np.full(leg_count, sign))
+            readings_by_sign[sign] = self.readings(elbows)
+        first_leg, second_leg = self.driven
         inputs_by_mode = {}
-        # The variable of a base pair depends on the elbow of its own leg only. The signs of
-        # legs that are not driven therefore have no influence.
-        signs = np.ones(len(self.arcs))
-        for driven_signs in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
-            signs[self.driven] = driven_signs
-            elbows, _products = self.elbows(normals, signs)
-            # The variables of the base pairs of all legs.
-            readings = self.readings(elbows)
-            inputs_by_mode[driven_signs] = readings[:, self.driven]
+        for first_sign, second_sign in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
+            first_input = readings_by_sign[first_sign][:, first_leg]
+            second_input = readings_by_sign[second_sign][:, second_leg]
+            inputs = np.column_stack([first_input, second_input])
+            inputs_by_mode[first_sign, second_sign] = inputs
         return inputs_by_mode
 
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
