@@ -44,11 +44,11 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Inverse kinematics",
-            f"{pose_count} random poses of the output: the inputs with the margin of "
-            "reach, the status and the measures of type I. Medians on one core. The last "
-            "two columns are ratios to this time: with the measure of type II, which is "
-            "computed when it is read, and with the positions of all links in the same "
-            "mode.",
+            f"The inputs at {pose_count} random poses of the output, with their margin of "
+            "reach, status and measures of type I. The times are medians on one core. The "
+            "last two columns divide longer computations by this time: one with the "
+            "measure of type II, which is computed only when it is read, and one with the "
+            "positions of all links.",
             (
                 "mechanism",
                 "output",
@@ -128,10 +128,10 @@ def _measure_bar(quick: bool) -> Section:
     solution_count = len(solutions.row) / len(searched_poses)
     return Section(
         "Inverse kinematics with a bar",
-        f"{BAR_MECHANISM}: {count} directions near one whose solution is known. Newton's "
-        "method starts from this solution, in one mode. Finding all solutions of a "
-        f"direction, by sampling all turns, takes {1e3 * search_seconds:.0f} ms; a "
-        f"direction has {solution_count:.0f} on average.",
+        f"The inputs of the wrist `{BAR_MECHANISM}` at {count} directions near one whose "
+        "solution is known. Newton's method starts from this solution, in one mode. A "
+        f"search of all solutions of a direction takes {1e3 * search_seconds:.0f} ms; a "
+        f"direction has {solution_count:.0f} solutions on average.",
         ("distance of directions, rad", "share closed", "us per pose"),
         rows,
     )
@@ -164,8 +164,9 @@ def _measure_mid_plane(quick: bool) -> Section:
         rows.append((name, 1e9 * seconds, 1e6 * seconds))
     return Section(
         "Inverse kinematics of a mid-plane",
-        f"{BAR_MECHANISM} in closed form: {count} mid-planes, distributed over the "
-        "hemisphere. Medians of processor time on one core.",
+        f"The inverse kinematics of the wrist `{BAR_MECHANISM}` in closed form, for "
+        f"{count} mid-planes that are distributed over the hemisphere. The times are "
+        "medians of processor time on one core.",
         ("quantity", "ns per pose", "s per 1e6 poses"),
         rows,
     )

@@ -43,6 +43,9 @@ PROXIMAL_SETTINGS = 1e-12, 1e-4, 20
 With a regularisation of 1e-8, a constraint that repeats others costs six digits.
 """
 
+REFERENCE_TOLERANCE = 1e-16
+"""Tolerance of the simulation by the compiled engine from which errors are counted."""
+
 ARC_MASS_KG = 1.0
 ARC_RADIUS_M = 1.0
 """Mass and radius of each arc of the links that are given masses."""
@@ -129,6 +132,22 @@ class PairLoad:
             f"- {self.damping}*{rate} + {self.amplitude}*sin({self.frequency}*t)"
         )
         return PairTorque(f"on_{self.pair}", self.pair, text)
+
+    @property
+    def text(self) -> str:
+        """The torque as a sum of the terms that are not zero, such as ``-2 dtheta_21``."""
+        angle = f"theta_{self.pair}"
+        deflection = f"({angle} - {self.rest:g})" if self.rest else angle
+        terms = []
+        if self.sine:
+            terms.append(f"- {self.sine:g} sin({angle})")
+        if self.stiffness:
+            terms.append(f"- {self.stiffness:g} {deflection}")
+        if self.damping:
+            terms.append(f"- {self.damping:g} dtheta_{self.pair}")
+        if self.amplitude:
+            terms.append(f"+ {self.amplitude:g} sin({self.frequency:g} t)")
+        return " ".join(terms).removeprefix("+ ").replace("- ", "-", 1)
 
     def torque(self, t: float, angle: float, rate: float) -> float:
         """Return the torque (N m) at a time (s), an angle (rad) and a rate (rad/s)."""
@@ -275,22 +294,33 @@ def _compare_engines(case: DynamicsCase, kind: str, quick: bool) -> Section:
         )
     absent = _absent_engines()
     skipped = f" Not installed, so skipped: {', '.join(absent)}." if absent else ""
-    loads = "; ".join(
-        f"{pair_load.as_load().torque} at {pair_load.pair}" for pair_load in case.pair_loads
+    loads = " and ".join(
+        f"`{pair_load.text}` at the pair {pair_load.pair}" for pair_load in case.pair_loads
+    )
+    start = ", ".join(
+        f"q_{pair}(0) = {q:g} rad, q_{pair}'(0) = {dq:g} rad/s"
+        for pair, q, dq in _list_start(case)
     )
     return Section(
         f"Peers: forward dynamics, {kind}",
-        f"{case.mechanism.name}, q(0) = {case.start.q}, q'(0) = {case.start.dq}, {loads}; "
-        f"10 s. The error is the largest of all inputs at {len(TIMES)} times, compared "
-        "with the run of the first engine with the smallest tolerance, which differs by "
-        f"{difference:.2g} rad from {_REFERENCE_CHECKS[has_one_input]}." + skipped,
+        f"The mechanism `{case.mechanism.name}` starts with {start} and moves for 10 s "
+        f"under the torques (N m) {loads}. The error is the largest error of an input at "
+        f"{len(TIMES)} times. The reference is the compiled engine at the tolerance "
+        f"{REFERENCE_TOLERANCE:g}. It differs by {difference:.2g} rad from "
+        f"{_REFERENCE_CHECKS[has_one_input]}." + skipped,
         ("engine", "setting", "error of q, rad", "ms, median", "ms, fastest"),
         rows,
-        "Processor time without compiling and without making the stored model. Python "
-        "computes the loads for Pinocchio and MuJoCo, once and four times in each step. "
-        "OpenSim has no wheel and was not run. [Dynamics](dynamics.md#other-engines) has "
-        "the settings.",
+        "The times are processor times without compiling and without making the stored "
+        "model. For Pinocchio and MuJoCo, the loads are computed in Python, at each "
+        "evaluation of the accelerations. OpenSim cannot be installed with pip and was not "
+        "run. The settings are described in [dynamics](dynamics.md#other-engines).",
     )
+
+
+def _list_start(case: DynamicsCase) -> list[tuple[str, float, float]]:
+    """Return the pair, the angle (rad) and the rate (rad/s) of each input at the start."""
+    angles, rates = case.start.each(case.inputs)
+    return list(zip(case.inputs, angles, rates, strict=True))
 
 
 _REFERENCE_CHECKS = {
@@ -362,7 +392,9 @@ def _simulate_reference(case: DynamicsCase) -> tuple[Floats, float]:
         check = _numpy_simulation(case, 1e-13)().inputs
     if not available():
         return check, 0.0
-    simulation = by_taylor_series(case.make_problem(), 1e-16, "it is the reference")
+    simulation = by_taylor_series(
+        case.make_problem(), REFERENCE_TOLERANCE, "it is the reference"
+    )
     reference = simulation.at(TIMES).inputs
     return reference, float(np.max(np.abs(check - reference)))
 

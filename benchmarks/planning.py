@@ -71,10 +71,11 @@ def _measure_chains(quick: bool, has_triads: bool) -> Section:
     title = "chains with irreducible parts" if has_triads else "chains of dyads"
     return Section(
         f"Planning: {title}",
-        f"Chains that start as a four-bar and grow by {added}, which are added at random "
-        f"links. Medians over {chain_count} chains of each size. The plan of poles has all "
-        "m(m - 1)/2 pole axes, by Aronhold-Kennedy passes and irreducible parts. The plan "
-        "of groups is the order in which positions are solved. Processor time.",
+        f"Each chain starts as a four-bar and grows by {added}, which are added at random "
+        f"links. The times are medians of processor time over {chain_count} chains of each "
+        "size. The plan of poles states how each of the m(m - 1)/2 pole axes of m links is "
+        "computed, by passes of the Aronhold-Kennedy theorem or in irreducible parts. The "
+        "plan of groups is the order in which positions are solved.",
         (
             "links",
             "poles",
@@ -89,8 +90,8 @@ def _measure_chains(quick: bool, has_triads: bool) -> Section:
         f"From {MIN_FITTED_LINKS} links on, the time of the plan of poles grows as the "
         f"number of links to the power {_fit_exponent(rows, POLE_TIME_COLUMN):.2f}, and "
         "that of the plan of groups to the power "
-        f"{_fit_exponent(rows, GROUP_TIME_COLUMN):.2f}. The number of poles grows as the "
-        "power 2.",
+        f"{_fit_exponent(rows, GROUP_TIME_COLUMN):.2f}. The number of poles grows as "
+        "its square.",
     )
 
 

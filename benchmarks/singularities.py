@@ -65,11 +65,11 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Singularities: the whole report",
-            "Processor time of one thread for all singularities of a mechanism, the "
-            "faster of two runs. The output is the declared one, or the last link "
-            "relative to the ground. The time is divided into the search of all modes at "
-            "9 inputs, all configuration curves with the checks of their number, and all "
-            "points on them with their conditions.",
+            "Processor time of one thread that finds all singularities of a mechanism, the "
+            "faster of two runs. The output is the declared one, or the last link relative "
+            "to the ground. The time has three parts: the search of all modes at 9 inputs, "
+            "the computation of all configuration curves with checks of their number, and "
+            "the computation of all singular points on them with their conditions.",
             (
                 "mechanism",
                 f"over {UNIT_MECHANISM}",

@@ -77,7 +77,7 @@ def run(quick: bool) -> list[Section]:
             f"computation at {input_count} random inputs. Both are relative to the largest "
             "value of the function. Times are those of single calls from Python at random "
             f"inputs, in rounds of {CALLS_PER_ROUND} calls. They alternate with rounds of "
-            "`math.sin`; `in sines` is the ratio of both times.",
+            "`math.sin`; `in sines` is the median of the ratios of both times.",
             (
                 "mechanism",
                 "mode",
