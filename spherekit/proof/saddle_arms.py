@@ -65,18 +65,18 @@ class ArmErrors:
 
     Attributes
     ----------
-    quadratic_form
+    form_error
         Bound of |Q| / m^2 at all points of the arms.
-    gradient
+    gradient_error
         Bound of the components of the error of the gradient, divided by m.
-    centre
+    centre_error
         Bound (rad) of the distance of the exact saddle from the computed one, which is at
         u = v = 0.
     """
 
-    quadratic_form: float
-    gradient: float
-    centre: float
+    form_error: float
+    gradient_error: float
+    centre_error: float
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,24 @@ class ArmRates:
 
 
 @dataclass(frozen=True)
+class SlopeBounds:
+    """Bounds of the slope v / u of an arm: a branch of curves that leaves a saddle.
+
+    Both bounds have the same sign.
+
+    Attributes
+    ----------
+    flat
+        The bound of smaller magnitude.
+    steep
+        The bound of larger magnitude.
+    """
+
+    flat: float
+    steep: float
+
+
+@dataclass(frozen=True)
 class DirectionRates:
     """The gradient of g and the signs of rates in one direction from the saddle.
 
@@ -111,12 +129,15 @@ class DirectionRates:
     gradient of g is perpendicular to such a curve, so the curve has the tangent
     (-g_v, g_u). Rates are derivatives of the variables of the mechanism along it.
 
+    The gradient is given at the point of the direction with u = 1 or u = -1, as if g were
+    a quadratic form. At a point t (u, v) of the same direction, with t > 0, it is t times
+    as large. All points of the direction therefore have the same signs.
+
     Attributes
     ----------
     g_u, g_v
-        The derivatives of g by u and by v at points near the saddle, divided by ``|u|``. At
-        the saddle they are 0, and near it they are about proportional to the distance. They
-        are balls, which are numbers with a bound of their error.
+        The derivatives of g by u and by v at this point, as balls: numbers with a bound of
+        their error.
     signs
         (variables,) signs of the rates along (-g_v, g_u), 0 if not proven.
     """
@@ -126,11 +147,14 @@ class DirectionRates:
     signs: Indices
 
     def opposite(self) -> "DirectionRates":
-        """Return the same for the opposite direction from the saddle."""
+        """Return the gradient and the signs in the opposite direction, at (-u, -v).
+
+        The gradient of a quadratic form changes its sign there, so everything does.
+        """
         return DirectionRates(-self.g_u, -self.g_v, -self.signs)
 
 
-def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[float, float]]:
+def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, SlopeBounds]:
     """Return bounds of the slope v / u of the arms, by the sign of this slope.
 
     A saddle is a place where two configuration curves cross or nearly do. Arms are the four
@@ -151,7 +175,7 @@ def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[floa
 
     Returns
     -------
-    For the signs 1 and -1 the bounds, that of smaller magnitude first.
+    The bounds for the signs 1 and -1.
 
     Raises
     ------
@@ -168,7 +192,9 @@ def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[floa
     if not (a > 0 and d > 0 and magnitudes[1] > 0 and magnitudes[-1] > 0):
         raise ZeroDivisionError
     return {
-        sign: (sign * lower_magnitude(ball), sign * upper_magnitude(ball))
+        sign: SlopeBounds(
+            flat=sign * lower_magnitude(ball), steep=sign * upper_magnitude(ball)
+        )
         for sign, ball in magnitudes.items()
     }
 
@@ -176,38 +202,71 @@ def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[floa
 def _evaluate_direction(
     derivatives: SaddleDerivatives, slope: float, gradient_error: float
 ) -> DirectionRates:
-    """Return the gradient of g and the signs of all rates in a direction (1, slope).
+    """Return the gradient of g and the signs of all rates at the point u = 1, v = slope.
 
     The configurations near a saddle are the curve g(u, v) = 0 in two coordinates u and v,
-    with u = v = 0 at the saddle. At the point (u, v) the gradient (g_u, g_v) is the matrix
-    g'' times (u, v), up to an error of `gradient_error` times the larger of |u| and |v|. It
-    is proportional to the distance from the saddle, so its signs depend on the direction
-    only. The curve has the tangent (-g_v, g_u), and the rates of the variables along it are
-    their derivatives by u and v times this tangent.
+    with u = v = 0 at the saddle. The signs tell which variables grow and which fall along
+    the tangent (-g_v, g_u) of this curve. They are the same at all points of the direction
+    (1, slope) from the saddle, because the gradient is proportional to the distance.
 
-    The signs tell which variables grow and which fall along this tangent. The numbers are
-    balls (intervals with a centre and a radius). A sign is 0 if the ball of the rate
-    contains 0, so that nothing is proven.
+    Parameters
+    ----------
+    derivatives
+        Derivatives of the variables and of g near the saddle.
+    slope
+        Slope v / u of the direction.
+    gradient_error
+        Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
     """
-    # The gradient is divided by u, so it is computed for u = 1 and v = slope, of which
-    # the larger one has this size. `widen` adds the error to the radius of a ball.
-    error = gradient_error * max(1.0, abs(slope))
-    direction = exact_balls([1.0, slope])
-    g_u, g_v = (widen(entry, error) for entry in derivatives.hessian @ direction)
+    point = (1.0, slope)
+    gradient = _enclose_gradient(derivatives.hessian, point, gradient_error)
+    g_u, g_v = gradient
+    # The derivative of each variable along the tangent, by the chain rule.
     rates = derivatives.variable_rates @ [-g_v, g_u]
-    return DirectionRates(g_u, g_v, signs=(rates > 0).astype(int) - (rates < 0))
+    return DirectionRates(g_u, g_v, signs=_proven_signs(rates))
+
+
+def _enclose_gradient(
+    hessian: Array, point: tuple[float, float], relative_error: float
+) -> list[Ball]:
+    """Return g_u and g_v at a point (u, v), as balls: numbers with a bound of their error.
+
+    The gradient is g'' (u, v)^T, up to an error.
+
+    Parameters
+    ----------
+    hessian
+        (2, 2) balls of the second derivatives g''.
+    point
+        u and v.
+    relative_error
+        Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
+    """
+    u, v = point
+    error = relative_error * max(abs(u), abs(v))
+    return [widen(entry, error) for entry in hessian @ exact_balls([u, v])]
+
+
+def _proven_signs(balls: Array) -> Indices:
+    """Return the signs (n,) of balls (n,), 0 for each ball that contains 0."""
+    return (balls > 0).astype(int) - (balls < 0)
 
 
 def _prove_rate_signs(
-    derivatives: SaddleDerivatives, slope_bounds: tuple[float, float], gradient_error: float
+    derivatives: SaddleDerivatives, slope_bounds: SlopeBounds, gradient_error: float
 ) -> Indices:
     """Return the signs of the rates of all variables along an arm, towards larger v.
 
     A saddle is a place where two configuration curves cross or nearly do, and an arm is a
-    branch of them that leaves it. The arm is a curve g(u, v) = 0 with the tangent
-    (-g_v, g_u), which points towards larger v if g_u > 0. The gradient (g_u, g_v) and the
-    rates along the tangent are linear in the slope v / u of the arm, up to errors. A sign
-    that is proven at both bounds of this slope is therefore proven for the whole arm.
+    branch of them that leaves it. Near the saddle the curves are g(u, v) = 0 in two
+    coordinates u and v. The arm has the tangent (-g_v, g_u), which points towards larger v
+    if g_u > 0.
+
+    The signs are evaluated at the two bounds of the slope v / u of the arm. Between them
+    the gradient, and with it each rate, is a weighted mean of its values at the bounds. A
+    sign that is the same at both bounds is therefore the sign on the whole arm. The balls
+    at the bounds contain the errors, and no error between them is larger than the weighted
+    mean of the errors at the bounds.
 
     Parameters
     ----------
@@ -222,18 +281,15 @@ def _prove_rate_signs(
     -------
     (variables,) the signs, 0 if not proven.
     """
-    first, last = (
-        _evaluate_direction(derivatives, slope, gradient_error) for slope in slope_bounds
-    )
-    points_to_larger_v = first.g_u > 0 and last.g_u > 0
+    flat_rates = _evaluate_direction(derivatives, slope_bounds.flat, gradient_error)
+    steep_rates = _evaluate_direction(derivatives, slope_bounds.steep, gradient_error)
+    points_to_larger_v = flat_rates.g_u > 0 and steep_rates.g_u > 0
     if not points_to_larger_v:
-        return np.zeros_like(first.signs)
-    return np.where(first.signs == last.signs, first.signs, 0)
+        return np.zeros_like(flat_rates.signs)
+    return np.where(flat_rates.signs == steep_rates.signs, flat_rates.signs, 0)
 
 
-def _bound_changes(
-    derivatives: SaddleDerivatives, slope_bounds: tuple[float, float]
-) -> Floats:
+def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) -> Floats:
     """Return bounds of the changes of all variables from u = v = 0 to points on an arm.
 
     A saddle is a place where two configuration curves cross or nearly do, and an arm is a
@@ -246,13 +302,13 @@ def _bound_changes(
     derivatives
         Derivatives of the variables by u and v near the saddle.
     slope_bounds
-        Bounds of the slope v / u of the arm, which have the same sign.
+        Bounds of the slope v / u of the arm.
 
     Returns
     -------
     (variables,) the bounds (rad), divided by the larger of |u| and |v|.
     """
-    low, high = sorted(slope_bounds)
+    low, high = sorted((slope_bounds.flat, slope_bounds.steep))
     slopes = [low, high]
     corner_slope = float(np.sign(low))
     if low < corner_slope < high:
@@ -274,33 +330,35 @@ def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRat
     derivatives
         Derivatives of the variables and of g over the rectangle.
     errors
-        How much the arms differ from straight lines.
+        How much the arms differ from straight lines from the point u = v = 0: bounds of the
+        errors of the quadratic form (`form_error`), of the gradient of g
+        (`gradient_error`), and of the position of the saddle (`centre_error`, in rad).
 
     Raises
     ------
     ZeroDivisionError
         If the directions of the arms are not bounded.
     """
+    slope_bounds_by_sign = _bound_arm_slopes(derivatives.hessian, errors.form_error)
     outward_signs = {}
     reach = {}
-    # Two arms have a positive slope v / u, and two a negative one; `sign` is this sign.
-    for sign, slope_bounds in _bound_arm_slopes(
-        derivatives.hessian, errors.quadratic_form
-    ).items():
+    for slope_sign, slope_bounds in slope_bounds_by_sign.items():
+        # Two arms in opposite quadrants have this sign of the slope v / u. On one of them v
+        # is positive and u has the sign of the slope. On the other one v is negative.
+        upper_quadrant = (slope_sign, 1)
+        lower_quadrant = (-slope_sign, -1)
+        # Away from the saddle, v grows on the upper arm and falls on the lower one.
         signs_towards_larger_v = _prove_rate_signs(
-            derivatives, slope_bounds, errors.gradient
+            derivatives, slope_bounds, errors.gradient_error
         )
-        # From the saddle to the border of the rectangle, where the larger of |u| and |v| is
-        # at most `derivatives.size`. The saddle may be a little beside u = v = 0.
-        changes = (
-            _bound_changes(derivatives, slope_bounds) * derivatives.size + errors.centre
-        )
-        # Two arms in opposite quadrants have this sign of the slope. One leaves the saddle
-        # towards larger v, the other one towards smaller v.
-        for v_sign in (1, -1):
-            quadrant = sign * v_sign, v_sign
-            outward_signs[quadrant] = v_sign * signs_towards_larger_v
-            reach[quadrant] = changes
+        outward_signs[upper_quadrant] = signs_towards_larger_v
+        outward_signs[lower_quadrant] = -signs_towards_larger_v
+        # The changes on both arms have the same bounds. The larger of |u| and |v| is at
+        # most `derivatives.size`. The saddle may be a little beside u = v = 0.
+        changes = _bound_changes(derivatives, slope_bounds)
+        changes_to_border = changes * derivatives.size + errors.centre_error
+        reach[upper_quadrant] = changes_to_border
+        reach[lower_quadrant] = changes_to_border
     return ArmRates(outward_signs, reach)
 
 
@@ -342,26 +400,29 @@ def find_monotonic_variables(
     # If g has a gradient s at the point that counts as the saddle, g changes by up to 2 s m
     # in addition to Q / 2, and Q by up to 4 s m. `_bound_arm_slopes` needs this over m^2.
     # The gradient of g changes by s. The last digits of the factors cover rounding.
-    slope_bounds = _bound_arm_slopes(
+    slope_bounds_by_sign = _bound_arm_slopes(
         derivatives.hessian, 4.004 * gradient_at_saddle / least_distance
     )
     gradient_error = 1.001 * gradient_at_saddle / least_distance
-    flat_positive, steep_positive = slope_bounds[1]
-    flat_negative, steep_negative = slope_bounds[-1]
+    positive_slopes = slope_bounds_by_sign[1]
+    negative_slopes = slope_bounds_by_sign[-1]
     # The directions from the saddle to both ends of one arc. The other arc is opposite, and
     # has the same signs reversed.
     if level > 0:
         # Q is negative, so |v| is large. The arc with v > 0 crosses the v axis. All its
         # directions are steeper than the flat bounds.
-        first = _evaluate_direction(derivatives, flat_positive, gradient_error)
-        last = _evaluate_direction(derivatives, flat_negative, gradient_error).opposite()
+        first = _evaluate_direction(derivatives, positive_slopes.flat, gradient_error)
+        # The direction (1, slope) with a negative slope has v < 0; its opposite has v > 0.
+        last = _evaluate_direction(
+            derivatives, negative_slopes.flat, gradient_error
+        ).opposite()
         # g falls with growing v, so the tangent (-g_v, g_u) points towards larger u.
         is_oriented = first.g_v < 0 and last.g_v < 0
     else:
         # Q is positive, so |u| is large. The arc with u > 0 crosses the u axis. All its
         # directions are flatter than the steep bounds.
-        first = _evaluate_direction(derivatives, steep_positive, gradient_error)
-        last = _evaluate_direction(derivatives, steep_negative, gradient_error)
+        first = _evaluate_direction(derivatives, positive_slopes.steep, gradient_error)
+        last = _evaluate_direction(derivatives, negative_slopes.steep, gradient_error)
         # g grows with u, so the tangent points towards larger v.
         is_oriented = first.g_u > 0 and last.g_u > 0
     # Rates are linear in the direction. They keep their sign along the arc if they have it

@@ -308,7 +308,7 @@ def _prove_saddle(
         if is_proven_crossing(box):
             arm_rates = bound_arm_rates(
                 saddle_derivatives,
-                ArmErrors(quadratic_form=0.0, gradient=0.0, centre=1e-12),
+                ArmErrors(form_error=0.0, gradient_error=0.0, centre_error=1e-12),
             )
             return _make_saddle(
                 box,
@@ -333,11 +333,11 @@ def _prove_saddle(
             STRAIGHT_ARM_RATIO * gap + 1e4 * gradient_at_saddle / least_curvature + 1e-300
         )
         errors = ArmErrors(
-            quadratic_form=2.001
+            form_error=2.001
             * (largest_level / straight_distance + 2.0 * gradient_at_saddle)
             / straight_distance,
-            gradient=1.001 * gradient_at_saddle / straight_distance,
-            centre=4.0 * straight_distance,
+            gradient_error=1.001 * gradient_at_saddle / straight_distance,
+            centre_error=4.0 * straight_distance,
         )
         rate_sums = np.array([sum(map(upper_magnitude, row)) for row in variable_rates])
         arm_rates = bound_arm_rates(saddle_derivatives, errors)
@@ -475,8 +475,8 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
     """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
 
-    The function g(u, v) is convex in u and concave in v, like a mountain pass: a valley
-    along v that is highest at the saddle point. Three conditions are tested:
+    The caller has proven that g(u, v) is convex in u and concave in v, like a mountain
+    pass: a valley along v that is highest at the saddle point. Three conditions are tested:
 
     1. g is positive on both sides u = +-u_limit of the rectangle.
     2. g is negative on the axis u = 0, except near the centre: where ``|v|`` is above the
@@ -495,14 +495,52 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     value, gradient
         g and its slopes (2,) at the centre, as balls (numbers with a bound of their error).
     hessian
-        (2, 2) balls that enclose the second derivatives of g over the whole box.
+        (2, 2) balls that enclose the second derivatives of g over the whole box. By u it is
+        positive (convex), by v negative (concave).
     """
     u_limit, v_limit, *_ = limits
     # Upper bounds of the value and of the slopes at the centre, without sign.
     value_size = upper_magnitude(value)
     slope_u, slope_v = map(upper_magnitude, gradient)
-    # Lower bound of g on the sides u = +-u_limit, by Taylor's theorem from the centre.
-    least_uu, least_vv = map(lower_magnitude, hessian.diagonal())
+    inner_height = INNER_HEIGHT_RATIO * v_limit
+
+    # Condition 1. 1e-12 here and 1.001 below exceed the rounding of the few float64
+    # products.
+    rise_to_sides = _bound_rise_to_sides(limits, slope_u, slope_v, hessian)
+    value_on_sides = rise_to_sides - value_size
+    is_positive_on_sides = value_on_sides > 1e-12 * u_limit * u_limit
+
+    # Condition 2. Because g is concave in v, it descends further beyond the inner height.
+    descent = _bound_descent_along_v(inner_height, slope_v, hessian)
+    is_negative_beyond = descent > 1.001 * value_size
+
+    # Condition 3. The bottom of the valley, the least value of g over u, is highest at the
+    # saddle point. At v = 0 it is lower than g at the centre by at most this depth, because
+    # g is convex in u. At v = +-(inner height) it is lower by at least the descent. So the
+    # saddle point is between if the descent is larger; twice the depth is required.
+    valley_depth_at_centre = u_limit * slope_u
+    saddle_point_is_inside = descent > 1.001 * (2.0 * valley_depth_at_centre)
+    return bool(is_positive_on_sides and is_negative_beyond and saddle_point_is_inside)
+
+
+def _bound_rise_to_sides(
+    limits: Floats, slope_u: float, slope_v: float, hessian: Array
+) -> float:
+    """Return a lower bound of g on the sides u = +-u_limit of a rectangle, less g at 0.
+
+    It is the second-order Taylor formula from the centre, with the worst sign of each term.
+
+    Parameters
+    ----------
+    limits
+        Half lengths (rad) of a box; the first two are u_limit and v_limit.
+    slope_u, slope_v
+        Upper bounds of the magnitudes of the slopes of g at the centre.
+    hessian
+        (2, 2) balls of the second derivatives; that by u is positive.
+    """
+    u_limit, v_limit, *_ = limits
+    least_uu = lower_magnitude(hessian[0, 0])
     largest_uv = upper_magnitude(hessian[0, 1])
     largest_vv = upper_magnitude(hessian[1, 1])
     twice_form = (
@@ -510,17 +548,22 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
         - 2 * largest_uv * u_limit * v_limit
         - largest_vv * v_limit * v_limit
     )
-    value_on_sides = 0.5 * twice_form - slope_u * u_limit - slope_v * v_limit - value_size
-    # Lower bound of the descent of g from the centre to (0, +-inner height). Because g is
-    # concave in v, it descends further beyond.
-    inner_height = INNER_HEIGHT_RATIO * v_limit
-    descent = 0.5 * least_vv * inner_height**2 - slope_v * inner_height
-    # 1e-12 here and 1.001 below are larger than the rounding of these few float64 products.
-    is_positive_on_sides = value_on_sides > 1e-12 * u_limit * u_limit
-    is_negative_beyond = descent > 1.001 * value_size
-    # At v = 0 the valley is at most u_limit * slope_u lower than the centre, because g is
-    # convex in u. At v = +-(inner height) it is lower by at least the descent. If the
-    # descent is larger, the highest point of the valley, the saddle point, is between. It
-    # is required to be twice as large.
-    saddle_point_is_inside = descent > 1.001 * (2.0 * u_limit * slope_u)
-    return bool(is_positive_on_sides and is_negative_beyond and saddle_point_is_inside)
+    return float(0.5 * twice_form - slope_u * u_limit - slope_v * v_limit)
+
+
+def _bound_descent_along_v(height: float, slope_v: float, hessian: Array) -> float:
+    """Return a lower bound of g at the centre less g at u = 0, v = +-height.
+
+    It is the second-order Taylor formula along v.
+
+    Parameters
+    ----------
+    height
+        Distance (rad) along v.
+    slope_v
+        Upper bound of the magnitude of the slope of g by v at the centre.
+    hessian
+        (2, 2) balls of the second derivatives; that by v is negative.
+    """
+    least_vv = lower_magnitude(hessian[1, 1])
+    return float(0.5 * least_vv * height**2 - slope_v * height)
