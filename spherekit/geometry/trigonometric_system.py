@@ -23,7 +23,7 @@ Angles and coefficients may be complex, because real solutions become complex wh
 them meet. No product here takes a complex conjugate.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from typing import Any
 
@@ -46,13 +46,13 @@ SAMPLES_PER_DEGREE = 4
 """Samples of the eliminant for each of its degrees. Two and one sample determine it; the
 others show coefficients beyond the degree, which are rounding errors."""
 
-MAX_RELATIVE_EXCESS = 1e-9
-"""Largest coefficient beyond the degree of the eliminant, relative to its largest one.
+MAX_COEFFICIENT_ERROR = 1e-9
+"""Largest rounding error of a coefficient of the eliminant, relative to its largest one.
 Larger: roots with fewer correct digits are trusted. Smaller: more systems are reported as
 incomplete."""
 
 ZERO_ELIMINANT = 1e-14
-"""The eliminant counts as zero below this part of the value that its factors allow. Larger:
+"""The eliminant counts as zero below this part of its largest possible magnitude. Larger:
 systems with small eliminants count as having infinitely many solutions.
 """
 
@@ -122,24 +122,24 @@ class EliminantRoots:
     """Roots of the eliminants of n systems of equations.
 
     The eliminant is the trigonometric polynomial in the first angle x that remains when the
-    other angles are eliminated. Its terms are e^(ikx) with k from -degree to degree, so it
-    has 2 degree roots e^(ix). Each of them belongs to a solution of the system.
+    other angles are eliminated. Its terms are e^(ikx) with k from -d to d, where d is its
+    degree. As a polynomial in e^(ix) it has twice as many roots as its degree. Each root
+    belongs to a solution of the system.
 
     Attributes
     ----------
     roots
-        (n, 2 degree) values of e^(ix). NaN or infinite if the coefficient of the highest
+        (n, 2 * d) values of e^(ix). NaN or infinite if the coefficient of the highest
         power is zero, so that there are fewer roots.
-    excess
-        (n,) largest coefficient of e^(ikx) with k beyond the degree, relative to the
-        largest coefficient of all. The eliminant has no such terms. They are computed by
-        the Fourier transform of more samples than needed, and show the rounding errors.
+    relative_errors
+        (n,) rounding error of the coefficients of each eliminant, relative to its largest
+        coefficient.
     problems
         For each system the reason why the roots do not give its solutions, or "".
     """
 
     roots: Complexes
-    excess: Floats
+    relative_errors: Floats
     problems: list[str]
 
 
@@ -147,46 +147,69 @@ class EliminantRoots:
 class EliminantSamples:
     """Values of the eliminants of n systems at m values of the first angle.
 
-    The eliminant of a system is the polynomial in the cosine and sine of the first angle
-    that remains when the other angles are eliminated. It is zero at the solutions.
+    A system has two equations in two angles, or three equations in three angles. The
+    eliminant is the polynomial in the cosine and sine of the first angle that remains when
+    the other angles are eliminated. It is zero at the solutions.
 
     Attributes
     ----------
     values
         (n, m) values of the eliminants.
-    bounds
-        (n, m) largest values that the sizes of the factors of the eliminants allow.
-    is_determined
-        (n,) whether the first of three equations determines the second angle at some value
-        of the first angle. True for systems of two equations, which have no second angle.
+    magnitude_limits
+        (n, m) limits that the magnitudes of these values cannot exceed, by the sizes of the
+        equations. If an eliminant is far below them at all m angles, it counts as zero
+        everywhere.
+    can_eliminate
+        (n,) whether the second angle can be eliminated. It is eliminated from three
+        equations by solving the first one for it. That is impossible if the first equation
+        does not depend on it. True for systems of two equations.
     """
 
     values: Complexes
-    bounds: Floats
-    is_determined: Bools
+    magnitude_limits: Floats
+    can_eliminate: Bools
+
+
+@dataclass(frozen=True)
+class FormZeros:
+    """The zeros of forms: equations c0 + c1 cos(y) + c2 sin(y) = 0 in one angle y.
+
+    Attributes
+    ----------
+    factors
+        (..., 2, 3) values 1, cos(y) and sin(y) at both zeros, which may be complex. The
+        coefficients of other equations are multiplied by them. NaN or infinite if the
+        denominator is 0.
+    denominators
+        (...,) c1^2 + c2^2, the denominator of the cosines and sines.
+    """
+
+    factors: Complexes
+    denominators: Complexes
 
 
 @dataclass(frozen=True)
 class SecondAngleZeros:
-    """The second angle y of systems of three equations, at r values of the first angle.
+    """The second angle y of n systems of three equations, at r values of the first angle.
 
-    The first equation does not contain the last angle z. At a value of the first angle it
-    is a form c0 + c1 cos(y) + c2 sin(y) = 0, with two zeros, which may be complex. At each
-    of them, the other two equations are forms in z.
+    With a value of the first angle inserted, the first equation is a form
+    c0 + c1 cos(y) + c2 sin(y) = 0, because it does not contain the last angle z. It has two
+    zeros y. With one of them inserted, the other two equations are forms in z.
 
     Attributes
     ----------
     factors
         (n, r, 2, 3) values 1, cos(y) and sin(y) at both zeros.
-    denominator
-        (n, r) c1^2 + c2^2, the denominator of these cosines and sines.
+    denominators
+        (n, r) c1^2 + c2^2, the denominator of these cosines and sines. The eliminant is
+        multiplied by a power of it, so that it becomes a polynomial.
     last_forms
-        (n, r, 2, 2, 3) the other two equations as forms in z. Axis 2 belongs to the zeros
-        of y, axis 3 to the equations.
+        (n, r, 2, 2, 3) coefficients of the other two equations as forms in z. Axis 2
+        belongs to the zeros of y, axis 3 to the equations.
     """
 
     factors: Complexes
-    denominator: Complexes
+    denominators: Complexes
     last_forms: Complexes
 
 
@@ -238,12 +261,9 @@ class RootSolutions:
 def eliminant_degree(incidence: Bools) -> int:
     """Return the degree of the eliminant in the first angle.
 
-    A system has t = 1, 2 or 3 equations in as many angles x, y, z. Each equation is linear
-    in the cosine and sine of each angle that it contains. The eliminant is the
-    trigonometric polynomial in x that remains when the other angles are eliminated by
-    resultants. The resultant is an expression in the coefficients of two equations in one
-    angle. It is zero if they have a common zero. Its terms are products with two
-    coefficients of each equation, so it has degree 2 in the coefficients of each.
+    A system has t = 1, 2 or 3 equations in as many angles x, y, z. The eliminant is the
+    trigonometric polynomial in x that remains when the other angles are eliminated. The
+    number of complex solutions of the system is twice its degree.
 
     Parameters
     ----------
@@ -252,53 +272,63 @@ def eliminant_degree(incidence: Bools) -> int:
 
     Returns
     -------
-    The degree, half the number of complex solutions. It is 0 if this method does not apply.
-    It applies if the last two equations contain the last angle, and if the first of three
-    equations contains the second angle but not the third.
+    The degree, or 0 if the angles cannot be eliminated in their order.
     """
-    if len(incidence) == 1:
-        return int(incidence[0, 0])
-    if not np.all(incidence[-2:, -1]):
+    if not _can_eliminate_in_order(incidence):
         return 0
-    # The coefficients of an equation have degree 1 in x if it contains x, and degree 0
-    # otherwise. The eliminant of two equations is their resultant in the last angle.
+    # An equation has degree 1 in the cosine and sine of each angle that it contains.
     contains_first = incidence[:, 0].astype(int)
+    if len(incidence) == 1:
+        return int(contains_first[0])
+    # Elimination of the last angle from the last two equations leaves their resultant, a
+    # sum of products with two coefficients of each equation. So each equation that contains
+    # x adds 2 to its degree in x.
+    resultant_degree = 2 * np.sum(contains_first[-2:])
     if len(incidence) == 2:
-        return int(2 * np.sum(contains_first))
-    # The first of three equations must be a0 + a1 cos y + a2 sin y = 0 with coefficients
-    # that depend on x.
-    _, contains_second, contains_third = incidence[0]
-    if contains_third or not contains_second:
-        return 0
-    # Elimination of z from the last two equations gives their resultant R(x, y). It has
-    # degree p in cos y and sin y: 2 for each of both equations that contains y.
+        return int(resultant_degree)
+    # The first of three equations is a0 + a1 cos(y) + a2 sin(y) = 0. It has two zeros y.
+    # The eliminant is the product of
     #
-    # The first equation has two zeros y1(x) and y2(x). Their cosines and sines have the
-    # denominator a1^2 + a2^2. The product R(x, y1) R(x, y2) is therefore a fraction with
-    # the denominator (a1^2 + a2^2)^p. Multiplied by this factor, it is the eliminant.
-    #
-    # This factor has degree 2 p in the coefficients a, which have degree 1 or 0 in x. Each
-    # R has degree 2 in x for each of the last two equations that contains x.
-    power = _resultant_degree_in_second_angle(incidence)  # p
-    factor_degree = 2 * power * contains_first[0]
-    resultant_degree_in_x = 2 * (contains_first[1] + contains_first[2])
-    return int(factor_degree + 2 * resultant_degree_in_x)
+    # - the resultant at the first zero and the resultant at the second one,
+    # - (a1^2 + a2^2)^p, which removes the denominator of this product. Here p is the degree
+    #   of the resultant in y, and a1 and a2 have degree 1 in x if this equation contains x.
+    power = _resultant_degree_in_second_angle(incidence)
+    denominator_degree = 2 * power * contains_first[0]
+    return int(denominator_degree + 2 * resultant_degree)
 
 
-def _resultant_degree_in_second_angle(incidence: Bools) -> int:
-    """Return the degree of the resultant of the last two equations in the second angle.
+def _can_eliminate_in_order(incidence: Bools) -> bool:
+    """Return whether all angles but the first can be eliminated, beginning with the last.
 
-    A system of three equations has the angles x, y, z. Elimination of z from the last two
-    leaves their resultant, whose degree in y is returned: 2 for each of both equations that
-    contains y. A system of two equations has two angles. Elimination of the last one leaves
-    only the first one, and the result is 0.
+    The last angle is eliminated from the last two equations, which must contain it. The
+    second of three angles is then eliminated by the first equation, which must contain it
+    but not the last angle. With a single angle, its equation must contain it.
 
     Parameters
     ----------
     incidence
-        (t, t) whether an equation (row) contains an angle (column), for t = 2 or 3.
+        (t, t) whether an equation (row) contains an angle (column), for t = 1, 2 or 3.
     """
-    return 2 * int(np.sum(incidence[1:, 1])) if len(incidence) == 3 else 0
+    if not np.all(incidence[-2:, -1]):
+        return False
+    if len(incidence) < 3:
+        return True
+    _, contains_second, contains_third = incidence[0]
+    return bool(contains_second and not contains_third)
+
+
+def _resultant_degree_in_second_angle(incidence: Bools) -> int:
+    """Return the degree in the second angle of the resultant of the last two equations.
+
+    The resultant is what remains of the last two of three equations when the last angle is
+    eliminated. Each of them that contains the second angle adds 2 to its degree.
+
+    Parameters
+    ----------
+    incidence
+        (3, 3) whether an equation (row) contains an angle (column).
+    """
+    return 2 * int(np.sum(incidence[1:, 1]))
 
 
 def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complexes, str]:
@@ -327,7 +357,7 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
         # of x without its sign.
         eliminant_roots = _find_eliminant_roots(systems, incidence)
         roots = eliminant_roots.roots[0]
-        excess = eliminant_roots.excess[0]
+        relative_error = eliminant_roots.relative_errors[0]
         problem = eliminant_roots.problems[0]
         if problem:
             return np.empty((0, len(equations)), dtype=complex), problem
@@ -356,9 +386,11 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
             form_sizes = np.linalg.norm(second_forms[0], axis=1)
             is_lost |= form_sizes / np.linalg.norm(equations[0]) < UNDETERMINED_RATIO
         lost_count = np.sum(is_lost & (imaginary < MATCHED_IMAGINARY_RAD))
-    if not excess < MAX_RELATIVE_EXCESS:
+    if not relative_error < MAX_COEFFICIENT_ERROR:
         degree = eliminant_degree(incidence)
-        problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
+        problem = (
+            f"the eliminant has coefficients {relative_error:.1g} beyond degree {degree}"
+        )
     elif lost_count:
         problem = f"{lost_count} roots of the eliminant lost solutions"
     return angles, problem
@@ -390,8 +422,8 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     angles = np.full((n, 2 * eliminant_degree(incidence), t), np.nan, dtype=complex)
     with np.errstate(all="ignore"):
         if t == 1:
-            zeros, _ = _form_zeros(equations[:, 0])
-            return _angles_from_factors(zeros)[..., None]
+            zeros = _find_form_zeros(equations[:, 0])
+            return _angles_from_factors(zeros.factors)[..., None]
         # `angles` is filled in step by step; systems without complete solutions stay NaN.
         # 1. Elimination for some systems, with one start of Newton's method for each root.
         systems = np.arange(n)
@@ -461,7 +493,7 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         circle_distance = np.abs(np.log(np.abs(roots)))
         is_real = circle_distance < ON_CIRCLE_RAD
         is_clear = np.all(is_real | (circle_distance > OFF_CIRCLE_RAD), axis=1)
-        is_clear &= eliminant_roots.excess < MAX_RELATIVE_EXCESS
+        is_clear &= eliminant_roots.relative_errors < MAX_COEFFICIENT_ERROR
         is_clear &= [not problem for problem in eliminant_roots.problems]
 
         # Roots on the unit circle have a real first angle. Those of each system come first,
@@ -619,35 +651,25 @@ def _angles_from_factors(factors: Complexes) -> Complexes:
     )
 
 
-def _form_zeros(form: Numbers) -> tuple[Complexes, Complexes]:
-    """Return the zeros of forms c0 + c1 cos + c2 sin.
+def _find_form_zeros(form: Numbers) -> FormZeros:
+    """Return the zeros of forms, equations c0 + c1 cos(y) + c2 sin(y) = 0 in one angle y.
 
-    A form is an equation c0 + c1 cos(y) + c2 sin(y) = 0 in an angle y, real or complex.
-    With w = c1^2 + c2^2 and r = sqrt(w - c0^2), it has two zeros, one for each sign of r:
-    cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w.
+    With w = c1^2 + c2^2 and r = sqrt(w - c0^2), a form has two zeros, one for each sign of
+    r: cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w.
 
     Parameters
     ----------
     form
         (..., 3) coefficients c0, c1, c2.
-
-    Returns
-    -------
-    zeros
-        (..., 2, 3) the factors (1, cos(y), sin(y)) at both zeros, by which coefficients of
-        other equations are multiplied. NaN or infinite if the denominator is
-        0.
-    denominator
-        (...,) w, the denominator of both cosines and sines.
     """
     c0, c1, c2 = np.moveaxis(form.astype(complex), -1, 0)
-    denominator = c1 * c1 + c2 * c2
-    root = np.sqrt(denominator - c0 * c0)
-    zeros = [
-        np.stack([denominator, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1)
-        for r in (root, -root)
+    w = c1 * c1 + c2 * c2
+    root = np.sqrt(w - c0 * c0)
+    scaled_factors = [
+        np.stack([w, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1) for r in (root, -root)
     ]
-    return np.stack(zeros, axis=-2) / denominator[..., None, None], denominator
+    factors = np.stack(scaled_factors, axis=-2) / w[..., None, None]
+    return FormZeros(factors, denominators=w)
 
 
 def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
@@ -689,14 +711,29 @@ def _second_angle_forms(equations: Numbers, first_angles: Numbers) -> Complexes:
     -------
     (n, r, 3) coefficients of 1, cosine and sine of the second angle.
     """
-    # Only the factor 1 of the last angle has a coefficient in the first equation.
-    return _insert_first_angle(equations, first_angles)[:, :, 0, :, 0]
+    return _select_second_angle_form(_insert_first_angle(equations, first_angles))
+
+
+def _select_second_angle_form(remaining: Complexes) -> Complexes:
+    """Return the first of three equations (n, r, 3), as a form in the second angle y.
+
+    Parameters
+    ----------
+    remaining
+        (n, r, 3, 3, 3) coefficients of the three equations in y and z that remain at r
+        values of the first angle. Axis 2 counts the equations, axis 3 belongs to y, and the
+        last axis to z: indices 0, 1 and 2 are the factors 1, cosine and sine.
+    """
+    first_equation = remaining[:, :, 0]
+    # It does not contain z, so only the factor 1 of z has coefficients.
+    return first_equation[:, :, :, 0]
 
 
 def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngleZeros:
-    """Return the second angles at given values of the first angle.
+    """Return the second angle y of systems of three equations at given first angles.
 
-    The other two equations, in which only the last angle remains, are returned with them.
+    The first equation does not contain the last angle z. It gives two values of y, and each
+    of them is inserted into the other two equations, in which only z remains.
 
     Parameters
     ----------
@@ -704,17 +741,16 @@ def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngl
         (n, 3, 3, 3, 3) coefficients of n systems of three equations. Each of the last three
         axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and
         sine.
-        The first equation must not contain the last angle.
     first_angles
         (n, r) values of the first angle (rad).
     """
     remaining = _insert_first_angle(equations, first_angles)
-    # Only the factor 1 of the last angle has a coefficient in the first equation.
-    factors, denominator = _form_zeros(remaining[:, :, 0, :, 0])
-    # n system, r value of the first angle, s zero of the second angle, k equation; y and z
-    # are the factors of the second and the last angle.
-    last_forms = np.einsum("nrkyz,nrsy->nrskz", remaining[:, :, 1:], factors)
-    return SecondAngleZeros(factors, denominator, last_forms)
+    zeros = _find_form_zeros(_select_second_angle_form(remaining))
+    other_equations = remaining[:, :, 1:]
+    # The sum over y inserts its factors 1, cos(y) and sin(y). Letters: n system, r value of
+    # the first angle, k equation, y and z factors of these angles, s zero of the form.
+    last_forms = np.einsum("nrkyz,nrsy->nrskz", other_equations, zeros.factors)
+    return SecondAngleZeros(zeros.factors, zeros.denominators, last_forms)
 
 
 def _sample_eliminants(
@@ -723,48 +759,97 @@ def _sample_eliminants(
     """Return the values of the eliminants of n systems at given first angles.
 
     The eliminant is a polynomial in the cosine and sine of the first angle that is zero at
-    the solutions. At a value of the first angle, two equations are forms in the last angle:
-    c0 + c1 cos + c2 sin = 0. Their resultant, which is zero if they have a common zero, is
-    the eliminant.
-
-    For three equations, the resultant is computed at both zeros of the second angle. Their
-    product is zero at the solutions, but it is a fraction, because the zeros have a
-    denominator. The resultant has degree p in the cosine and sine of the second angle, so
-    the product times denominator^p is a polynomial. It is the eliminant.
+    the solutions.
 
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+        (n, t, 3, ..., 3) coefficients of n systems of t = 2 or 3 equations. Each axis of
+        length 3 belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine
+        and sine.
     incidence
-        (t, t) whether an equation (row) contains an angle (column), for t = 2 or 3.
+        (t, t) whether an equation (row) contains an angle (column).
     first_angles
         (m,) values of the first angle (rad).
     """
     system_count, equation_count = equations.shape[:2]
     all_first_angles = np.broadcast_to(first_angles, (system_count, len(first_angles)))
     if equation_count == 2:
-        forms = _insert_first_angle(equations, all_first_angles)
-        values = _resultants(forms)
-        bounds = np.prod(np.sum(np.abs(forms) ** 2, axis=3), axis=2)
-        is_determined = np.ones(system_count, dtype=bool)
+        samples = _sample_eliminants_of_two(equations, all_first_angles)
     else:
-        zeros = _solve_second_angle(equations, all_first_angles)
         power = _resultant_degree_in_second_angle(incidence)
-        forms = zeros.last_forms
-        values = np.prod(_resultants(forms), axis=2) * zeros.denominator**power
-        squared_sizes = np.sum(np.abs(forms) ** 2, axis=4)
-        bounds = np.abs(zeros.denominator) ** power * np.prod(squared_sizes, axis=(2, 3))
-        # If the part of the first equation that depends on the second angle is too small,
-        # the zeros are meaningless. The denominator is the square of this part.
-        first_sizes = np.linalg.norm(equations[:, 0].reshape(system_count, -1), axis=1)
-        least_denominator = (UNDETERMINED_RATIO * first_sizes) ** 2
-        is_determined = max_abs(zeros.denominator, axis=1) > least_denominator
+        samples = _sample_eliminants_of_three(equations, all_first_angles, power)
     if np.isrealobj(equations):
         # The imaginary parts are rounding errors.
-        values = values.real.astype(complex)
-    return EliminantSamples(values, bounds, is_determined)
+        real_values = samples.values.real.astype(complex)
+        samples = replace(samples, values=real_values)
+    return samples
+
+
+def _sample_eliminants_of_two(
+    equations: Numbers, first_angles: Numbers
+) -> EliminantSamples:
+    """Return the values of the eliminants of systems of two equations.
+
+    With a value of the first angle inserted, both equations are forms in the last angle:
+    c0 + c1 cos + c2 sin = 0. The eliminant is their resultant, an expression in their
+    coefficients that is zero if they have a common zero.
+
+    Parameters
+    ----------
+    equations
+        (n, 2, 3, 3) coefficients of n systems of two equations. Each axis of length 3
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+    first_angles
+        (n, m) values of the first angle (rad).
+    """
+    forms = _insert_first_angle(equations, first_angles)  # (n, m, equations, 3)
+    # The magnitude of a resultant is at most the product of the squared norms of its forms.
+    squared_norms = np.sum(np.abs(forms) ** 2, axis=3)
+    return EliminantSamples(
+        values=_resultants(forms),
+        magnitude_limits=np.prod(squared_norms, axis=2),
+        can_eliminate=np.ones(len(equations), dtype=bool),
+    )
+
+
+def _sample_eliminants_of_three(
+    equations: Numbers, first_angles: Numbers, power: int
+) -> EliminantSamples:
+    """Return the values of the eliminants of systems of three equations.
+
+    With a value of the first angle inserted, the first equation has two zeros of the second
+    angle. At each of them, the other two equations are forms in the last angle, and their
+    resultant is zero if they have a common zero. The product of both resultants is
+    therefore zero at the solutions. It is a fraction, and the eliminant is its numerator.
+
+    Parameters
+    ----------
+    equations
+        (n, 3, 3, 3, 3) coefficients of n systems of three equations. Each of the last three
+        axes belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and
+        sine.
+    first_angles
+        (n, m) values of the first angle (rad).
+    power
+        Degree of the resultant in the second angle. The denominator of the product is this
+        power of the denominator of the zeros.
+    """
+    zeros = _solve_second_angle(equations, first_angles)
+    forms = zeros.last_forms  # (n, m, zeros, equations, 3)
+    resultants = _resultants(forms)  # (n, m, zeros)
+    values = np.prod(resultants, axis=2) * zeros.denominators**power
+    # The magnitude of a resultant is at most the product of the squared norms of its forms.
+    squared_norms = np.sum(np.abs(forms) ** 2, axis=4)  # (n, m, zeros, equations)
+    magnitude_limits = np.abs(zeros.denominators) ** power * np.prod(
+        squared_norms, axis=(2, 3)
+    )
+    # The denominator is the square of the part of the first equation that depends on the
+    # second angle. If this part is too small at all m angles, the zeros are meaningless.
+    first_norms = np.linalg.norm(equations[:, 0].reshape(len(equations), -1), axis=1)
+    least_denominator = (UNDETERMINED_RATIO * first_norms) ** 2
+    can_eliminate = max_abs(zeros.denominators, axis=1) > least_denominator
+    return EliminantSamples(values, magnitude_limits, can_eliminate)
 
 
 def _resultants(forms: Complexes) -> Complexes:
@@ -803,26 +888,51 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     samples = _sample_eliminants(equations, incidence, sample_angles)
 
     spectrum = np.fft.fft(samples.values, axis=1) / count
+    # There are more samples than needed, so the transform also gives coefficients of
+    # e^(ikx) with k beyond the degree. They would be zero without rounding errors.
     beyond_degree = np.abs(spectrum[:, degree + 1 : count - degree])
-    excess = np.max(beyond_degree, axis=1) / max_abs(spectrum, axis=1)
+    relative_errors = np.max(beyond_degree, axis=1) / max_abs(spectrum, axis=1)
 
     # Coefficients of e^(ikx) from k = degree down to -degree, those of a polynomial in
     # e^(ix) with the highest power first.
     coefficients = spectrum[:, np.arange(degree, -degree - 1, -1)]
     # The samples begin at FIRST_SAMPLE_RAD, so the transform measures angles from there.
     roots = _polynomial_roots(coefficients) * np.exp(1j * FIRST_SAMPLE_RAD)
-    return EliminantRoots(roots, excess, _find_problems(equations, samples))
+    problems = _find_problems(equations, samples)
+    return EliminantRoots(roots, relative_errors, problems)
 
 
 def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
-    """Return for each system why its eliminant does not give the solutions, or ""."""
-    is_determined = samples.is_determined & all_finite(samples.values, 1)
-    sizes = np.linalg.norm(equations.reshape(*equations.shape[:2], -1), axis=2)
-    has_empty_equation = np.min(sizes, axis=1) < EMPTY_EQUATION_SIZE
-    largest_bound = np.max(samples.bounds, axis=1)
-    has_eliminant = max_abs(samples.values, axis=1) > ZERO_ELIMINANT * largest_bound
+    """Return for each system why its eliminant does not give the solutions, or "".
+
+    The eliminant is the polynomial in the first angle that remains when the other angles
+    are eliminated. There are two reasons:
+
+    - An angle cannot be eliminated, because an equation that should determine it does not
+      depend on it.
+    - An equation is empty, or the eliminant is zero everywhere, so that every value of the
+      first angle would be a root.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) coefficients of n systems of t equations.
+    samples
+        Values of the eliminants at several first angles.
+    """
+    can_eliminate = samples.can_eliminate & all_finite(samples.values, 1)
+
+    coefficients = equations.reshape(*equations.shape[:2], -1)
+    equation_norms = np.linalg.norm(coefficients, axis=2)
+    has_empty_equation = np.min(equation_norms, axis=1) < EMPTY_EQUATION_SIZE
+
+    # A value is compared with the largest magnitude that it could have.
+    largest_value = max_abs(samples.values, axis=1)
+    largest_limit = np.max(samples.magnitude_limits, axis=1)
+    is_zero_everywhere = ~(largest_value > ZERO_ELIMINANT * largest_limit)
+
     return np.select(
-        [~is_determined, has_empty_equation | ~has_eliminant],
+        [~can_eliminate, has_empty_equation | is_zero_everywhere],
         [
             "an equation of the elimination does not hold its angle",
             "there are infinitely many complex solutions",
@@ -908,8 +1018,7 @@ def _last_angles(forms: Complexes) -> Complexes:
     angle_parts = np.linalg.norm(forms[..., 1:], axis=-1)
     better = np.argmax(angle_parts, axis=-1)[..., None, None]
     better_forms = np.take_along_axis(forms, better, axis=-2)[..., 0, :]
-    zeros, _ = _form_zeros(better_forms)
-    return _angles_from_factors(zeros)
+    return _angles_from_factors(_find_form_zeros(better_forms).factors)
 
 
 def _best_starts(
