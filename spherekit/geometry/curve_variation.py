@@ -138,27 +138,36 @@ class PathVariation:
     length_rate: float
     closed: bool
 
-    @property
-    def whole_length(self) -> Floats:
-        """The whole length (rad), with its derivative as a complex step."""
-        return add_complex_step(self.arc_length.length, self.length_rate)
+    def find_parameters(self, lengths: Floats) -> Floats:
+        """Return the parameters u (n,) of points of the path at arc lengths (n,), rad."""
+        return self.arc_length.invert(lengths)
 
-    def find_parameters(self, path_lengths: Floats) -> Floats:
-        """Return the parameters (n,) of the points at arc lengths (n,) on the path.
+    def find_parameter_rates(self, u: Floats, length_rates: Floats) -> Floats:
+        """Return the derivatives of parameters u by the design variable x.
 
-        If the design variable x changes the path, the point at an arc length gets another
-        parameter u. Its derivative u' follows from the chain rule for the arc length
-        s(u, x): ds/du u' + ds/dx = s'. Here ds/du is the speed |dp/du| of the path, ds/dx
-        is `arc_length_rate`, and s' is the derivative of the arc length itself.
+        If the design variable changes the path, the point at an arc length gets another
+        parameter. The derivative u' follows from the chain rule for the arc length s(u, x):
+        ds/du u' + ds/dx = s'. Here ds/du is the speed of the path, and ds/dx is
+        `arc_length_rate`.
 
-        Arc lengths and parameters are complex: each has its derivative by x as a complex
-        step.
+        Parameters
+        ----------
+        u
+            (n,) parameters of points of the path.
+        length_rates
+            (n,) s', the derivatives of the arc lengths (rad) of these points by x.
+
+        Returns
+        -------
+        (n,) derivatives u'.
         """
-        u = self.arc_length.invert(np.real(path_lengths))
-        # The speed is the real part, which does not depend on the derivative of u: 0 here.
-        speed = np.real(self.path.speed(add_complex_step(u, 0.0)))
-        length_change = extract_derivative(path_lengths) - self.arc_length_rate.evaluate(u)
-        return add_complex_step(u, length_change / speed)
+        return (length_rates - self.arc_length_rate.evaluate(u)) / self._speeds(u)
+
+    def _speeds(self, u: Floats) -> Floats:
+        """Return the speeds ds/du (n,) of the path at parameters u (n,), real numbers."""
+        # `path` has complex numbers and takes complex parameters. The derivative of the
+        # speed, its imaginary part, is not needed, so that of u may be any number.
+        return np.real(self.path.speed(add_complex_step(u, 0.0)))
 
 
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
@@ -296,46 +305,77 @@ class CurveDerivative:
         (8, n) derivatives. Rows 0 to 2 are those of the tangent, 3 to 5 those of the point,
         6 that of the geodesic curvature k, and 7 that of dk/ds.
         """
-        # Each number is complex: a value and its derivative by the design variable.
-        path_lengths = self._find_path_lengths(s)
-        parameters = self.variation.find_parameters(path_lengths)
-        frames = self.variation.path.frames(parameters)
-        return self._stack_derivatives(frames)
+        # The points of the curve are points of the path.
+        laps = self._count_laps(s)
+        lengths = self._find_path_lengths(s, laps)
+        # The length of a lap changes with the design variable, and with it the arc length
+        # at which a point of the curve is on the path.
+        length_rates = laps * self.variation.length_rate
+        u = self.variation.find_parameters(lengths)
+        u_rates = self.variation.find_parameter_rates(u, length_rates)
+        frames = self.variation.path.frames(add_complex_step(u, u_rates))
+        return self._differentiate_points(frames)
 
-    def _find_path_lengths(self, s: Floats) -> Floats:
-        """Return the arc lengths (n,) on the path of points of the curve.
+    def _count_laps(self, s: Floats) -> Floats:
+        """Return how many lengths of the path to add for its arc lengths.
 
-        The curve and the path are the same line. They differ in the direction, and in the
-        start of an open curve that runs backwards. Points of a closed curve repeat after
-        each lap, and the result is that of the first lap.
+        A closed path repeats after each lap. Whole laps are added or removed, so that the
+        arc length on the path belongs to its first lap. An open curve that runs backwards
+        starts at the end of the path, which is one length from the start of the path.
 
-        The length of a lap changes with the design variable. The result is therefore
-        complex, with its derivative as imaginary part (complex step). The arc lengths s
-        (n,) on the curve are constant.
+        Parameters
+        ----------
+        s
+            (n,) arc lengths (rad) on the curve.
+
+        Returns
+        -------
+        (n,) whole numbers, negative if laps are removed.
+        """
+        if self.variation.closed:
+            path_lengths = -s if self.backwards else s
+            return -np.floor(path_lengths / self.variation.arc_length.length)
+        return np.ones_like(s) if self.backwards else np.zeros_like(s)
+
+    def _find_path_lengths(self, s: Floats, laps: Floats) -> Floats:
+        """Return the arc lengths (n,) on the path of points of the curve, in rad.
+
+        Parameters
+        ----------
+        s
+            (n,) arc lengths (rad) on the curve. A curve that runs backwards has the
+            opposite direction of the path.
+        laps
+            (n,) number of lengths of the path to add.
         """
         path_lengths = -s if self.backwards else s
-        whole_length = self.variation.whole_length
-        if self.variation.closed:
-            laps = -np.floor(path_lengths / np.real(whole_length))
-        elif self.backwards:
-            # The curve starts at the end of the path.
-            laps = np.ones_like(s)
-        else:
-            laps = np.zeros_like(s)
-        return path_lengths + laps * whole_length
+        return path_lengths + laps * self.variation.arc_length.length
 
-    def _stack_derivatives(self, frames: PathFrames) -> Floats:
-        """Return the derivatives (8, n) of tangent, point, curvature k and dk/ds.
+    def _differentiate_points(self, frames: PathFrames) -> Floats:
+        """Return the derivatives of points of the curve by the design variable.
 
-        `frames` are those of the path, with their derivatives as a complex step.
+        Parameters
+        ----------
+        frames
+            Tangents, points and curvatures of the path at n points. Their numbers are
+            complex, with the derivatives by the design variable as scaled imaginary parts
+            (complex step).
+
+        Returns
+        -------
+        (8, n) derivatives. Rows 0 to 2 are those of the tangent, 3 to 5 those of the point,
+        6 that of the geodesic curvature k, and 7 that of dk/ds.
         """
+        # The columns of a frame are the tangent, another axis and the point.
         frame = extract_derivative(frames.frame)
         tangent = frame[:, :, 0].T
         point = frame[:, :, 2].T
         curvature = extract_derivative(frames.curvature)
-        # dk/ds is the same in both directions, since k and s both change their sign.
         curvature_rate = extract_derivative(frames.curvature_rate)
         if self.backwards:
+            # A backwards curve has the same points with the opposite tangents. Its
+            # curvature, positive to the left, has the opposite sign. In dk/ds the signs of
+            # k and of s cancel.
             tangent = -tangent
             curvature = -curvature
         return np.concatenate([tangent, point, curvature[None], curvature_rate[None]])
