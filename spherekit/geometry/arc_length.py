@@ -90,7 +90,8 @@ class ArcLength:
 
     def invert(self, s: Floats) -> Floats:
         """Return the parameters u (n,) at arc lengths s (n,)."""
-        return s * self._mean_slope + self._inverse_deviation.evaluate_pointwise(s)[0]
+        (deviations,) = self._inverse_deviation.evaluate_pointwise(s)
+        return s * self._mean_slope + deviations
 
     @property
     def _mean_slope(self) -> float:
@@ -105,42 +106,15 @@ class ArcLength:
         `invert` adds it again. The rest is zero if the speed ds/du is constant.
         """
 
-        def deviation(s: Floats) -> Floats:
-            """Return the curve parameter u minus its linear part, at arc lengths s (n,).
-
-            The linear part, s times the mean of du/ds, is known without interpolation. Only
-            the difference, returned as (n, 1), is interpolated.
-
-            A panel is a range of u on which the speed ds/du is a series. `edges` are the
-            parameters at the ends of the panels, and `starts` the arc lengths there.
-            """
-            # In the panel that contains s, find the position x from -1 to 1 at which the
-            # arc length from the start of the panel has the target value.
-            panel = np.searchsorted(self.starts[1:-1], s, side="right")
-            target = s - self.starts[panel]
-
-            def residual(x: Floats, rows: Indices) -> Floats:
-                """Return the arc length from the panel's start to x, minus the target."""
-                return self._evaluate_in_panels(panel[rows], x) - target[rows]
-
-            panel_ends = np.ones_like(s)
-            x, _ = find_bracketed_zeros(
-                residual,
-                low=-panel_ends,
-                high=panel_ends,
-                values_at_low=-target,
-                values_at_high=np.diff(self.starts)[panel] - target,
-                tolerance=EPS,
-            )
-            # Convert the position in the panel to the curve parameter.
-            u = self.edges[panel] + 0.5 * np.diff(self.edges)[panel] * (1.0 + x)
-            return (u - s * self._mean_slope)[:, None]
+        def find_deviations(s: Floats) -> Floats:
+            """Return the parameters at arc lengths s (n,), minus the linear part (n, 1)."""
+            return (self._find_parameters(s) - s * self._mean_slope)[:, None]
 
         # The error is relative to the largest parameter. The fit begins with one cell for
         # each panel and halves cells until the first tolerance is reached. Where halving no
         # longer reduces the error, which is then due to rounding, the second one suffices.
         return PiecewiseChebyshev.fit(
-            deviation,
+            find_deviations,
             low=0.0,
             high=self.length,
             tolerance=INVERSE_TOLERANCE,
@@ -148,6 +122,57 @@ class ArcLength:
             first_cells=self.starts,
             rounding_tolerance=INVERSE_ROUNDING_TOLERANCE,
         )
+
+    def _find_parameters(self, s: Floats) -> Floats:
+        """Return the parameters u (n,) at arc lengths s (n,), by iteration.
+
+        This is slower than `invert`, which interpolates the results.
+        """
+        panel = np.searchsorted(self.starts[1:-1], s, side="right")
+        length_in_panel = s - self.starts[panel]
+        panel_length = np.diff(self.starts)[panel]
+        x = self._find_positions(panel, length_in_panel, panel_length)
+        # Convert the positions from -1 to 1 in the panel to the parameter.
+        half_width = 0.5 * np.diff(self.edges)[panel]
+        return self.edges[panel] + half_width * (1.0 + x)
+
+    def _find_positions(
+        self, panel: Indices, length_in_panel: Floats, panel_length: Floats
+    ) -> Floats:
+        """Return the positions x in panels at which the arc length has given values.
+
+        The arc length rises from x = -1, the start of a panel, to x = 1, its end. So there
+        is one position for each value.
+
+        Parameters
+        ----------
+        panel
+            (n,) numbers of the panels.
+        length_in_panel
+            (n,) arc lengths from the starts of the panels to the positions.
+        panel_length
+            (n,) arc lengths of the whole panels.
+
+        Returns
+        -------
+        (n,) positions x from -1 to 1.
+        """
+
+        def evaluate_excess(x: Floats, rows: Indices) -> Floats:
+            """Return the arc lengths at x, minus the given ones, for some of the rows."""
+            return self._evaluate_in_panels(panel[rows], x) - length_in_panel[rows]
+
+        ones = np.ones_like(length_in_panel)
+        positions, _ = find_bracketed_zeros(
+            evaluate_excess,
+            low=-ones,
+            high=ones,
+            # The arc length is zero at the start of a panel, and the whole one at its end.
+            values_at_low=-length_in_panel,
+            values_at_high=panel_length - length_in_panel,
+            tolerance=EPS,
+        )
+        return positions
 
     def _evaluate_in_panels(self, panel: Indices, x: Floats) -> Floats:
         """Return arc lengths (n,) from the starts of panels (n,) to positions x (n,)."""

@@ -45,11 +45,24 @@ def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
-    """Return the unit normals (n, 3) of mirrors with the angles phi and gamma.
+    """Return the unit normals of mirrors through the centre, from two angles of each.
 
-    Both are arrays (n,) in rad. They define the normal (-sin(phi / 2), sin(gamma / 2), n_z)
-    with n_z >= 0. If sin^2(phi / 2) + sin^2(gamma / 2) > 1, no unit vector has these
-    components, and the normal is NaN.
+    The angles tell how far a mirror moves two points of the unit sphere:
+
+    - phi is the arc from (1, 0, 0) to its mirror image, positive if n_x is negative. The
+      half of it is the arc from the point to the mirror plane, so n_x = -sin(phi / 2).
+    - gamma is the arc from (0, 1, 0) to its mirror image, positive if n_y is positive. In
+      the same way n_y = sin(gamma / 2).
+
+    Parameters
+    ----------
+    phi, gamma
+        (n,) angles (rad).
+
+    Returns
+    -------
+    (n, 3) normals with n_z >= 0. NaN if no unit vector has these n_x and n_y, because
+    n_x^2 + n_y^2 > 1.
     """
     half_phi = 0.5 * np.asarray(phi, dtype=float)
     half_gamma = 0.5 * np.asarray(gamma, dtype=float)

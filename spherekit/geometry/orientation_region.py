@@ -245,6 +245,35 @@ class _Boxes(ArrayRows):
     width: Indices
 
 
+@dataclass(frozen=True)
+class _MeasuredVolumes:
+    """Volumes of the part of a set of orientations in each of n cells.
+
+    Attributes
+    ----------
+    volume
+        (n,) volumes. All orientations together have the volume 8 pi^2.
+    is_certain
+        (n,) whether the cell belongs to the set as a whole or not at all. Other volumes are
+        estimates.
+    """
+
+    volume: Floats
+    is_certain: Bools
+
+
+def _make_first_boxes() -> _Boxes:
+    """Return the cells of a regular grid in each of the four cubes of quaternions."""
+    corners = _cubic_grid(np.arange(2**FIRST_HALVINGS))
+    width = 2 ** (CUBE_BITS - FIRST_HALVINGS)
+    count = 4 * len(corners)
+    return _Boxes(
+        cube=np.arange(count) // len(corners),
+        corner=np.tile(corners * width, (4, 1)),
+        width=np.full(count, width),
+    )
+
+
 class _OrientationCells:
     """Cells of the space of orientations, each with the volume of its part of a set.
 
@@ -271,34 +300,23 @@ class _OrientationCells:
     """
 
     def __init__(self, evaluate: MarginEvaluator) -> None:
-        """Halve the cubes of quaternions `FIRST_HALVINGS` times, and measure the cells.
+        """Divide the space of orientations into the first cells, and measure these.
 
         `evaluate` returns margins (n, k) at unit quaternions (n, 4). The orientations at
         which all margins are at least 0 form the set to be measured.
         """
         self.evaluate = evaluate
-        # The depth of an orientation is its smallest margin. `_sample` stores the
-        # orientation with the largest depth. None has been sampled yet.
+        # Evaluations replace these if the smallest margin of an orientation is larger.
         self.deepest = np.array([0.0, 0.0, 0.0, 1.0])
         self.depth = -np.inf
-        # Quaternions (with any sign) are divided into four cubes, one for each component
-        # that can be the largest. The other three components, divided by the largest, are
-        # the coordinates in its cube. They are stored as integers from 0 to 2**CUBE_BITS.
-        # The first cells are a grid in each cube.
-        corners = _cubic_grid(np.arange(2**FIRST_HALVINGS))
-        width = 2 ** (CUBE_BITS - FIRST_HALVINGS)
-        count = 4 * len(corners)
-        self.boxes = _Boxes(
-            cube=np.arange(count) // len(corners),
-            corner=np.tile(corners * width, (4, 1)),
-            width=np.full(count, width),
-        )
-        # A volume is certain if the cell belongs to the set as a whole or not at all. The
-        # first error of an uncertain cell is its whole volume, a sum over its subcells.
-        self.volume, has_certain_volume = self._measure(self.boxes)
-        self.error = np.where(
-            has_certain_volume, 0.0, _subcell_volumes(self.boxes).sum(axis=1)
-        )
+
+        self.boxes = _make_first_boxes()
+        measured = self._measure(self.boxes)
+        self.volume = measured.volume
+        # The part of the set in a cell is between nothing and the whole cell. The volume of
+        # the whole cell is therefore the largest possible error.
+        whole_volume = _subcell_volumes(self.boxes).sum(axis=1)
+        self.error = np.where(measured.is_certain, 0.0, whole_volume)
 
     def halve(self, selected: Indices) -> None:
         """Replace some cells (k,) by their eight parts, and measure the parts.
@@ -313,12 +331,12 @@ class _OrientationCells:
         half_width = whole.width // 2
         offsets = np.tile(_CORNERS_OF_CUBE, (len(selected), 1)) * half_width[:, None]
         parts = _Boxes(cube=whole.cube, corner=whole.corner + offsets, width=half_width)
-        # A volume is certain if the part belongs to the set as a whole or not at all.
-        volume, has_certain_volume = self._measure(parts)
+        measured = self._measure(parts)
+        volume = measured.volume
 
         # The change of the volume is divided among the parts that are not certain.
         change = np.abs(volume.reshape(-1, 8).sum(axis=1) - self.volume[selected])
-        is_uncertain = ~has_certain_volume.reshape(-1, 8)
+        is_uncertain = ~measured.is_certain.reshape(-1, 8)
         share = change / np.maximum(np.count_nonzero(is_uncertain, axis=1), 1)
         error = np.where(is_uncertain, share[:, None], 0.0).ravel()
 
@@ -328,8 +346,8 @@ class _OrientationCells:
         self.volume = np.concatenate([self.volume[remaining], volume])
         self.error = np.concatenate([self.error[remaining], error])
 
-    def _measure(self, boxes: _Boxes) -> tuple[Floats, Bools]:
-        """Return the volumes (n,) of the set in n cells, and whether they are certain.
+    def _measure(self, boxes: _Boxes) -> _MeasuredVolumes:
+        """Return the volumes of the set in n cells.
 
         The set has the orientations at which all margins are at least 0. In each cell a
         margin is interpolated by a polynomial of degree 2 in each of three coordinates,
@@ -342,17 +360,12 @@ class _OrientationCells:
         ----------
         boxes
             The boxes of the n cells in the space of orientations.
-
-        Returns
-        -------
-        volumes
-            (n,) volume of the set in each cell. All orientations together have 8 pi^2.
-        has_certain_volume
-            (n,) whether the volume is certain: all of the cell or nothing.
         """
-        # Axes of samples and checks: point, cell, margin. The polynomials are compared with
-        # the margins at four check points, whose coordinates are in quarters of the cell.
-        samples, checks = self._sample(boxes)
+        # (31, n, k) margins at 31 points of each cell: the 27 samples, and four check
+        # points, at which the polynomials are compared with the margins.
+        margins = _replace_nan_margins(self._evaluate_margins(boxes))
+        samples = margins[:27]
+        checks = margins[27:]
         margin_count = samples.shape[2]
         at_checks = np.tensordot(
             _interpolation_matrix(_CHECK_QUARTERS / 4.0), samples, axes=1
@@ -379,73 +392,91 @@ class _OrientationCells:
             # only the largest part counts. This is exact if it contains the others. How
             # the parts overlap is not examined, so volumes near edges are approximate.
             volumes[chunk] *= filled.min(axis=2).T
-        return volumes.sum(axis=1), has_certain_volume
+        return _MeasuredVolumes(volumes.sum(axis=1), has_certain_volume)
 
-    def _sample(self, boxes: _Boxes) -> tuple[Floats, Floats]:
-        """Return the k margins at the samples and check points of n cells.
+    def _evaluate_margins(self, boxes: _Boxes) -> Floats:
+        """Return the k margins at 31 points of each of n cells.
 
-        Margins are functions of the orientation. The set that is measured consists of the
-        orientations at which all margins are at least 0. A margin is NaN where it cannot be
-        computed. A point with NaN is outside of the set, and the NaN is replaced:
-
-        - If no other margin is negative at the point, by -1, which excludes it.
-        - Otherwise the negative margin excludes the point already. The margin with NaN
-          should not seem to have a border in the cell, so the replacement should not
-          change its sign in the cell. It gets the largest of the values of this margin in
-          the cell, or 1 if there is none.
-
-        The orientation whose smallest margin is the largest so far is stored, too.
+        Neighbouring cells share points. The margins at a point are evaluated once.
 
         Parameters
         ----------
         boxes
-            The boxes of the n cells. Quaternions (with any sign) are divided into four
-            cubes, one for each component that can be the largest. The other three
-            components, divided by it, are the coordinates in the cube. A box is in one of
-            the cubes.
+            The boxes of the n cells. Unit quaternions up to their sign are divided into
+            four cubes, one for each component that is the largest. A box is in one of them,
+            with integer coordinates.
 
         Returns
         -------
-        samples
-            (27, n, k) margins at a grid of 3 x 3 x 3 points in each cell.
-        checks
-            (4, n, k) margins at four points between these.
+        (31, n, k) margins: at a grid of 3 x 3 x 3 points in each cell, then at four check
+        points between these. NaN where a margin is not defined.
         """
-        # (31, n, 3) integer coordinates in the cube: samples, then check points, which are
-        # at multiples of a quarter of the width of a cell.
+        # (31, n, 3) integer coordinates in the cube. They are at multiples of a quarter of
+        # the width of a cell.
         quarter_width = boxes.width[:, None] // 4
         points = boxes.corner + _SAMPLE_QUARTERS[:, None] * quarter_width
         cubes = np.broadcast_to(boxes.cube, points.shape[:2])
-        # Neighbouring cells share samples. Each one is evaluated once: number of the cube
-        # and coordinates are combined to one integer key. `CUBE_POINTS` are the numbers of
-        # possible values of the three coordinates.
+        # One integer key identifies each point: the number of the cube and the coordinates
+        # are combined. `CUBE_POINTS` are the numbers of possible coordinates.
         key = np.ravel_multi_index((cubes, *np.moveaxis(points, 2, 0)), (4, *CUBE_POINTS))
         _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
         quaternions = _quaternions(cubes.ravel()[first], points.reshape(-1, 3)[first])
         margins = self.evaluate(quaternions)
-        # Note the orientation with the largest smallest margin so far.
-        smallest = smallest_margins(margins)
-        best = int(np.argmax(smallest))
-        if smallest[best] > self.depth:
+        self._update_deepest(quaternions, margins)
+        return margins[inverse].reshape(*cubes.shape, -1)
+
+    def _update_deepest(self, quaternions: Floats, margins: Floats) -> None:
+        """Store the orientation with the largest depth, if none before was as deep.
+
+        Parameters
+        ----------
+        quaternions
+            (m, 4) unit quaternions xyzw.
+        margins
+            (m, k) their margins. The depth of an orientation is the smallest of them.
+        """
+        depths = smallest_margins(margins)
+        best = int(np.argmax(depths))
+        if depths[best] > self.depth:
             self.deepest = quaternions[best]
-            self.depth = float(smallest[best])
-        # Axes: point, cell, margin.
-        values = margins[inverse].reshape(*cubes.shape, -1)
-        has_negative = np.any(values < 0.0, axis=2, keepdims=True)
-        largest_in_cell = np.nan_to_num(np.fmax.reduce(values, axis=0), nan=1.0)
-        replacements = np.where(has_negative, largest_in_cell, -1.0)
-        values = np.where(np.isnan(values), replacements, values)
-        return values[:27], values[27:]
+            self.depth = float(depths[best])
+
+
+def _replace_nan_margins(margins: Floats) -> Floats:
+    """Return the margins with numbers in place of NaN, so that they can be interpolated.
+
+    A margin is a function that is negative outside of a set of orientations, and NaN where
+    it is not defined. A point with NaN is outside of the set. There are two cases:
+
+    - No other margin is negative at the point. The NaN becomes -1, so that it excludes the
+      point from the set.
+    - Another margin is negative at the point, and excludes it already. The NaN becomes the
+      largest value that this margin has in the cell, or 1 if it has none. Then it adds no
+      border of the set to the cell, as -1 beside positive values would.
+
+    Parameters
+    ----------
+    margins
+        (points, n, k) k margins at several points of each of n cells.
+
+    Returns
+    -------
+    (points, n, k) margins without NaN.
+    """
+    has_negative = np.any(margins < 0.0, axis=2, keepdims=True)
+    largest_in_cell = np.nan_to_num(np.fmax.reduce(margins, axis=0), nan=1.0)
+    replacements = np.where(has_negative, largest_in_cell, -1.0)
+    return np.where(np.isnan(margins), replacements, margins)
 
 
 def _filled_fractions(polynomials: Floats) -> Floats:
     """Return the fraction of each subcell of a cell in which a polynomial is positive.
 
-    A cell is divided into SUBCELLS_PER_SIDE**3 equal subcells. With the value f of the
-    polynomial at the centre of a subcell, and the range S of its values in the subcell, the
-    fraction is estimated as 1/2 + f / S, limited to 0 and 1. The fractions of single
-    subcells are inaccurate, but only their sum matters. Their errors cancel along a plane
-    border. `_curvature_correction` compensates for the remaining error at a curved one.
+    A cell is divided into SUBCELLS_PER_SIDE**3 equal subcells. The fraction is estimated
+    from the value of the polynomial at the centre of a subcell and from the range of its
+    values. The fractions of single subcells are inaccurate, but only their sum matters. In
+    the sum the errors cancel along a plane border, and `_curvature_correction` compensates
+    for the remaining error at a curved one.
 
     Parameters
     ----------
@@ -468,6 +499,8 @@ def _filled_fractions(polynomials: Floats) -> Floats:
         correction = _curvature_correction(
             mean_value - centre_value, value_range, squared_gradient
         )
+        # If the values are spread evenly over the range about the centre value, this is the
+        # part of them that is positive.
         fraction = np.clip(0.5 + (centre_value / value_range + correction), 0.0, 1.0)
         # A constant polynomial fills the subcell or leaves it empty.
         return np.where(squared_gradient > 0.0, fraction, centre_value >= 0.0)
@@ -476,32 +509,41 @@ def _filled_fractions(polynomials: Floats) -> Floats:
 def _curvature_correction(
     mean_difference: Floats, value_range: Floats, squared_gradient: Floats
 ) -> Floats:
-    """Return the correction of the filled fractions of subcells at a curved border.
+    """Return what to add to the filled fractions of subcells at a curved border.
+
+    The filled fraction is the part of a subcell in which a polynomial is positive. Without
+    this correction it is estimated as 1/2 + f / S, with the value f of the polynomial at
+    the centre and the range S of its values. Added over all subcells at a border (the
+    surface f = 0), the estimate is right if the border is plane. At a border that is curved
+    like a sphere, the volume would be too large or too small.
 
     Parameters
     ----------
     mean_difference
-        (...,) d, mean of the polynomial over the subcell less its value at the centre.
+        (...,) d, mean of the polynomial over the subcell less its value at the centre. It
+        shows the second derivatives of the polynomial.
     value_range
         (...,) S, difference of its largest and smallest values in the subcell.
     squared_gradient
         (...,) g^2, square of its gradient. The width of a subcell is the unit of length.
 
+    Returns
+    -------
+    (...,) corrections d S / g^2.
+
     Notes
     -----
-    The estimated fraction 1/2 + f / S is the part of all levels t, from -S/2 to S/2, that
-    the value f exceeds. With the volume V(t) in which the polynomial exceeds t, the sum of
-    the fractions is therefore the mean of V(t) over these levels. The wanted volume is
-    V(0). Both are equal at a plane border, where V(t) is linear. At a curved border:
+    Let V(t) be the volume in which the polynomial exceeds a level t, so that V(0) is the
+    wanted volume. The sum of the estimates is the mean of V(t) for t from -S/2 to S/2.
 
-    1. The mean of V(t) exceeds V(0) by V''(0) S^2 / 24, by a Taylor series.
-    2. If the level rises by dt, the border moves by the distance dt / g. With its area A,
-       V' = -A / g. The area also changes, like that of a sphere with its radius: by A L / g
-       per distance, with the Laplacian L of the polynomial. Hence V'' = -A L / g^3. (Second
-       derivatives along the gradient are neglected.)
-    3. Since d = L / 24, the sum of the fractions is too small by A d S^2 / g^3.
-    4. Subcells with a fraction between 0 and 1 form a layer of the thickness S / g along
-       the border. They have the volume A S / g, so each needs the correction d S / g^2.
+    1. By a Taylor series, this mean exceeds V(0) by V''(0) S^2 / 24.
+    2. If the level rises by dt, the border moves by the distance dt / g. With the area A of
+       the border, V' = -A / g. The Laplacian L of the polynomial changes the area by A L /
+       g per distance, so V'' = -A L / g^3, without second derivatives along the gradient.
+    3. The mean over a unit cube gives d = L / 24. The sum is too small by A d S^2 / g^3.
+    4. Subcells with fractions between 0 and 1 form a layer along the border with the
+       thickness S / g and the volume A S / g. This error, divided by their volume, is
+       d S / g^2 for each of them.
     """
     return mean_difference * value_range / squared_gradient
 

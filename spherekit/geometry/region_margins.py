@@ -21,7 +21,8 @@ RELATIVE_ROUNDING = 1e-13
 border count as inside. Smaller: rounding errors count as negative margins."""
 
 UNDEFINED_MARGIN = -1
-"""Number that stands for no single margin: the region ends because a margin becomes NaN."""
+"""Number that stands for all margins together, where the region ends because a margin
+becomes NaN, so that no margin is 0 at the border."""
 
 
 class MarginEvaluator:
@@ -126,31 +127,28 @@ def smallest_margins(values: Floats) -> Floats:
 
 
 def select_margins(values: Floats, numbers: Indices) -> Floats:
-    """Return one margin of each point.
+    """Return one margin of each point: the one that makes the border of a region there.
 
-    A margin is a function that is at least 0 inside a region. NaN, where it is not defined,
-    is replaced by -1, so that the point counts as outside. The region can end where no
-    margin is 0, because some margin becomes NaN. All margins then decide together whether
-    a point is inside, so the smallest one is returned.
+    A margin is a function that is at least 0 inside the region and negative outside. It is
+    NaN where it is not defined, and such points count as outside.
 
     Parameters
     ----------
     values
         (n, k) margins.
     numbers
-        (n,) number of the margin of each point, or `UNDEFINED_MARGIN` for the smallest.
+        (n,) for each point, the number of the margin to return. `UNDEFINED_MARGIN` stands
+        for the smallest one, which is negative if and only if the point is outside. It is
+        used at a border where a margin becomes NaN before any margin is 0.
 
     Returns
     -------
-    (n,) selected margins.
+    (n,) selected margins, -1 in place of NaN.
     """
-    # `UNDEFINED_MARGIN` is -1, which selects the last margin. `np.where` discards it.
-    numbered_margins = values[np.arange(len(values)), numbers]
-    return np.where(
-        numbers == UNDEFINED_MARGIN,
-        smallest_margins(values),
-        np.nan_to_num(numbered_margins, nan=-1.0),
-    )
+    is_undefined = numbers == UNDEFINED_MARGIN
+    columns = np.where(is_undefined, 0, numbers)  # 0 is replaced below
+    single_margins = np.nan_to_num(values[np.arange(len(values)), columns], nan=-1.0)
+    return np.where(is_undefined, smallest_margins(values), single_margins)
 
 
 def find_active_margins(values: Floats, rounding_errors: Floats) -> Indices:

@@ -44,18 +44,26 @@ UNCLASSIFIED = -1
 
 @dataclass(frozen=True)
 class TriangleDivision:
-    """How the border of a region divides the triangles of a mesh that it crosses.
+    r"""How the border of a region divides the triangles of a mesh that it crosses.
 
     The area of a region is summed over the triangles inside. Triangles that the border
     crosses are divided first, so that only their part inside the region counts. A mesh has
-    T triangles. A segment is a smooth curve, the part of the border in one of them. It is
-    given by several nodes. There are n segments. The region in a triangle is divided into
-    two parts:
+    T triangles. The border in one of them is a segment, a smooth curve given by several
+    nodes. There are n segments, which run with the region on their left. The region in a
+    triangle is a fan, and an extra triangle if two vertices are inside::
 
-    - a fan: small triangles between a vertex inside the region (the apex) and two
-      neighbouring nodes of the segment;
-    - if two vertices are inside, an extra triangle between the apex, the other vertex
-      inside, and the start of the segment.
+        one vertex inside: A        two vertices inside: A and B
+
+                 A                              C
+                /|\                            / \
+        start  *-*-*  stop             stop   *-*-*  start
+              /     \                        /    _.\
+             /       \                      / _.-'   \
+            C --------- D                 A ---------- B
+
+    - The fan consists of small triangles between a vertex inside (the apex A) and two
+      neighbouring nodes of the segment.
+    - The extra triangle is A, B, start.
 
     If the border has a corner in a triangle, it consists of two segments there. Both have
     fans from the same apex, and the first one has the extra triangle.
@@ -65,10 +73,10 @@ class TriangleDivision:
     inside_count
         (T,) for every triangle of the mesh, the number of its vertices inside the region.
     apex
-        (n,) vertex number of the apex of each segment.
+        (n,) vertex number of the apex A of each segment.
     other_inside
-        (n,) vertex number of the other vertex inside. Without an extra triangle the number
-        has no meaning.
+        (n,) vertex number of the other vertex inside, B. Without an extra triangle the
+        number has no meaning.
     has_extra_triangle
         (n,) whether the region contains the extra triangle.
     """
@@ -289,46 +297,50 @@ class RegionRefinement:
     def border_loops(self) -> list[Indices]:
         """Return the closed curves of the border, as segment numbers in their order.
 
-        A segment is the border in one triangle. The border enters the triangle at one
-        crossing of an edge and leaves it at another one. Their numbers are `start` and
-        `stop`. If the border has a corner in the triangle, there are two segments: the
-        leading one up to the corner, and a second one. Both have the `start` and `stop` of
-        the triangle.
+        A segment is the border in one triangle, or a part of it up to a corner.
+        """
+        segment_count = len(self.segments.start)
+        next_segment = self._find_next_segments()
+        has_next = next_segment >= 0
+        links = np.stack([np.arange(segment_count), next_segment], axis=1)[has_next]
+        return order_chains(segment_count, links, directed=True)
+
+    def _find_next_segments(self) -> Indices:
+        """Return the number of the segment (n,) that follows each one, -1 if there is none.
+
+        The border enters a triangle at a crossing of one edge and leaves it at a crossing
+        of another edge. There are two sorts of segments:
+
+        - The leading segment of a triangle begins where the border enters. It ends where
+          the border leaves, or else at a corner of the border within the triangle.
+        - A second segment follows after a corner, and ends where the border leaves.
+
+        Both segments of a triangle store both crossings, `start` and `stop`.
         """
         segments = self.segments
-        number = np.arange(len(segments.start))
-        # For each crossing, the leading and the second segment in the triangle that the
-        # border enters there, -1 if there is none.
-        leading_at = np.full(len(self._crossing_keys), -1)
-        second_at = np.full(len(self._crossing_keys), -1)
-        leading_at[segments.start[segments.is_leading]] = number[segments.is_leading]
-        second_at[segments.start[~segments.is_leading]] = number[~segments.is_leading]
-        # A leading segment with a corner is followed by the second one of its triangle. All
-        # others are followed by the leading segment of the next triangle.
-        corner_follower = np.where(segments.is_leading, second_at[segments.start], -1)
-        follower = np.where(
-            corner_follower >= 0, corner_follower, leading_at[segments.stop]
-        )
-        links = np.stack([number, follower], axis=1)[follower >= 0]
-        return order_chains(len(number), links, directed=True)
+        leading = np.flatnonzero(segments.is_leading)
+        second = np.flatnonzero(~segments.is_leading)
+        # For each crossing, the segments in the triangle that the border enters there.
+        leading_after = np.full(len(self._crossing_keys), -1)
+        leading_after[segments.start[leading]] = leading
+        second_after = np.full(len(self._crossing_keys), -1)
+        second_after[segments.start[second]] = second
+
+        # The border continues in the next triangle, except after a leading segment that ends
+        # at a corner.
+        next_segment = leading_after[segments.stop]
+        second_in_triangle = second_after[segments.start]
+        ends_at_corner = segments.is_leading & (second_in_triangle >= 0)
+        next_segment[ends_at_corner] = second_in_triangle[ends_at_corner]
+        return next_segment
 
     def _divide_triangles(self) -> TriangleDivision:
-        r"""Return how the segments of the border divide their triangles.
+        """Return how the segments of the border divide their triangles.
 
-        A segment is the border in one triangle. A vertex of the triangle inside the region,
-        the apex, is joined to all nodes of the segment, which makes a fan of triangles. If
-        two vertices are inside, an extra triangle joins both to the start of the segment::
-
-            one vertex inside (odd)        two vertices inside (second, third)
-
-                   odd                               odd
-                   / \                               / \
-           start  *---*  stop                stop   *---*  start
-                 /     \                           /     \
-            second --- third                  second --- third
-
-        On the left the fan about `odd` is the whole region in the triangle. On the right
-        the fan about `second` leaves out the triangle third, second, start.
+        A segment is the border in one triangle, with the region on its left. If one vertex
+        is inside, it is the apex of the fan. If two are inside, the apex is the one that is
+        farther from the start of the segment. The fan then leaves out the triangle of both
+        vertices and the start.
         """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         # The odd vertex is the only one inside, or the only one outside. The others follow
