@@ -326,8 +326,8 @@ class SensitivityAnalysis(AbstractAnalysis):
             except ValueError as problem:
                 why = f": {problem}" if isinstance(problem, QuantityError) else ""
                 raise AnalysisError(
-                    f'deviations: found "{key}:{text}"{why}, needs KEY:DEVIATION, such as '
-                    "links.3.arc:0.02deg"
+                    f'deviations: found "{key}:{text}"{why}, expected KEY:DEVIATION, such '
+                    "as links.3.arc:0.02deg"
                 ) from None
         return deviation_of_key
 

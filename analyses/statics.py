@@ -172,11 +172,14 @@ class Statics(AbstractAnalysis):
         has_valid_count = len(stiffness) in (1, len(inputs))
         if not has_valid_count or not np.all((stiffness > 0.0) & (stiffness < np.inf)):
             raise AnalysisError(
-                f"statics: stiffness: found {'+'.join(f'{x:g}' for x in stiffness)}, needs "
-                f"one number above 0 N m/rad, or one for each input ({listing(inputs)})"
+                f"statics: stiffness: found {'+'.join(f'{x:g}' for x in stiffness)}, "
+                f"expected one number above 0 N m/rad, or one for each input "
+                f"({listing(inputs)})"
             )
         if not np.isfinite(self.time):
-            raise AnalysisError(f"statics: time: found {self.time}, needs a finite time, s")
+            raise AnalysisError(
+                f"statics: time: found {self.time}, expected a finite time, s"
+            )
         return np.broadcast_to(stiffness, (len(inputs),))
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:

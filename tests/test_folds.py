@@ -225,7 +225,10 @@ def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
     [
         (["--sectors", "100,60,80,120"], "add --kind vertex"),
         (["--kind", "cam", "--sectors", "100,60,80,120"], "add --kind vertex"),
-        (["--kind", "vertex", "--sectors", "100,60,80"], "found 3 angles, needs 4 to 12"),
+        (
+            ["--kind", "vertex", "--sectors", "100,60,80"],
+            "found 3 angles, expected 4 to 12",
+        ),
         (["--kind", "vertex", "--sectors", "200,60,80,90"], "sector 1 has 200 deg"),
         (["--kind", "vertex", "--sectors", "170,10,20,30"], "no fold angles were found"),
     ],

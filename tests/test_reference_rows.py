@@ -416,7 +416,7 @@ def test_wrong_arguments_of_reference_rows_are_refused():
     chosen = np.ones(len(motion), dtype=bool)
     with pytest.raises(SolveError, match="is not an input. Inputs: 21"):
         sk.exact_rows(motion, chosen, 1)
-    with pytest.raises(SolveError, match="order: found 4, needs 1, 2 or 3"):
+    with pytest.raises(SolveError, match="order: found 4, expected 1, 2 or 3"):
         sk.exact_rows(motion, chosen, 0, order=4)
     with pytest.raises(EngineError, match="between 20 and 300"):
         Digits(5)

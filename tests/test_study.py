@@ -214,5 +214,5 @@ def test_shipped_studies_run_by_their_name_without_a_failed_row():
 def test_a_start_takes_lists_as_it_takes_tuples():
     start = sk.Start(q=[0.5, 0.2], dq=[1.0, 0.0])
     assert start == sk.Start(q=(0.5, 0.2), dq=(1.0, 0.0))
-    with pytest.raises(ModelError, match="found nan, needs a finite number"):
+    with pytest.raises(ModelError, match="found nan, expected a finite number"):
         sk.Start(q=[0.5, float("nan")])

@@ -442,7 +442,7 @@ def test_an_interrupted_run_keeps_what_it_recorded(tmp_path):
 
 def test_a_primitive_with_a_wrong_number_of_rows_is_refused(tmp_path):
     with (
-        pytest.raises(ValueError, match="link/2: found 50 rows, needs 49"),
+        pytest.raises(ValueError, match="link/2: found 50 rows, expected 49"),
         RerunRecorder("four bar", path=tmp_path / "a.rrd") as recorder,
     ):
         recorder.start(RecordingHead([], INPUTS))

@@ -243,12 +243,12 @@ class EquivalentRotation(AbstractAnalysis):
         read_end(self.end, inputs, f"{self.name}: end", angle_unit)
         if self.samples < 2:
             raise AnalysisError(
-                f"{self.name}: samples: found {self.samples}, needs at least 2"
+                f"{self.name}: samples: found {self.samples}, expected at least 2"
             )
         if not all(0.0 <= theta < np.inf for theta in self.theta):
             raise AnalysisError(
-                f"{self.name}: theta: found {'+'.join(map(str, self.theta))}, needs angles "
-                "in degrees between 0 and the angle of the whole rotation"
+                f"{self.name}: theta: found {'+'.join(map(str, self.theta))}, expected "
+                "angles in degrees between 0 and the angle of the whole rotation"
             )
         try:
             # This call only raises an error if a limit is not valid.

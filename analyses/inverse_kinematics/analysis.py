@@ -107,8 +107,8 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         self.pair_numbers(mechanism)
         if self.nearest < 0:
             raise AnalysisError(
-                f"{self.name}: nearest: found {self.nearest}, needs a number of rows of at "
-                "least 0"
+                f"{self.name}: nearest: found {self.nearest}, expected a number of rows of "
+                "at least 0"
             )
         return Needs()
 

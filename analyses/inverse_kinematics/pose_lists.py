@@ -266,8 +266,8 @@ def _read_file(
     if len(forms_of_file) != 1:
         raise AnalysisError(
             f"{where}: the columns {listing(header)} contain {len(forms_of_file)} of the "
-            f"forms of a pose {_list_forms(forms_of_file or forms)}, needs exactly one; if "
-            "there are more, choose one with columns=.."
+            f"forms of a pose {_list_forms(forms_of_file or forms)}, expected exactly one; "
+            "if there are more, choose one with columns=.."
         )
     (form,) = forms_of_file
     numbers = read_numbers(path, [column_of_term[term] for term in form])

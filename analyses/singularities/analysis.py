@@ -196,8 +196,8 @@ class SingularityAnalysis(AbstractAnalysis):
             value = getattr(self, name)
             if value is not None and not value >= 0:
                 raise AnalysisError(
-                    f"singularities: {name}: found {value:g}, needs a number of at least "
-                    "0; 0 switches this part of the analysis off"
+                    f"singularities: {name}: found {value:g}, expected a number of at "
+                    "least 0; 0 switches this part of the analysis off"
                 )
         if len(mechanism.inputs) > 1:
             if self.output:

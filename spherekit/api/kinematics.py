@@ -418,8 +418,8 @@ class Kinematics:
         if name is None and len(inputs) == 1:
             return 0
         raise SolveError(
-            f"{self.mechanism.name}: moving: found {name!r}, needs the name of the input "
-            f"that moves. Inputs: {listing(inputs)}"
+            f"{self.mechanism.name}: moving: found {name!r}, expected the name of the "
+            f"input that moves. Inputs: {listing(inputs)}"
         )
 
 

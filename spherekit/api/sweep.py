@@ -302,7 +302,7 @@ def perform(
         If the number of processes is below 1, or a cluster has no folder.
     """
     if workers is not None and workers < 1:
-        raise DesignError(f"workers: found {workers}, needs at least 1 process")
+        raise DesignError(f"workers: found {workers}, expected at least 1 process")
     if dask is None:
         is_alone = folder is None or not can_start_workers()
         process_count = 1 if is_alone else workers or usable_cores()

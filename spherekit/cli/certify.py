@@ -195,8 +195,9 @@ def execute(options: Namespace) -> int:
         tolerance = read_angle("--tolerance", options.tolerance, unit)
         if not 0.0 <= tolerance < TOLERANCE_LIMIT_RAD:
             raise AnalysisError(
-                f"--tolerance {options.tolerance}: found {tolerance:g} rad, needs an angle "
-                f"of at least 0 and less than {TOLERANCE_LIMIT_RAD:g}rad, such as 1e-9rad"
+                f"--tolerance {options.tolerance}: found {tolerance:g} rad, expected an "
+                f"angle of at least 0 and less than {TOLERANCE_LIMIT_RAD:g}rad, such as "
+                "1e-9rad"
             )
     if options.lock:
         # The proof reads decimal numbers, so the mechanism with locked pairs is written as
@@ -602,7 +603,7 @@ def _certify_map(
         largest_side = read_angle("--cell", options.cell, mechanism.angle_unit)
     if not MIN_CELL_RAD <= largest_side <= MAX_CELL_RAD:
         raise AnalysisError(
-            f"--cell {options.cell}: found {largest_side:g} rad, needs a side from "
+            f"--cell {options.cell}: found {largest_side:g} rad, expected a side from "
             f"{MIN_CELL_RAD:g}rad to {MAX_CELL_RAD:g}rad"
         )
     # Ends of both ranges as decimal texts, in the unit of the file.

@@ -112,7 +112,7 @@ class CommandLineParser(argparse.ArgumentParser):
         if not arg_string and action.nargs != argparse.PARSER:
             raise argparse.ArgumentError(
                 action,
-                f"found an empty text, needs {action.metavar or action.dest.upper()}; "
+                f"found an empty text, expected {action.metavar or action.dest.upper()}; "
                 "perhaps a variable of the shell is not set",
             )
         return super()._get_value(action, arg_string)

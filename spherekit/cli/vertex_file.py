@@ -212,12 +212,12 @@ def _check_sectors(sectors_deg: Sequence[float]) -> None:
     n = len(sectors_deg)
     if not MIN_CREASES <= n <= MAX_CREASES:
         raise OutputError(
-            f"--sectors: found {n} angles, needs {MIN_CREASES} to {MAX_CREASES}, one for "
-            "each sector between two creases; three sectors are rigid"
+            f"--sectors: found {n} angles, expected {MIN_CREASES} to {MAX_CREASES}, one "
+            "for each sector between two creases; three sectors are rigid"
         )
     for k, angle in enumerate(sectors_deg, 1):
         if not 0.0 < angle < 180.0:
             raise OutputError(
-                f"--sectors: sector {k} has {angle:g} deg, needs an angle between 0 and "
+                f"--sectors: sector {k} has {angle:g} deg, expected an angle between 0 and "
                 "180 deg; split a larger sector by a crease"
             )

@@ -266,7 +266,7 @@ def _read_rates(
     if not len(pairs) == len(rates) == len(inputs):
         raise SolveError(
             f"{name}: the start has {counted(len(pairs), 'pair')} with "
-            f"{counted(len(rates), 'rate')}, needs one for each of "
+            f"{counted(len(rates), 'rate')}, expected one for each of "
             f"{counted(len(inputs), 'input')} ({listing(inputs)})"
         )
     return pairs, rates

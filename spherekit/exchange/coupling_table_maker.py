@@ -121,7 +121,8 @@ def coupling_table(
     mechanism = driven_at(mechanism_of(mechanism), input_pair)
     if not 0.0 < tolerance < 1.0:
         raise SolveError(
-            f"coupling_table: tolerance: found {tolerance} rad, needs a number from 0 to 1"
+            f"coupling_table: tolerance: found {tolerance} rad, expected a number from 0 "
+            "to 1"
         )
     requested_poles = tuple(parse_pole(mechanism, text) for text in poles)
     passive_variables = _find_passive_variables(mechanism, pairs)

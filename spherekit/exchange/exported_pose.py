@@ -70,7 +70,7 @@ def find_pose(
     else:
         input_values = np.array(inputs, dtype=float, ndmin=1)
         if not all_finite(input_values):
-            raise SolveError(f"export: at: found {inputs}, needs finite numbers in rad")
+            raise SolveError(f"export: at: found {inputs}, expected finite numbers in rad")
         # This analysis is made for its checks only: a mechanism whose mobility is not its
         # number of inputs is refused before the values are counted. No modes are searched.
         PositionAnalysis(mechanism, follow=False)

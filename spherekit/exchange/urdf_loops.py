@@ -72,7 +72,7 @@ def add_loop_joint(
     ends = [(tag, end) for tag in END_TAGS for end in loop_joint.findall(tag)]
     if len(ends) != 2:
         raise FileError(
-            f"{where}: has {counted(len(ends), 'link')}, needs 2: link1 and link2, "
+            f"{where}: has {counted(len(ends), 'link')}, expected 2: link1 and link2, "
             "predecessor and successor, or parent and child with origins"
         )
     # Put a site (a point with a name) on each of the two links.

@@ -384,7 +384,7 @@ class _MechanismReader:
             if not item["radius"] > 0:
                 self.fail(
                     ("mass", link, "radius"),
-                    f"found {item['radius']:g} m, needs more than 0",
+                    f"found {item['radius']:g} m, expected more than 0",
                 )
             # The tensor of a uniform arc is about the centre of the sphere.
             tensor, centre = from_two_axes("arc", uniform_arc, mass, item["radius"])

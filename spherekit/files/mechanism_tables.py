@@ -163,7 +163,7 @@ def _input_tables(name: str, inputs: TablesOrNames | str) -> Tables:
         if isinstance(item, Sequence | np.ndarray):
             if len(item) != 2:
                 raise ModelError(
-                    f"{name}: inputs.{pair}: has {counted(len(item), 'value')}, needs "
+                    f"{name}: inputs.{pair}: has {counted(len(item), 'value')}, expected "
                     "2: the first and the last value of the pair variable"
                 )
             tables[pair] = {"from": item[0], "to": item[1]}
@@ -214,6 +214,6 @@ def _to_file_types(name: str, path: KeyPath, value: Any) -> Any:
     if isinstance(value, numbers.Real):
         return float(value)
     raise ModelError(
-        f"{name}: {key_path_text(path)}: found {type(value).__name__}, needs text, a "
+        f"{name}: {key_path_text(path)}: found {type(value).__name__}, expected text, a "
         "number, a list or a mapping"
     )

@@ -164,7 +164,7 @@ def mismatch(value: object, allowed: str) -> str:
     value_text = shown(value)
     if not isinstance(value, dict):  # the text of a table says that it is one
         value_text = f"{value_text} ({_type_name(value)})"
-    return f"found {value_text}, needs {allowed}"
+    return f"found {value_text}, expected {allowed}"
 
 
 @cache
@@ -317,7 +317,7 @@ def _check_format_version(document: Document) -> None:
     if type(version) is not int or version != FORMAT:
         raise document.fault(
             ("format",),
-            f"found {shown(version)}, needs {FORMAT}. This version of spherekit reads "
+            f"found {shown(version)}, expected {FORMAT}. This version of spherekit reads "
             f"format {FORMAT}; a later format needs a newer version of spherekit",
         )
 
@@ -326,9 +326,12 @@ def _unusable_numbers(data: Table) -> Iterator[_Fault]:
     """Yield faults for numbers that are infinite, NaN or huge, except in user data."""
     for path, value in values_in({k: item for k, item in data.items() if k != "user"}):
         if isinstance(value, float) and not math.isfinite(value):
-            yield path, f"found {float(value)}, needs a finite number"
+            yield path, f"found {float(value)}, expected a finite number"
         elif isinstance(value, int) and value.bit_length() > MAX_INTEGER_BITS:
-            yield path, f"found {shown(value)}, needs an integer below 2^{MAX_INTEGER_BITS}"
+            yield (
+                path,
+                f"found {shown(value)}, expected an integer below 2^{MAX_INTEGER_BITS}",
+            )
 
 
 def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
@@ -388,9 +391,9 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
         most = error.schema.get(f"max{quantity}")
         needs = f"{limit}" if least == most else f"{bound} {limit}"
         has = counted(len(value), _COUNTED_WORDS[quantity])
-        yield path, f"has {has}, needs {needs}{_meaning(error.schema)}"
+        yield path, f"has {has}, expected {needs}{_meaning(error.schema)}"
     elif rule in ("minimum", "maximum"):
-        yield path, f"found {shown(value)}, needs {bound} {limit:g}"
+        yield path, f"found {shown(value)}, expected {bound} {limit:g}"
     elif rule == "uniqueItems":
         repeated = next(item for item in value if value.count(item) > 1)
         yield path, f"{shown(repeated)} is listed twice; list each name once"

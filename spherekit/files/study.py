@@ -153,7 +153,7 @@ class Start:
             numbers = np.array(values, float, ndmin=1)
             if len(numbers) != len(inputs):
                 raise ModelError(
-                    f"start: {key} has {counted(len(numbers), 'number')}, needs "
+                    f"start: {key} has {counted(len(numbers), 'number')}, expected "
                     f"{len(inputs)}, one for each input ({', '.join(inputs)})"
                 )
             state.append(numbers)

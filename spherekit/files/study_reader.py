@@ -185,7 +185,7 @@ class _StudyReader:
         if isinstance(samples, tuple) and len(samples) != len(mechanism.inputs):
             raise self.document.fault(
                 ("samples",),
-                f"has {counted(len(samples), 'number')}, needs {len(mechanism.inputs)}: "
+                f"has {counted(len(samples), 'number')}, expected {len(mechanism.inputs)}: "
                 f"one for each input ({listing(mechanism.input_pairs)})",
             )
         return samples

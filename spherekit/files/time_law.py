@@ -97,7 +97,7 @@ class Cycloidal:
     def __post_init__(self) -> None:
         check_finite_fields(self)
         if not self.duration > 0:
-            raise ModelError(f"duration: found {self.duration:g} s, needs more than 0")
+            raise ModelError(f"duration: found {self.duration:g} s, expected more than 0")
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""

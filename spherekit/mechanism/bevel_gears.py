@@ -120,8 +120,8 @@ def check_half_angles(
     for half_angle in half_angles:
         if not 0.0 < half_angle < math.pi:
             raise ModelError(
-                f"found a half angle of {_degrees_text(half_angle)} deg, needs more than 0 "
-                "and less than 180 deg"
+                f"found a half angle of {_degrees_text(half_angle)} deg, expected more "
+                "than 0 and less than 180 deg"
             )
     if math.sin(shaft_angle) < COLLINEAR_SINE:
         raise ModelError(

@@ -54,7 +54,9 @@ def check_table_rows(
         )
     if row_count < min_rows:
         value_count = counted(row_count, "value")
-        raise ModelError(f"{key}times: has {value_count}, needs at least {min_rows}{hint}")
+        raise ModelError(
+            f"{key}times: has {value_count}, expected at least {min_rows}{hint}"
+        )
     for row, (time, next_time) in enumerate(pairwise(times)):
         if not next_time > time:
             raise ModelError(

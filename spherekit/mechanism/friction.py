@@ -169,7 +169,7 @@ class Bearings(BearingFriction):
             has_lever = False
         if not has_lever:
             raise ModelError(
-                f"{key}.positions: found {list(self.positions)} m, needs at least one "
+                f"{key}.positions: found {list(self.positions)} m, expected at least one "
                 "position that is not 0, or two different ones; positions are distances of "
                 "the bearings from the centre along the axis"
             )
@@ -179,10 +179,10 @@ class Bearings(BearingFriction):
         has_wrong_sum = any(axial) and abs(sum(axial) - 1.0) >= AXIAL_SUM_TOLERANCE
         if has_wrong_sum or len(axial) != len(self.positions):
             raise ModelError(
-                f"{key}.axial: found {list(axial)}, needs the share of the axial force of "
-                f"each bearing, {len(self.positions)} in all as in positions; the shares "
-                "add up to 1 (a fixed bearing takes 1, a floating one 0). If the pair lets "
-                "its links slide along its axis, give 0 for each"
+                f"{key}.axial: found {list(axial)}, expected the share of the axial force "
+                f"of each bearing, {len(self.positions)} in all as in positions; the "
+                "shares add up to 1 (a fixed bearing takes 1, a floating one 0). If the "
+                "pair lets its links slide along its axis, give 0 for each"
             )
         # The forces on bearings follow from the reaction only if all bearings of the pair
         # are in one load.

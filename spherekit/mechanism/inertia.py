@@ -162,7 +162,7 @@ def check_mass(mass: Mass) -> None:
     if mass.mass is not None:
         check_finite(f"{key}.mass", [mass.mass])
         if not mass.mass > 0:
-            raise ModelError(f"{key}.mass: found {mass.mass:g} kg, needs more than 0")
+            raise ModelError(f"{key}.mass: found {mass.mass:g} kg, expected more than 0")
     tensor = np.array(mass.tensor, dtype=np.float64)
     check_tensor(f"{key}.tensor", tensor)
     # If the mass and its centre are stated, they determine the tensor about the centre of
@@ -195,7 +195,7 @@ def check_tensor(key: str, tensor: Floats) -> None:
         sum of the two others.
     """
     if tensor.shape != (3, 3):
-        raise ModelError(f"{key}: has the shape {tensor.shape}, needs the shape (3, 3)")
+        raise ModelError(f"{key}: has the shape {tensor.shape}, expected the shape (3, 3)")
     check_finite(key, tensor.ravel())
     largest = max_abs(tensor)
     for i, j in np.argwhere(np.abs(tensor - tensor.T) > ASYMMETRY_TOLERANCE * largest):

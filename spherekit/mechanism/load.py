@@ -469,7 +469,7 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
             check_finite(key, [value])
             if value <= 0:
                 raise ModelError(
-                    f"{key}: found {value:g} rad/s, needs more than 0; it is the rate "
+                    f"{key}: found {value:g} rad/s, expected more than 0; it is the rate "
                     "below which the jump of dry friction is smoothed"
                 )
         case "link" | "axes" | "flag":
@@ -508,7 +508,7 @@ def _check_expression(key: str, text: Any, mechanism: LoadedMechanism) -> None:
     """Raise `ModelError` if a field is no expression in angles, their rates and time."""
     if not isinstance(text, str):
         raise ModelError(
-            f'{key}: found {text!r}, needs an expression in quotes, such as "0.5*sin(t)"'
+            f'{key}: found {text!r}, expected an expression in quotes, such as "0.5*sin(t)"'
         )
     try:
         parse(text, load_names(mechanism.angles))
@@ -525,7 +525,8 @@ def check_not_negative(key: str, number: float, unit: str) -> None:
             '; for a load that drives the mechanism, use kind = "torque" with an expression'
         )
         raise ModelError(
-            f"{key}: found {number:g} {unit}, needs at least 0{hint if is_torque else ''}"
+            f"{key}: found {number:g} {unit}, expected at least "
+            f"0{hint if is_torque else ''}"
         )
 
 

@@ -434,7 +434,7 @@ def _is_at_reference_value(
     if not pair.kind.has_axis:
         raise ModelError(f"{message_start} is a contact; only R pairs can be locked")
     if not math.isfinite(value):
-        raise ModelError(f"{message_start}: found {value}, needs a finite angle")
+        raise ModelError(f"{message_start}: found {value}, expected a finite angle")
     for limit in mechanism.joint_limits:
         if limit.pair == pair.name and not limit.low <= value <= limit.high:
             raise ModelError(

@@ -770,7 +770,7 @@ def _check_pair(where: str, pair: Pair) -> None:
         )
     if pair.distance is not None and not 0.0 < pair.distance < math.inf:
         raise ModelError(
-            f"{where}.distance: found {pair.distance}, needs more than 0 m; it is the "
+            f"{where}.distance: found {pair.distance}, expected more than 0 m; it is the "
             "distance from the centre at which the contact force acts"
         )
     pressure_angle = pair.pressure_angle
@@ -844,7 +844,8 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
             needed = max(len(sizes.axes) - axes_without, 0)
             if count != needed:
                 raise ModelError(
-                    f"{key}.{kind}: has {counted(count, 'value')}, needs {needed}: {what}"
+                    f"{key}.{kind}: has {counted(count, 'value')}, expected {needed}: "
+                    f"{what}"
                 )
 
 
@@ -902,7 +903,7 @@ def _advise_on_axes(
 def _describe_wrong_arc(arc: float) -> str:
     """Return what is wrong with an arc (rad) that is not between 0 and 180 degrees."""
     if not math.isfinite(arc):
-        return f"found {arc}, needs a finite number"
+        return f"found {arc}, expected a finite number"
     degrees = math.degrees(arc)
     return (
         f"found {degrees:.6g} deg ({arc:.6g} rad); an arc between two axes is between 0 "

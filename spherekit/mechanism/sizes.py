@@ -51,7 +51,7 @@ def as_float_rows(key: str, numbers: ArrayLike, shape: tuple[int, ...]) -> Any:
     """
     array = np.asarray(numbers, dtype=float)
     if array.shape != shape:
-        raise ModelError(f"{key}: has the shape {array.shape}, needs {shape}")
+        raise ModelError(f"{key}: has the shape {array.shape}, expected {shape}")
     rows = array.tolist()
     return tuple(map(tuple, rows)) if len(shape) > 1 else tuple(rows)
 
@@ -78,4 +78,4 @@ def check_finite(key: str, numbers: Iterable[float]) -> None:
     """Raise `ModelError`, which names the key, unless all values are finite numbers."""
     for number in numbers:
         if not isinstance(number, int | float | np.number) or not math.isfinite(number):
-            raise ModelError(f"{key}: found {number}, needs a finite number")
+            raise ModelError(f"{key}: found {number}, expected a finite number")

@@ -411,8 +411,8 @@ def unit(axis: ArrayLike) -> Floats:
     length = float(np.linalg.norm(direction))
     if direction.shape != (3,) or not 0.0 < length < np.inf:
         raise SolveError(
-            f"direction: found {direction.tolist()}, needs three finite numbers, not all "
-            "zero"
+            f"direction: found {direction.tolist()}, expected three finite numbers, not "
+            "all zero"
         )
     return direction / length
 
@@ -495,7 +495,7 @@ def follow_rotation(
     declared_output = chosen_output(mechanism, output)
     unit_axis = unit(axis)
     if not 0.0 < angle < np.inf:
-        raise SolveError(f"angle: found {angle:g} rad, needs a finite angle above 0")
+        raise SolveError(f"angle: found {angle:g} rad, expected a finite angle above 0")
     output_link = OutputLink.from_output(mechanism, declared_output)
     start_values = _check_values(output_link, values, mechanism.name)
     deviation = _close_start(output_link, start_values, mechanism.name)

@@ -700,7 +700,7 @@ class InverseKinematics:
         starts = np.asarray(near, dtype=float)
         if starts.shape not in ((3, 3), (count, 3, 3)):
             raise self._error(
-                f"`near`: found the shape {starts.shape}, needs one rotation matrix for "
+                f"`near`: found the shape {starts.shape}, expected one rotation matrix for "
                 f"each of the {count} poses"
             )
         return np.broadcast_to(starts, (count, 3, 3))

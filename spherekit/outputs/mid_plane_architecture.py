@@ -523,7 +523,7 @@ class MidPlaneArchitecture:
         signs = np.asarray(modes, dtype=float)
         if signs.shape != (len(self.legs),) or not np.all(np.abs(signs) == 1.0):
             raise SolveError(
-                f"modes: found {signs.tolist()}, needs 1 or -1 for each of "
+                f"modes: found {signs.tolist()}, expected 1 or -1 for each of "
                 f"{len(self.legs)} legs"
             )
         end_normals = np.stack([upward(unit(normal)) for normal in (start, stop)])

@@ -287,7 +287,7 @@ class TimeScaling:
             ticks = np.arange(cycle_count + 1)
             return self.at(np.minimum(ticks * self.cycle, self.duration))
         if samples < 2:
-            raise SolveError(f"samples: found {samples}, needs at least 2")
+            raise SolveError(f"samples: found {samples}, expected at least 2")
         return self.at(np.linspace(0.0, self.duration, samples))
 
 
@@ -433,14 +433,14 @@ def schedule_limits(
         inputs; infinite without a limit.
     """
     if cycle is not None and not 0.0 < cycle < np.inf:
-        raise SolveError(f"cycle: found {cycle:g}, needs a time above 0 s")
+        raise SolveError(f"cycle: found {cycle:g}, expected a time above 0 s")
     limits = []
     for quantity, bound in (("speed", speed), ("acceleration", acceleration)):
         limit = np.asarray(np.inf if bound is None else bound, dtype=float)
         if limit.shape not in ((), (1,), (len(inputs),)) or not np.all(limit > 0.0):
             raise SolveError(
-                f"{quantity}: found {'+'.join(map(str, limit.ravel()))}, needs one limit "
-                f"above 0 for all inputs, or one for each of {listing(inputs)}"
+                f"{quantity}: found {'+'.join(map(str, limit.ravel()))}, expected one "
+                f"limit above 0 for all inputs, or one for each of {listing(inputs)}"
             )
         limits.append(np.broadcast_to(limit, (len(inputs),)))
     return _check_shape(shape), np.concatenate(limits)

@@ -81,7 +81,7 @@ class Digits:
         """Choose the number of bits, which includes one guard digit."""
         if not MIN_DIGITS <= digits <= MAX_DIGITS:
             raise EngineError(
-                f"digits: found {digits}, needs a number between {MIN_DIGITS} and "
+                f"digits: found {digits}, expected a number between {MIN_DIGITS} and "
                 f"{MAX_DIGITS}"
             )
         self.digits = digits

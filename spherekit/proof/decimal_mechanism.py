@@ -425,7 +425,7 @@ def read_decimals(
     structure = extract_structure(mechanism)
     if not 0.0 <= tolerance < TOLERANCE_LIMIT_RAD:
         raise PlanError(
-            f"tolerance: found {tolerance:g} rad, needs at least 0 rad and less than "
+            f"tolerance: found {tolerance:g} rad, expected at least 0 rad and less than "
             f"{TOLERANCE_LIMIT_RAD:g} rad, such as 1e-9 rad"
         )
     if document is None:

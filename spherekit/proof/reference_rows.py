@@ -207,7 +207,7 @@ def exact_rows_by_input(
                 f"{mechanism.name}: pair number {pair} is not an input. Inputs: {names}"
             )
     if order not in (1, 2, 3):
-        raise SolveError(f"order: found {order}, needs 1, 2 or 3")
+        raise SolveError(f"order: found {order}, expected 1, 2 or 3")
     arithmetic = arithmetic or Digits(MIN_DIGITS)
     chosen = motion.rows(np.asarray(rows, dtype=bool))
     with arithmetic.within(), np.errstate(all="ignore"):

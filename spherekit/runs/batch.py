@@ -263,7 +263,7 @@ class Batch:
             """
             if quantity not in _POLE_FIELD_NAMES:
                 raise AnalysisError(
-                    f"found the quantity {quantity!r}, needs one of "
+                    f"found the quantity {quantity!r}, expected one of "
                     f"{listing(_POLE_FIELD_NAMES)}"
                 )
             # The attribute of `PoleField` with the numbers of this quantity.

@@ -654,7 +654,7 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
             torques = study.torque.values()
         for value in torques:
             if isinstance(value, int | float) and not np.isfinite(value):
-                yield ("start", "torque"), f"found {value}, needs a finite number"
+                yield ("start", "torque"), f"found {value}, expected a finite number"
         try:
             mechanism.with_loads(*make_input_torques(mechanism, torque))
         except (ModelError, SolveError) as problem:
@@ -664,7 +664,7 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
     if duration is None:
         return
     if not 0.0 < duration < np.inf:
-        yield ("duration",), f"found {duration:g} s, needs a finite time above 0"
+        yield ("duration",), f"found {duration:g} s, expected a finite time above 0"
     inputs_without_law = [name for name in inputs if name not in study.laws]
     if start is None and inputs_without_law and len(inputs) > 1:
         yield (

@@ -291,8 +291,8 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
     """Raise `AnalysisError` unless a tolerance is a positive number."""
     if not 0.0 < tolerance < np.inf:
         raise AnalysisError(
-            f"{mechanism}: tolerance: found {tolerance:g}, needs a finite number above 0 "
-            "such as 1e-9 (the largest error in a column: of angles in rad, of other "
+            f"{mechanism}: tolerance: found {tolerance:g}, expected a finite number above "
+            "0 such as 1e-9 (the largest error in a column: of angles in rad, of other "
             "numbers relative to their largest value)"
         )
 

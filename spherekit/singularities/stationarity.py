@@ -253,8 +253,8 @@ def _unit_direction(
         length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
         if not 0.0 < length < np.inf:
             raise AnalysisError(
-                f"{mechanism.name}: pointing: found {pointing!r}, needs a vector of three "
-                f"finite numbers, not all zero, in the axes of link {link}"
+                f"{mechanism.name}: pointing: found {pointing!r}, expected a vector of "
+                f"three finite numbers, not all zero, in the axes of link {link}"
             )
         vector = vector / length
     x, y, z = vector.tolist()

@@ -286,7 +286,7 @@ def check_rows(primitive: Primitive, count: int) -> None:
     for rows in sample_rows(primitive).values():
         if isinstance(rows, np.ndarray) and len(rows) != count:
             raise ValueError(
-                f"{primitive.path}: found {len(rows)} rows, needs {count}, one for "
+                f"{primitive.path}: found {len(rows)} rows, expected {count}, one for "
                 "each sample"
             )
 
