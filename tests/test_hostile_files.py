@@ -105,9 +105,7 @@ def test_a_thousand_links_and_pairs_are_read_and_no_more():
         return FOUR_BAR + "".join(f"[links.q{k}]\n" for k in range(count - 4))
 
     assert len(loads(made(1000)).links) == 1000
-    with pytest.raises(
-        SpherekitError, match="has 1001 names, expected at most 1000"
-    ):
+    with pytest.raises(SpherekitError, match="has 1001 names, expected at most 1000"):
         loads(made(1001))
 
 

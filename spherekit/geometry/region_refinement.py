@@ -326,8 +326,8 @@ class RegionRefinement:
         second_after = np.full(len(self._crossing_keys), -1)
         second_after[segments.start[second]] = second
 
-        # The border continues in the next triangle, except after a leading segment that ends
-        # at a corner.
+        # The border continues in the next triangle, except after a leading segment that
+        # ends at a corner.
         next_segment = leading_after[segments.stop]
         second_in_triangle = second_after[segments.start]
         ends_at_corner = segments.is_leading & (second_in_triangle >= 0)
