@@ -176,11 +176,8 @@ class ArcEquations:
         self.variable_count = len(construction.pairs)
         self.degrees = construction.degrees
         self.pair_frames = decimal_mechanism.pair_frames()
-        # Pairs driven by wheels: their angles are variables, or follow from the one input.
-        has_follower_variables = bool(construction.follower_pairs)
-        self.follower_offsets = (
-            {} if has_follower_variables else _follower_angles_at_zero(decimal_mechanism)
-        )
+        # The constant parts of angles that the input drives through toothed wheels.
+        self.follower_offsets = _follower_offsets(decimal_mechanism, construction)
         # By link: how it rotates across its only pair, or how it is put on two axes.
         self._rotation_terms = {
             step.link: self._pair_rotation_terms(step)
@@ -453,23 +450,18 @@ class ArcEquations:
         norms = dict.fromkeys(self._rotation_terms, 1.0)
         bounds = []
         for step in self.construction.equation_steps:
+            # The norms of U and W: products over the links of the paths.
             paths = self.construction.parent_paths(step)
-            first = prod(norms[link] for link in paths.first)
-            second = prod(norms[link] for link in paths.second)
-            # The link of this step is placed on the axes U and W. Its orientation is
-            # U a^T + W b^T + (U x W) n^T. U and W have the bounds `first` and `second`, so
-            # U x W has their product. The constant vectors a, b and n have lengths of at
-            # most 1 / sine(arc).
-            #
-            # Each float64 operation rounds by at most one unit roundoff. The allowance of
-            # 16 in each norm covers the operations of this step, and the later product in
-            # which the norm is a factor. Norms of 1 do not round products. The allowance of
-            # 64 covers the last product.
-            sum_of_norms = (first + second + first * second) * (1 + 16 * UNIT_ROUNDOFF)
-            norms[step.link] = (
-                sum_of_norms / self._closing_link_placements[step.link].arc_sine
+            first_norm = prod(norms[link] for link in paths.first)
+            second_norm = prod(norms[link] for link in paths.second)
+            bounds.append(first_norm * second_norm)
+            # The link of this step is put on the axes U and W. Its orientation may be a
+            # factor in equations of later steps.
+            placement = self._closing_link_placements[step.link]
+            norms[step.link] = _bound_closing_link_norm(
+                first_norm, second_norm, placement.arc_sine
             )
-            bounds.append(first * second)
+        # 64 covers the rounding of the last product, and of this one.
         return np.array(bounds) * (1 + 64 * UNIT_ROUNDOFF)
 
     @cached_property
@@ -478,21 +470,67 @@ class ArcEquations:
         return Harmonics(self.degrees, lambda angles: self.evaluate(angles, 0)[0])
 
 
-def _follower_angles_at_zero(decimal_mechanism: DecimalMechanism) -> dict[int, Ball]:
-    """Return the angle (rad) of each follower when the only input has the angle 0.
+def _follower_offsets(
+    decimal_mechanism: DecimalMechanism, construction: Construction
+) -> dict[int, Ball]:
+    """Return the constant parts of the angles that the input drives through wheels.
 
-    A follower is a pair that the input drives through toothed wheels. A mechanism without
-    wheels has no followers.
+    A follower is a pair whose angle follows from the only input through toothed wheels: it
+    is a constant, the offset, plus a multiple of the input angle. The link that the pair
+    rotates is placed by the multiple, so its constant rotation must contain the offset.
+
+    There are no offsets in two cases: the mechanism has no wheels, or the angles of all
+    followers are variables of their own, whose values contain the offsets.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism with its decimal sizes.
+    construction
+        The order of placing its links, which says which angles are variables.
 
     Returns
     -------
-    By number of the pair its angle, a ball (a number with a bound of its error).
+    By number of the pair its offset (rad), a ball (a number with a bound of its error).
     """
-    if not decimal_mechanism.meshes:
+    has_wheels = bool(decimal_mechanism.meshes)
+    has_follower_variables = bool(construction.follower_pairs)
+    if has_follower_variables or not has_wheels:
         return {}
+    # The offset is the angle of the follower when the input has the angle 0.
     _input_angle, *follower_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
     followers = decimal_mechanism.structure.followers
     return dict(zip(followers, follower_angles, strict=True))
+
+
+def _bound_closing_link_norm(
+    first_norm: float, second_norm: float, arc_sine: float
+) -> float:
+    """Return an upper bound of the norm of the matrix U a^T + W b^T + (U x W) n^T.
+
+    The matrix is the orientation of a link that is put on two axes U and W. U x W is at
+    most as long as the product of the lengths of U and W. The constant vectors a, b and n
+    have lengths of at most 1 / sine of the arc between the two axes of the link.
+
+    Parameters
+    ----------
+    first_norm, second_norm
+        Upper bounds of the lengths of U and W, or of their derivatives.
+    arc_sine
+        Lower bound of the sine of the arc.
+
+    Returns
+    -------
+    The bound. It remains an upper bound after the caller has multiplied it by another
+    norm.
+    """
+    # Six float64 operations are rounded, each by at most one unit roundoff: two products,
+    # two sums and the quotient here, and the product of the caller. 16 covers them.
+    rounding_allowance = 1 + 16 * UNIT_ROUNDOFF
+    sum_of_norms = (
+        first_norm + second_norm + first_norm * second_norm
+    ) * rounding_allowance
+    return sum_of_norms / arc_sine
 
 
 def _cross(a: Vector, b: Vector) -> Vector:

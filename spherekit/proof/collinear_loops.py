@@ -20,7 +20,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Floats
+from spherekit.arrays import Array, Floats
 from spherekit.mechanism.elements import SizeGeometry
 from spherekit.numerics.angles import wrap
 from spherekit.proof.arc_equations import ArcEquations
@@ -66,6 +66,26 @@ Arm = tuple[int, Quadrant]
 
 
 @dataclass(frozen=True)
+class PlanarAngle:
+    """An angle of a pair at which the arcs of both its links are in one plane.
+
+    Each link has an arc from the axis of the pair to its other axis in a loop. A pair has
+    two such angles, which differ by half a turn.
+
+    Attributes
+    ----------
+    angle
+        The angle (rad) as a ball, a number with a bound of its error.
+    is_same_side
+        Whether the arcs extend from the axis of the pair to the same side, as if the links
+        were folded. Otherwise they extend to opposite sides, as if stretched.
+    """
+
+    angle: Ball
+    is_same_side: bool
+
+
+@dataclass(frozen=True)
 class FourPairLoop:
     """A loop of four pairs that gives one equation in two variable pair angles.
 
@@ -83,20 +103,42 @@ class FourPairLoop:
         Number of the equation among those of the mechanism.
     variables
         Numbers of the two variables among those of the mechanism.
-    planar_angles
-        (2, 2) angles (rad) as balls, which are numbers with a bound of their error. At the
-        angles in row i, the arcs of both links of the pair of variable i are in one plane.
-        At the angle in column 0 they extend from the pair axis to the same side. At the
-        angle in column 1 they extend to opposite sides.
-    closes
-        (2, 2) bools: entry (i, j) is whether the loop closes in a plane if the first
-        variable has its planar angle i and the second variable its planar angle j.
+    planar_closures
+        For each way in which the loop closes with all four axes in one plane: the angles of
+        both variables, by number of the variable.
     """
 
     equation: int
     variables: tuple[int, int]
-    planar_angles: Array
-    closes: Bools
+    planar_closures: Sequence[Mapping[int, PlanarAngle]]
+
+    def other_variable(self, variable: int) -> int:
+        """Return the number of the variable that is not the given one."""
+        first, second = self.variables
+        return second if variable == first else first
+
+    def constant_angles(self, variable: int) -> list[Ball]:
+        """Return the angles of one variable at which the loop closes for all of the other.
+
+        Let x be this variable, and y the other one, counted from one of its planar angles.
+        If x has a planar angle, the reflection in this plane maps y to -y. The equation of
+        the loop is linear in cos(y) and sin(y), so it is a + b cos(y) = 0. If the loop
+        closes with both planar angles of y, which are y = 0 and y = pi, then a + b and
+        a - b are 0. So a and b are 0, and the loop closes with all y.
+
+        `variable` is the number of x. The angles (rad) are balls.
+        """
+        constant_angles = []
+        for is_same_side in (True, False):
+            angles = [
+                closure[variable].angle
+                for closure in self.planar_closures
+                if closure[variable].is_same_side == is_same_side
+            ]
+            closes_with_both_angles_of_other = len(angles) == 2
+            if closes_with_both_angles_of_other:
+                constant_angles.append(angles[0])
+        return constant_angles
 
 
 def complete_configuration(
@@ -211,28 +253,22 @@ def _find_four_pair_loop(
         arcs.append(arc)
     # Positions of the two pairs with variables in the loop.
     positions = [pairs.index(joint.pairs[0]) for joint in joints]
-    closes = [
-        [
-            _closes_in_plane(arcs, positions, (i, j), decimal_mechanism.in_degrees)
-            for j in (0, 1)
-        ]
-        for i in (0, 1)
-    ]
-    planar_angles = [
+    first_angles, second_angles = (
         _planar_angles(equations, pairs, links, position) for position in positions
-    ]
-    return FourPairLoop(
-        equation=equation,
-        variables=(joints[0].variable, joints[1].variable),
-        planar_angles=np.array(planar_angles),
-        closes=np.array(closes),
     )
+    variables = (joints[0].variable, joints[1].variable)
+    planar_closures = []
+    for first, second in product(first_angles, second_angles):
+        is_same_side = (first.is_same_side, second.is_same_side)
+        if _closes_in_plane(arcs, positions, is_same_side, decimal_mechanism.in_degrees):
+            planar_closures.append({variables[0]: first, variables[1]: second})
+    return FourPairLoop(equation, variables, planar_closures)
 
 
 def _closes_in_plane(
     arcs: Sequence[Fraction],
     positions: Sequence[int],
-    sides: tuple[int, int],
+    is_same_side: tuple[bool, bool],
     in_degrees: bool,
 ) -> bool:
     """Return whether a loop of four links closes with all its axes in one plane.
@@ -249,19 +285,21 @@ def _closes_in_plane(
         Arc of the link before each joint, in the unit of the file.
     positions
         Numbers of the two given joints in the loop.
-    sides
-        For each given joint 0 if both links are on the same side, else 1.
+    is_same_side
+        For each given joint whether both links are on the same side, not on opposite ones.
     in_degrees
         Whether the unit is degrees and not radians.
     """
     for senses in product((1, -1), repeat=4):
         total = sum(sense * arc for sense, arc in zip(senses, arcs, strict=True))
-        # Equal senses at a joint mean opposite sides: True compares equal to the side 1,
-        # False to the side 0.
-        sides_of_senses = [senses[k] == senses[(k + 1) % 4] for k in positions]
+        # Both links of joint k are on the same side if their senses differ.
+        has_sides = all(
+            (senses[k] != senses[(k + 1) % 4]) == same_side
+            for k, same_side in zip(positions, is_same_side, strict=True)
+        )
         # In radians no decimal number but 0 is a whole number of turns.
         remainder = total % 360 if in_degrees else total
-        if sides_of_senses == [*sides] and remainder == 0:
+        if has_sides and remainder == 0:
             return True
     return False
 
@@ -314,7 +352,7 @@ def _exact_arc(
 
 def _planar_angles(
     equations: ArcEquations, pairs: Sequence[int], links: Sequence[int], joint: int
-) -> tuple[Ball, Ball]:
+) -> tuple[PlanarAngle, PlanarAngle]:
     """Return the two angles of a joint at which both its links are in one plane.
 
     They follow from the azimuths, about the joint axis, of the neighbouring axes on both
@@ -331,8 +369,8 @@ def _planar_angles(
 
     Returns
     -------
-    The angle (rad) with the arcs of both links on the same side of the joint axis, then the
-    angle with the arcs on opposite sides. Both are balls.
+    The angle with the arcs of both links on the same side of the joint axis, then the angle
+    with the arcs on opposite sides.
     """
     pair = pairs[joint]
     count = len(pairs)
@@ -349,7 +387,10 @@ def _planar_angles(
     # equal: angle + second azimuth = first azimuth.
     first_link, second_link = equations.decimal_mechanism.structure.ends[pair]
     same_side = azimuths[first_link] - azimuths[second_link]
-    return same_side, same_side + pi_ball()
+    return (
+        PlanarAngle(same_side, is_same_side=True),
+        PlanarAngle(same_side + pi_ball(), is_same_side=False),
+    )
 
 
 class Crossings:
@@ -436,69 +477,56 @@ class Crossings:
         other, and both links b likewise, the axes of two pairs coincide. The links a can
         then turn about this axis together, while the variables of the other two pairs rest.
 
-        A loop of four pairs has two variables x and y. Each has two planar angles, at which
-        both links of its pair are in one plane. If x has a planar angle, the reflection in
-        this plane maps y to -y, with y counted from one of its planar angles. The equation
-        of the loop is linear in cos(y) and sin(y), so it is a + b cos(y) = 0. If the loop
-        closes with y = 0 and with y = pi, then a + b = a - b = 0. It then closes with all
-        y: the configurations are a curve along which x is constant.
-
-        The box of an arc contains no other configurations than the arc. If the curve passes
-        through the box of one arc, the whole chain is therefore on this curve.
+        Certain angles of the variable are known at which a loop of four pairs closes with
+        all angles of its other variable (`FourPairLoop.constant_angles`). These
+        configurations are a curve along which the variable is constant. A configuration of
+        this curve is searched in the box of one arc. The box contains no other
+        configurations than the arc. If the curve passes through it, the arc, and with it
+        the whole chain, is therefore on this curve.
 
         Parameters
         ----------
         pieces
             The arcs of configurations, with the boxes in which they are unique.
         variable
-            Number of the variable: x above.
+            Number of the variable.
         """
         # Any arc would do; the one in the middle of the chain is tried.
         piece = pieces[len(pieces) // 2]
         for loop in self.loops:
             if variable not in loop.variables:
                 continue
-            # `closes` (2, 2) says with which planar angles of the first variable (rows) and
-            # of the second (columns) the loop closes. Here the rows are those of x.
-            position = loop.variables.index(variable)
-            other_variable = loop.variables[1 - position]
-            closes = loop.closes if position == 0 else loop.closes.T
-            closes_with_both_y = np.all(closes, axis=1)
-            for value in loop.planar_angles[position][closes_with_both_y]:
-                # A configuration with this value, near the centre of the arc; None if the
-                # value is not near that of the centre, or no configuration is proven.
+            other_variable = loop.other_variable(variable)
+            for angle in loop.constant_angles(variable):
+                # A configuration with this angle, near the centre of the arc; None if the
+                # angle is not near that of the centre, or no configuration is proven.
                 given = {
-                    variable: value,
+                    variable: angle,
                     other_variable: exact_ball(piece.centre[other_variable]),
                 }
                 balls = complete_configuration(
                     self.equations, loop.equation, given, piece.centre
                 )
                 if balls is not None:
-                    # The other planar angle of x is half a turn away from the centre. It
-                    # need not be tried.
-                    #
-                    # The configuration is in the balls, which bound its distance from their
-                    # centres in each variable. The sides of the box have any directions,
-                    # so that they need a bound of the Euclidean distance.
-                    centres = centre_floats(balls)
-                    distances = list(map(upper_magnitude, balls - exact_balls(centres)))
-                    error = float(np.linalg.norm(distances)) * ROUND_UP
-                    return piece.contains(centres, error)
+                    # Another angle would be half a turn away from the centre. It need not
+                    # be tried.
+                    return _is_inside_box(balls, piece)
         return False
 
     def _contains_proven_crossing(self, box: OrientedBox) -> bool:
         """Return whether configuration curves are proven to cross near a box's centre.
 
-        If all four axes of a loop of four pairs are in one plane, the derivatives of the
-        loop's equation are zero, because reflection in this plane does not change the
-        equation. The matrix F' of the derivatives of all equations then loses a rank.
+        A configuration is searched near the centre in which all four axes of a loop of four
+        pairs are in one plane. Curves cross in it, for these reasons:
 
-        `find_saddle` has proven that the configurations in its box are the zeros of a
-        function g of two coordinates with one saddle point. This method searches a
-        configuration with such a planar loop near the centre. Both slopes of g are zero in
-        this configuration, because F' loses a rank. It is therefore the saddle point. As it
-        is also a zero of g, curves cross in it.
+        1. The reflection in this plane reverses small changes of the angles, and does not
+           change the equation of the loop. Its derivatives by the angles are therefore 0.
+        2. `find_saddle` has reduced all equations of the mechanism to one equation
+           g(u, v) = 0 of two coordinates. Where all derivatives of one equation of the
+           mechanism are 0, both slopes of g are 0.
+        3. `find_saddle` has proven that g has only one such point in the box, its saddle
+           point. A configuration is a zero of g. The curves g = 0 through a saddle point
+           cross there.
         """
         # A crossing that is nearer than this to the centre in each variable (rad) is inside
         # the box. `limits` are half the sides of the box, which is turned relative to the
@@ -507,14 +535,10 @@ class Crossings:
         max_distance = 1e-3 * np.min(box.limits)
         centre = exact_balls(box.centre)
         for loop in self.loops:
-            # The angles of two pairs of the loop are variables. Each has two values, its
-            # planar angles, at which the axes of both adjacent links are in one plane.
-            # Entry (i, j) of `closes` (2, 2) says whether the loop closes if the first
-            # variable has its planar angle i and the second its planar angle j.
-            for i, j in np.argwhere(loop.closes):
-                planar_values = (loop.planar_angles[0, i], loop.planar_angles[1, j])
-                given = dict(zip(loop.variables, planar_values, strict=True))
-                # All other variables follow from the other equations.
+            for closure in loop.planar_closures:
+                # Both variables of the loop have the angles of the planar loop. All other
+                # variables follow from the other equations.
+                given = {variable: planar.angle for variable, planar in closure.items()}
                 balls = complete_configuration(
                     self.equations, loop.equation, given, box.centre
                 )
@@ -531,6 +555,16 @@ class Crossings:
         A saddle is a place where configuration curves cross or nearly do.
         """
         return all(_are_disjoint(box, saddle) for saddle in self.saddles)
+
+
+def _is_inside_box(configuration: Array, piece: CertifiedArc) -> bool:
+    """Return whether a configuration (v,), given as balls, is inside the box of an arc."""
+    # The balls bound the distance of the configuration from their centres in each variable.
+    # The sides of the box have any directions, so that the Euclidean distance is needed.
+    centres = centre_floats(configuration)
+    distances = list(map(upper_magnitude, configuration - exact_balls(centres)))
+    error = float(np.linalg.norm(distances)) * ROUND_UP
+    return piece.contains(centres, error)
 
 
 def _are_disjoint(first: OrientedBox, second: OrientedBox) -> bool:

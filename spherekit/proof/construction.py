@@ -393,11 +393,7 @@ def find_construction(
         mobility, computed from the numbers of links and pairs, equals the number of inputs.
     """
     construction = _find_best_construction(
-        structure.ends,
-        link_count=len(structure.links),
-        input_count=len(structure.inputs),
-        given_pairs=(*structure.inputs, *structure.followers),
-        preferred_pairs=frozenset(preferred_pairs),
+        PairGraph.from_structure(structure), preferred_pairs=frozenset(preferred_pairs)
     )
     if construction is None:
         raise PlanError(
@@ -413,8 +409,58 @@ def find_construction(
     return construction
 
 
-Ends = tuple[tuple[int, int], ...]
-"""For each pair the two links that it joins."""
+@dataclass(frozen=True)
+class PairGraph:
+    """Which links the pairs of a mechanism join, and which pairs have given angles.
+
+    It has neither names nor sizes. The best order of placing the links depends on nothing
+    else, so it is computed once for all mechanisms with equal graphs.
+
+    Attributes
+    ----------
+    ends
+        For each pair the two links that it joins.
+    link_count, input_count
+        Numbers of links and of inputs.
+    given_pairs
+        The pairs with given angles: the inputs first, then the followers, whose angles
+        follow from the inputs through toothed wheels. All other angles are unknown.
+    """
+
+    ends: tuple[tuple[int, int], ...]
+    link_count: int
+    input_count: int
+    given_pairs: tuple[int, ...]
+
+    @staticmethod
+    def from_structure(structure: Structure) -> "PairGraph":
+        """Return the graph of a structure."""
+        return PairGraph(
+            ends=structure.ends,
+            link_count=len(structure.links),
+            input_count=len(structure.inputs),
+            given_pairs=(*structure.inputs, *structure.followers),
+        )
+
+    def find_bodies(self) -> list[int]:
+        """Return for each link the number of the first link of its body.
+
+        Links that are joined by pairs with given angles form a body, which is rigid.
+        """
+        given_ends = (self.ends[pair] for pair in self.given_pairs)
+        return component_labels(self.link_count, given_ends)
+
+    def find_joined_bodies(self, body_of_link: list[int]) -> dict[int, tuple[int, int]]:
+        """Return by pair with an unknown angle the two bodies that it joins.
+
+        `body_of_link` is the result of `find_bodies`.
+        """
+        return {
+            pair: (body_of_link[first], body_of_link[second])
+            for pair, (first, second) in enumerate(self.ends)
+            if pair not in self.given_pairs
+        }
+
 
 PlacingOrder = tuple[tuple[int, ...], ...]
 """For each body in order: the body, then the one or two pairs by which it is placed."""
@@ -422,11 +468,7 @@ PlacingOrder = tuple[tuple[int, ...], ...]
 
 @lru_cache(MAX_CACHED_STRUCTURES)
 def _find_best_construction(
-    ends: Ends,
-    link_count: int,
-    input_count: int,
-    given_pairs: tuple[int, ...],
-    preferred_pairs: frozenset[int],
+    graph: PairGraph, preferred_pairs: frozenset[int]
 ) -> Construction | None:
     """Return the best order of placing the links, None if there is no order.
 
@@ -441,18 +483,13 @@ def _find_best_construction(
 
     Parameters
     ----------
-    ends
-        For each pair the two links that it joins.
-    link_count, input_count
-        Numbers of links and of inputs.
-    given_pairs
-        The pairs with given angles: the inputs first, then the followers, whose angles
-        follow from the inputs through toothed wheels.
+    graph
+        The links and pairs, and which angles are given.
     preferred_pairs
         Pairs that should be variables if possible.
     """
     return min(
-        _find_constructions(ends, link_count, input_count, given_pairs),
+        _find_constructions(graph),
         key=lambda construction: (
             len(preferred_pairs - {*construction.pairs}),
             construction.mode_bound,
@@ -467,38 +504,27 @@ def has_construction(structure: Structure) -> bool:
 
     The first order is enough, so this is fast for structures with many links, too.
     """
-    constructions = _find_constructions(
-        structure.ends,
-        len(structure.links),
-        len(structure.inputs),
-        (*structure.inputs, *structure.followers),
-    )
+    constructions = _find_constructions(PairGraph.from_structure(structure))
     first = next(constructions, None)
     return first is not None and bool(first.unknown_count or first.follower_pairs)
 
 
-def _find_constructions(
-    ends: Ends, link_count: int, input_count: int, given_pairs: tuple[int, ...]
-) -> Iterator[Construction]:
+def _find_constructions(graph: PairGraph) -> Iterator[Construction]:
     """Yield the orders of placing the links whose equations can be solved.
 
-    At most `MAX_COMPARED_ORDERS` orders are tried.
-
-    The parameters are those of `_find_best_construction`.
+    A construction is such an order with its variables and equations. Links that are joined
+    by pairs with given angles form a rigid body, so bodies are placed, and then the links
+    of each body. At most `MAX_COMPARED_ORDERS` orders are tried.
     """
-    # The links of one body have the same label, which is the number of their first link.
-    body_of_link = component_labels(link_count, (ends[pair] for pair in given_pairs))
-    # By pair with an unknown angle: the two bodies that it joins.
-    joined_bodies = {
-        pair: (body_of_link[first], body_of_link[second])
-        for pair, (first, second) in enumerate(ends)
-        if pair not in given_pairs
-    }
-    # A body is rigid, so a pair with an unknown angle between two of its links is locked.
+    body_of_link = graph.find_bodies()
+    joined_bodies = graph.find_joined_bodies(body_of_link)
+    # A pair with an unknown angle that joins two links of one rigid body is locked.
     if any(first == second for first, second in joined_bodies.values()):
         return
-    # Roots are tried from the body of the first input on.
-    input_body = body_of_link[ends[given_pairs[0]][0]]
+    # The root is the body that is placed first. The body of the first input is tried first.
+    first_input = graph.given_pairs[0]
+    first_link_of_input, _ = graph.ends[first_input]
+    input_body = body_of_link[first_link_of_input]
     roots = sorted(set(body_of_link), key=lambda body: body != input_body)
     orders = (
         (root, order)
@@ -506,11 +532,14 @@ def _find_constructions(
         for order in placing_orders(joined_bodies, frozenset(body_of_link), root)
     )
     for root, order in islice(orders, MAX_COMPARED_ORDERS):
-        construction = _make_construction(
-            ends, body_of_link, input_count, given_pairs, root, order
-        )
-        # A bound of 0 means that some equations cannot be solved for the unknowns.
-        if construction and construction.mode_bound:
+        construction = _make_construction(graph, body_of_link, root, order)
+        if construction is None:
+            continue
+        # `mode_bound` is the largest possible number of isolated complex solutions of the
+        # equations. It is 0 if some equations together contain fewer unknowns than there
+        # are equations, so that they cannot be solved.
+        can_be_solved = construction.mode_bound > 0
+        if can_be_solved:
             yield construction
 
 
@@ -575,12 +604,7 @@ def placing_orders(
 
 
 def _make_construction(
-    ends: Ends,
-    body_of_link: list[int],
-    input_count: int,
-    given_pairs: tuple[int, ...],
-    root: int,
-    order: PlacingOrder,
+    graph: PairGraph, body_of_link: list[int], root: int, order: PlacingOrder
 ) -> Construction | None:
     """Return the steps and variables that place bodies in an order, None if impossible.
 
@@ -597,15 +621,10 @@ def _make_construction(
 
     Parameters
     ----------
-    ends
-        For each pair the two links that it joins.
+    graph
+        The links and pairs, and which angles are given.
     body_of_link
         For each link the body to which it belongs.
-    input_count
-        Number of inputs.
-    given_pairs
-        The pairs with given angles: the inputs first, then the followers, whose angles
-        follow from the inputs through toothed wheels.
     root
         The body that is placed first; its number is also that of its first link.
     order
@@ -613,18 +632,19 @@ def _make_construction(
     """
     unknown_pairs = [pairs[0] for _, *pairs in order if len(pairs) == 1]
     # The position of a pair in this tuple is the number of its variable.
-    variable_pairs = (*unknown_pairs, *given_pairs)
+    variable_pairs = (*unknown_pairs, *graph.given_pairs)
     steps: list[PlacementStep] = []
     for body, *joining_pairs in ((root,), *order):
         # For each pair: its link on this body, and its link on a body placed before (the
         # parent).
         links = [
-            next(link for link in ends[pair] if body_of_link[link] == body)
+            next(link for link in graph.ends[pair] if body_of_link[link] == body)
             for pair in joining_pairs
         ]
         # The sum of both ends less one end is the other end.
         parents = tuple(
-            sum(ends[pair]) - link for pair, link in zip(joining_pairs, links, strict=True)
+            sum(graph.ends[pair]) - link
+            for pair, link in zip(joining_pairs, links, strict=True)
         )
         if len(set(links)) > 1 or len(set(parents)) < len(joining_pairs):
             return None
@@ -642,7 +662,9 @@ def _make_construction(
         # The other links of the body follow across pairs with given angles. They start from
         # the link that is placed already, which is the root if there are no pairs.
         placed_links = links[:1] or [root]
-        for pair, parent, link in find_spanning_tree(ends, placed_links, given_pairs):
+        for pair, parent, link in find_spanning_tree(
+            graph.ends, placed_links, graph.given_pairs
+        ):
             steps.append(
                 PlacementStep(
                     link=link,
@@ -659,7 +681,7 @@ def _make_construction(
         steps=steps,
         pairs=variable_pairs,
         unknown_count=len(unknown_pairs),
-        input_count=input_count,
+        input_count=graph.input_count,
     )
 
 

@@ -11,7 +11,7 @@ from math import factorial
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
-from spherekit.mechanism.elements import PoseGeometry
+from spherekit.mechanism.elements import PoseGeometry, Profile
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint import Joint
 from spherekit.mechanism.joint_construction import make_joints
@@ -210,32 +210,41 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
     frames
         By name of an R pair: its frames in both links.
     """
+    # A file gives either sizes, with the arc lengths at which wheels start to roll, or a
+    # reference pose, in which the wheels touch where they start.
+    has_reference_pose = isinstance(mechanism.geometry, PoseGeometry)
     kinematics = []
     for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
         if pair.profiles is None:
             kinematics.append(_revolute_kinematics(*frames[pair.name]))
             continue
-        first_profile, second_profile = pair.profiles
-        # At the contact both curves run in the same direction. If one touches the other
-        # from outside, their centres are on opposite sides. The second curve then runs
-        # backwards about its centre.
-        curves = (
-            make_ball_curve(first_profile),
-            make_ball_curve(second_profile, backwards=pair.contact == "external"),
-        )
+        curves = _profile_curves(pair.profiles, is_external=pair.contact == "external")
+        # The start of a curve is its arc length at which its variable is 0.
+        starts = _contact_starts(joint, curves, has_reference_pose)
         first, second = joint.contact_profiles
-        has_pose = isinstance(mechanism.geometry, PoseGeometry)
-        kinematics.append(
-            _contact_kinematics(
-                curves,
-                variables=(first.variable, second.variable),
-                starts=_contact_starts(joint, curves, has_pose),
-            )
-        )
+        variables = (first.variable, second.variable)
+        kinematics.append(_contact_kinematics(curves, variables, starts))
     return kinematics
 
 
-def _contact_starts(joint: Joint, curves: Sequence[Curve], has_pose: bool) -> Array:
+def _profile_curves(
+    profiles: tuple[Profile, Profile], is_external: bool
+) -> tuple[Curve, Curve]:
+    """Return the curves of two profiles, so that both run in one direction at the contact.
+
+    If the profiles touch from outside (external contact), their centres are on opposite
+    sides of the contact. The second curve then runs backwards about its centre.
+    """
+    first_profile, second_profile = profiles
+    return (
+        make_ball_curve(first_profile),
+        make_ball_curve(second_profile, backwards=is_external),
+    )
+
+
+def _contact_starts(
+    joint: Joint, curves: Sequence[Curve], has_reference_pose: bool
+) -> Array:
     """Return the arc lengths (2,) at which the variables of a contact are 0.
 
     A file with sizes of links states these arc lengths. If a file gives a reference pose
@@ -250,7 +259,7 @@ def _contact_starts(joint: Joint, curves: Sequence[Curve], has_pose: bool) -> Ar
         The contact in float64 geometry.
     curves
         The profile of each link.
-    has_pose
+    has_reference_pose
         Whether the file gives a reference pose.
 
     Returns
@@ -260,7 +269,7 @@ def _contact_starts(joint: Joint, curves: Sequence[Curve], has_pose: bool) -> Ar
     first, second = joint.contact_profiles
     float_starts = exact_balls([first.start, second.start])
     is_rolling = bool(joint.rolling_variables)
-    if is_rolling and has_pose:
+    if is_rolling and has_reference_pose:
         return _find_contact(curves, float_starts)
     return float_starts
 

@@ -531,9 +531,7 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
 
     The boxes are ranges of the inputs. A coordinate of a root is z = e^(i s angle) with s =
     1, or s = -1 if it is the inverse. The derivative of the angle by an input is therefore
-    z' / (i s z). The motion of the angle over a box is not linear in the inputs for two
-    reasons: z is only near linear motion, and the angle is its logarithm. The returned
-    error is a bound of both effects.
+    z' / (i s z). The returned error bounds how far the angle is from this linear motion.
 
     Parameters
     ----------
@@ -544,30 +542,59 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
     half
         (n, inputs) half widths (rad) of the box of each root.
     """
-    magnitude = np.abs(roots.z)
     # The inverse of e^(i angle) has the angle with the opposite sign.
     sense = np.where(roots.inverse, -1, 1)
     rates = tubes.rates / (1j * sense * roots.z)[:, :, None]
-    # The angle is the imaginary part of the logarithm of z. `reach` is the largest change
-    # of z over the box, and w the largest relative change. The logarithm of 1 + w differs
-    # from the linear term w by at most w^2 / 2 / (1 - w).
+    error = _bound_angle_deviation(roots, tubes, rates, half)
+    return RootAngles(sense * np.angle(roots.z), rates.real, error)
+
+
+def _bound_angle_deviation(
+    roots: ChartRoots, tubes: RootTubes, rates: Complexes, half: Floats
+) -> Floats:
+    """Return how far the angles of roots may be from linear motion over boxes of inputs.
+
+    A coordinate z of a root is e^(i angle) or its inverse, so the angle is, up to its sign,
+    the imaginary part of the logarithm of z.
+
+    Parameters
+    ----------
+    roots
+        The approximate roots z, at the centres of the boxes.
+    tubes
+        How far each root may be from linear motion of z.
+    rates
+        (n, k, inputs) derivatives of the angles by the inputs.
+    half
+        (n, inputs) half widths (rad) of the box of each root.
+
+    Returns
+    -------
+    (n, k) bounds (rad). Infinite if z changes by half of its magnitude or more.
+    """
+    magnitude = np.abs(roots.z)
+    # 1. z is only near linear motion, at most `tube_radius` away.
+    tube_deviation = tubes.tube_radius[:, None] / magnitude
+    # 2. The logarithm is not linear. `reach` is the largest change of z over the box, and w
+    # the largest relative change. The logarithm of 1 + w differs from the linear term w by
+    # at most w^2 / 2 / (1 - w).
     w = tubes.reach / magnitude
-    logarithm_error = 0.5 * w**2 / (1.0 - w)
-    # `tube_radius` is the largest distance of z from linear motion.
-    error = logarithm_error + tubes.tube_radius[:, None] / magnitude
-    # The terms are the error above; the distance of the approximation from the magnitude 1
-    # of a real root; and allowances for rounding of the linear motion and of the angle. The
-    # factor 1.05 is such an allowance, too. All are far larger than rounding errors: a
+    logarithm_deviation = 0.5 * w**2 / (1.0 - w)
+    # 3. The approximation of a real root may not have the magnitude 1.
+    magnitude_error = np.abs(magnitude - 1.0)
+    # 4. Rounding of the linear motion, and of the angle. These allowances, and the factor
+    # 1.05 for the rounding of the first two bounds, are far larger than the errors: a
     # relative one is 1.1e-16, and angles are below pi.
-    error = (
-        1.05 * error
-        + np.abs(magnitude - 1.0)
-        + 1e-15 * apply_matrices(np.abs(rates), half)
-        + 1e-13
+    motion_rounding = 1e-15 * apply_matrices(np.abs(rates), half)
+    angle_rounding = 1e-13
+    bound = (
+        1.05 * (logarithm_deviation + tube_deviation)
+        + magnitude_error
+        + motion_rounding
+        + angle_rounding
     )
     # The bound of the logarithm is useful for small w only.
-    error = np.where(w < 0.5, error, np.inf)
-    return RootAngles(sense * np.angle(roots.z), rates.real, error)
+    return np.where(w < 0.5, bound, np.inf)
 
 
 def _bound_sum_rounding(sums: Complexes) -> float:

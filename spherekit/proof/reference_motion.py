@@ -315,14 +315,23 @@ class _SignChange:
         Number of the switch, -1 for a joint limit. None at the end of the step.
     is_at_start
         Whether the condition is negative already at the first position that is examined
-        after the start. If its switch has changed its case at the end of the step before,
-        it would now change back at once. The motion can then continue in neither case, and
-        ends as "sticking". An example is dry friction in a mechanism that comes to rest.
+        after the start.
     """
 
     x: Ball
     switch: int | None
     is_at_start: bool
+
+    def reverts_at_once(self, last_switch: int | None) -> bool:
+        """Return whether a switch changes back to the case that it has just left.
+
+        The motion can then continue in neither case. An example is dry friction in a
+        mechanism that comes to rest.
+
+        `last_switch` is the switch that has changed its case at the end of the step before;
+        None if none has.
+        """
+        return self.is_at_start and self.switch == last_switch
 
 
 def _evaluate_series(coefficients: Array, x: Array) -> Array:
@@ -479,33 +488,41 @@ class ExactSimulation:
         -------
         Three arrays (n, variables): rad, rad/s, rad/s2.
         """
-        # 1. The coordinate and p, and all variables that close the loops. The position in
+        # 1. The coordinate c and p, and all variables that close the loops. The position in
         # the step is from -1 to 1.
-        c, p = step.motion.evaluate(2 * (t - step.start) / step.length - 1)
+        position = 2 * (t - step.start) / step.length - 1
+        c, p = step.motion.evaluate(position)
         closure = self._close_loops(t, c, step.coordinate)
-        # Variables as power series in the coordinate: value, first derivative, and half of
-        # the second one.
-        values, first, second = self._linkage.expand_motion(closure, step.coordinate, 2)
-        orientations, _ = self._linkage.place_links(power_series(values, first, second))
+        # Variables as power series in the coordinate: the coefficient of its square is half
+        # of the second derivative.
+        values, first, half_second = self._linkage.expand_motion(
+            closure, step.coordinate, 2
+        )
+        orientations, _ = self._linkage.place_links(
+            power_series(values, first, half_second)
+        )
 
-        # 2. Inertia, speed dc/dt and force.
+        # 2. The inertia B with its derivative dB by the coordinate, and the speed dc/dt.
         w, dw = angular_velocities(orientations, 2)
         rotations = series_coefficient(orientations, 0)
         B, dB = equivalent_inertia(self.mechanism, rotations, w, dw)
         speed = p / np.sqrt(B)
-        # A load can be a table over time. A step is within one interval of each table,
-        # which this time chooses. `sides` are the signs, constant within the step, on which
-        # functions such as `abs` in loads depend.
+
+        # 3. The generalised force Q of the loads. A load can be a table over time. A step
+        # is within one interval of each table, which the time in the middle chooses.
         time_inside = float(step.start + step.length / 2)
         moving = MovingMechanism(values=values, rates=first, w=w, rotations=rotations)
         force, _ = self._generalised_force(moving, speed, t, step.switch_signs, time_inside)
 
-        # 3. Acceleration by Eksergian's equation B c'' + (dB/dc) c'^2 / 2 = Q, and the
-        # other variables by the chain rule.
+        # 4. Acceleration by Eksergian's equation B c'' + (dB/dc) c'^2 / 2 = Q.
         acceleration = (force - dB * speed * speed / 2) / B
-        # `second` is half of the second derivative by the coordinate.
-        second_rates = first * acceleration[:, None] + 2 * second * (speed * speed)[:, None]
-        return [values, first * speed[:, None], second_rates]
+
+        # 5. The derivatives of all variables by time, by the chain rule.
+        rates = first * speed[:, None]
+        second_rates = (
+            first * acceleration[:, None] + 2 * half_second * (speed * speed)[:, None]
+        )
+        return [values, rates, second_rates]
 
     def _generalised_force(
         self,
@@ -771,8 +788,7 @@ class ExactSimulation:
                 default=_SignChange(x=exact_ball(1.0), switch=None, is_at_start=False),
             )
             switch = sign_change.switch
-            if sign_change.is_at_start and switch == last_switch:
-                # The switch that has just changed its side would change back at once.
+            if sign_change.reverts_at_once(last_switch):
                 self.kind = "sticking"
                 break
             self._steps.append(step)

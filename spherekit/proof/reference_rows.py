@@ -412,12 +412,29 @@ def _vector_of_relative_motion(
     velocity = _relative_vector(reference.w, pole)
     derivative = _relative_vector(derivatives, pole)
     moves, rests = _find_relative_motion(reference, pole)
-    change = _relative_size(derivative, derivatives, pole)
-    starts_moving = change > DIRECTION_ROUNDING_RATIO * _derivative_rounding(reference)
+    # Links at rest start to rotate about the derivative, if it is not only rounding.
+    starts_moving = _has_direction(
+        size=_relative_size(derivative, derivatives, pole),
+        rounding=_derivative_rounding(reference),
+    )
     return _nan_unless(
         moves | (rests & starts_moving),
         np.where(moves[:, None], velocity, derivative),
     )
+
+
+def _has_direction(size: Floats, rounding: Floats) -> Bools:
+    """Return which vectors are so long that rounding cannot rotate them by 1e-6 rad.
+
+    Parameters
+    ----------
+    size
+        (n,) sizes of the vectors.
+    rounding
+        (n,) their rounding errors, in the same unit.
+    """
+    # A rounding error across a vector rotates it by the error divided by the size.
+    return size > DIRECTION_ROUNDING_RATIO * rounding
 
 
 def _velocity_rounding(reference: ExactRows) -> Floats:
@@ -461,7 +478,7 @@ def _find_relative_motion(reference: ExactRows, pole: Pole) -> tuple[Bools, Bool
     velocity = _relative_vector(reference.w, pole)
     speed = _relative_size(velocity, reference.w, pole)
     rounding = _velocity_rounding(reference)
-    moves = speed > DIRECTION_ROUNDING_RATIO * rounding
+    moves = _has_direction(speed, rounding)
     rests = ~(speed > ROUNDING_STEP_RATIO * rounding)
     return moves, rests
 

@@ -550,16 +550,36 @@ def _enclose_zero(
     """
     zero_ratio = _approximate_zero(equations, stretch, variable, end_sign)
     short_stretch = _shorten_to_zero(equations, stretch, variable, end_sign, zero_ratio)
-    start = short_stretch.piece
-    end_error = short_stretch.end_error
-    reach = short_stretch.reach
-    # The position is halfway between start and end. It may be as far from the axis as the
-    # zero, on the other side.
-    normal_count = len(short_stretch.end) - 1
-    distances = [2.0 * start.distance_within(reach) + end_error] * normal_count
-    half_extent = [0.5 * (reach + end_error), *distances]
-    error = np.max(np.abs(start.frame) @ half_extent) + 1e-12
+    error = _bound_distance_from_middle(short_stretch)
     return StationaryPoint(short_stretch.position(0.5), error)
+
+
+def _bound_distance_from_middle(stretch: _Stretch) -> float:
+    """Return a bound (rad) of the distance of all points of a stretch from its middle.
+
+    A stretch is a part of a curve, from the centre of a certified arc to an end. Its middle
+    is the point halfway on the straight line between both. The bound is that of the largest
+    change of a variable.
+
+    Coordinates are along the tangent of the curve at the centre, where they are 0, and
+    along the normals.
+    """
+    arc = stretch.piece
+    # Along the tangent, the stretch is between 0 and at most this coordinate.
+    largest_coordinate = stretch.reach
+    # Along each normal, the curve is at most this far from the tangent line.
+    curve_distance = arc.distance_within(largest_coordinate)
+    # Along the tangent, no point is farther from the middle than half the length. Along a
+    # normal, a point of the curve and the middle may be on opposite sides of the tangent
+    # line: the point at most `curve_distance` from it, and the middle, which is nearer to
+    # the line than the computed end, at most `curve_distance + end_error`.
+    tangent_bound = 0.5 * (largest_coordinate + stretch.end_error)
+    normal_bound = 2.0 * curve_distance + stretch.end_error
+    normal_count = len(stretch.end) - 1
+    bounds = [tangent_bound, *[normal_bound] * normal_count]
+    # The bounds along the frame give those of the variables. 1e-12 rad is much larger than
+    # the rounding of these few products.
+    return float(np.max(np.abs(arc.frame) @ bounds) + 1e-12)
 
 
 def _approximate_zero(
