@@ -13,6 +13,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices, SmallIntegers
 from spherekit.numerics.angles import wrap
+from spherekit.planning.assembly_plan import Group
 from spherekit.positions.elimination_order import has_elimination
 from spherekit.positions.gear_phases import GearPhases
 from spherekit.positions.group_assembly import (
@@ -112,52 +113,104 @@ def can_find_all_modes(solver: PositionSolver) -> bool:
     )
 
 
+class ModePlacement(NamedTuple):
+    """The bodies of a mechanism that is placed in one of its modes.
+
+    Attributes
+    ----------
+    signs
+        The sign of each group: +1 or -1 in the two modes of a dyad, 0 for other groups,
+        whose modes differ only in the placed bodies.
+    state
+        The placed bodies and the pair variables, at all inputs.
+    """
+
+    signs: tuple[int, ...]
+    state: AssemblyState
+
+
+class ModeEnumeration(NamedTuple):
+    """The modes in which a mechanism was placed, and how they were found.
+
+    Attributes
+    ----------
+    placements
+        The mechanism in each mode.
+    methods
+        For each group the method that found its modes: closed form, elimination or random
+        search. None for a group that was never solved, because the groups before it close
+        in no mode.
+    """
+
+    placements: list[ModePlacement]
+    methods: list[SolutionMethod | None]
+
+
 def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtInput:
     """Return all configurations that are found at inputs q (inputs,) in rad.
 
-    Usually the mechanism is placed group by group, and each mode of a group is combined
-    with all modes of the groups after it.
-
-    There is one exception: a group has contacts of wheels or profiles, and gear ratios
-    alone do not place it. Wheels look the same after each revolution, so the search of one
-    group alone cannot tell how far they have rolled. If the inputs determine all rolled
-    lengths, these are prescribed, and all groups are searched together.
+    Usually the mechanism is placed group by group. With some contacts of wheels, all groups
+    have to be searched together instead.
     """
-    groups = solver.assembly.groups
-    # How far wheels have rolled at given inputs; None without rolling contacts.
-    gear_phases = solver.gear_phases
-    # A group that is not `revolute` has contacts. In a train of wheels, all angles follow
-    # from the inputs by gear ratios.
+    gear_phases = _find_phases_of_common_search(solver)
+    if gear_phases is None:
+        return _combine_group_modes(solver, q)
+    values = _search_in_gear_phase(solver, gear_phases, q)
+    return ConfigurationsAtInput(
+        signs=tuple(signs_at(solver, row) for row in values),
+        values=values,
+        methods=(RANDOM_SEARCH,) * len(solver.assembly.groups),
+    )
+
+
+def _find_phases_of_common_search(solver: PositionSolver) -> GearPhases | None:
+    """Return how far wheels have rolled, if all groups have to be searched together.
+
+    Wheels look the same after each revolution, so the search of a single group cannot tell
+    how far they have rolled. If the inputs determine all rolled lengths, these are
+    prescribed in a search of the whole mechanism.
+
+    Returns
+    -------
+    The rolled lengths as functions of the inputs. None if the mechanism is placed group by
+    group: if gear ratios alone place all groups with contacts, or if the inputs do not
+    determine all rolled lengths.
+    """
+    # A group that is not `revolute` has contacts. Gear ratios place a train of wheels.
     has_general_contacts = any(
         not group.revolute and position not in solver.wheel_trains
-        for position, group in enumerate(groups)
+        for position, group in enumerate(solver.assembly.groups)
     )
+    gear_phases = solver.gear_phases
     if has_general_contacts and gear_phases is not None and gear_phases.all_known:
-        values = _search_in_gear_phase(solver, gear_phases, q)
-        signs = tuple(signs_at(solver, row) for row in values)
-        return ConfigurationsAtInput(signs, values, (RANDOM_SEARCH,) * len(groups))
-    # `enumerate_modes` returns the signs of the groups and the placed bodies of each mode.
-    # It writes the method of each group, such as elimination, to `methods`. One mode more
-    # than the limit shows whether there are more.
-    methods: list[SolutionMethod | None] = [None] * len(groups)
-    modes = enumerate_modes(
-        solver, q[None], max_modes=MAX_CONFIGURATIONS + 1, methods=methods
-    )
-    is_truncated = len(modes) > MAX_CONFIGURATIONS
-    modes = modes[:MAX_CONFIGURATIONS]
+        return gear_phases
+    return None
+
+
+def _combine_group_modes(solver: PositionSolver, q: Floats) -> ConfigurationsAtInput:
+    """Return the configurations at inputs q (inputs,) by placing group by group.
+
+    Each mode of a group is combined with all modes of the groups after it.
+    """
+    # One mode more than the limit shows whether there are more.
+    placements, methods = enumerate_modes(solver, q[None], MAX_CONFIGURATIONS + 1)
+    is_truncated = len(placements) > MAX_CONFIGURATIONS
+    placements = placements[:MAX_CONFIGURATIONS]
     if is_truncated:
         description = (
             f"the first {MAX_CONFIGURATIONS} configurations are kept, and there are more"
         )
-        # Each method has a doubt from 0 to 1: how likely it is that a configuration is
-        # missing. The largest doubt of all groups counts for the whole result. One group
-        # with the doubt 1 is therefore enough to mark the result, here the last one.
+        # The doubt, from 0 to 1, says how likely it is that a configuration is missing. The
+        # largest doubt of all groups counts for the whole result, so it is enough to mark
+        # one group, here the last one.
         methods[-1] = SolutionMethod(description, doubt=1.0)
     variable_count = len(solver.mechanism.variable_owners)
-    values = np.reshape([state.values[0] for _, state in modes], (-1, variable_count))
-    signs = tuple(signs for signs, _ in modes)
+    values = [placement.state.values[0] for placement in placements]
     return ConfigurationsAtInput(
-        signs=signs, values=values, methods=tuple(methods), is_truncated=is_truncated
+        signs=tuple(placement.signs for placement in placements),
+        values=np.reshape(values, (-1, variable_count)),
+        methods=tuple(methods),
+        is_truncated=is_truncated,
     )
 
 
@@ -196,13 +249,11 @@ def _search_in_gear_phase(
     return solver.shift_inputs(values, q[None])
 
 
-def enumerate_modes(
-    solver: PositionSolver,
-    q: Floats,
-    max_modes: int,
-    methods: list[SolutionMethod | None] | None = None,
-) -> list[tuple[tuple[int, ...], AssemblyState]]:
+def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEnumeration:
     """Return the modes of a mechanism that close at any of some inputs.
+
+    The groups are placed one after another. Each mode of a group is combined with all modes
+    of the groups after it.
 
     Parameters
     ----------
@@ -214,44 +265,37 @@ def enumerate_modes(
         has to be 1, because their modes are searched at one choice of the inputs.
     max_modes
         Largest number of modes that are returned.
-    methods
-        If given, a list to which the method of each group is written: closed form,
-        elimination or random search. The caller learns from it whether modes may be
-        missing.
 
     Returns
     -------
-    For each mode the signs of the groups, and the placed bodies at all n inputs. The sign
-    of a dyad is +1 or -1 in its two modes. Other groups have the sign 0, so that their
-    modes differ only in the placed bodies.
+    The placed bodies in each mode, and the method of each group. The caller learns from the
+    methods whether modes may be missing.
     """
     group_count = len(solver.assembly.groups)
+    methods: list[SolutionMethod | None] = [None] * group_count
 
-    def place_next_groups(
-        state: AssemblyState, signs: tuple[int, ...]
-    ) -> Iterator[tuple[tuple[int, ...], AssemblyState]]:
-        """Yield all modes of the mechanism with given modes of the first groups.
+    def place_next_groups(placement: ModePlacement) -> Iterator[ModePlacement]:
+        """Yield all modes of the mechanism in which the first groups are placed as given.
 
-        A group is a set of bodies that are placed together. The given modes are described
-        by their signs and by a state with the bodies placed so far. The next group is
-        placed in each of its modes, and then the groups after it.
+        The next group is placed in each of its modes, and then the groups after it.
         """
-        position = len(signs)
+        position = len(placement.signs)
         if position == group_count:
-            yield signs, state
+            yield placement
             return
-        states_by_mode, method = _place_group_modes(solver, state, position, q)
+        states_by_mode, method = _place_group_modes(solver, placement.state, position, q)
         # This group is solved once for each mode of the groups before. `methods` keeps the
         # method that may have missed most modes of the group.
-        if methods is not None:
-            methods[position] = least_complete(methods[position], method)
+        methods[position] = least_complete(methods[position], method)
         for sign, next_state in states_by_mode:
-            yield from place_next_groups(next_state, (*signs, sign))
+            yield from place_next_groups(
+                ModePlacement((*placement.signs, sign), next_state)
+            )
 
     # Samples at which a dyad does not close give NaN, without warnings.
     with np.errstate(invalid="ignore", divide="ignore"):
-        modes = place_next_groups(solver.start(q), signs=())
-        return list(islice(modes, max_modes))
+        modes = place_next_groups(ModePlacement(signs=(), state=solver.start(q)))
+        return ModeEnumeration(list(islice(modes, max_modes)), methods)
 
 
 def _place_group_modes(
@@ -330,13 +374,11 @@ def signs_at(solver: PositionSolver, values: Floats) -> tuple[int, ...]:
 def group_matrices(
     solver: PositionSolver, linearisation: Linearisation, position: int
 ) -> Floats:
-    """Return the matrices of a group whose determinants distinguish its modes.
+    """Return the matrices of a group that are singular where two of its modes meet.
 
-    A group is a set of bodies that are placed together. A dyad is a group of three R pairs.
-    Where two modes of a group meet, its velocity equations are singular. The determinant
-    therefore keeps its sign in each mode. In general it changes its sign where the curve of
-    configurations passes from one mode to the other, so these have opposite signs. Without
-    redundant constraints a group has as many equations as variables.
+    A group is a set of bodies that are placed together, and its modes are the ways to place
+    it. As long as a mode meets no other one, the determinant of its matrix does not vanish
+    and keeps its sign. `group_signs` distinguishes modes by this sign.
 
     Parameters
     ----------
@@ -349,18 +391,30 @@ def group_matrices(
 
     Returns
     -------
-    (n, 3, 3) axes of the three pairs of a dyad in rows, or (n, 3 loops, variables) matrices
-    of the velocity equations of another group.
+    (n, 3, 3) axes of the three R pairs of a dyad in rows. For other groups (n, 3 loops,
+    variables) matrices of the velocity equations. These are square, except in groups with
+    redundant constraints, which have more equations than variables and no determinant.
     """
     group = solver.assembly.groups[position]
     if group.is_dyad:
         return linearisation.axes[:, list(group.pairs)]
-    # The velocity equations of the loops of the group. `vectors` has, for each variable,
-    # the angular velocity in its pair per unit rate. `group_tree` has the loops.
+    return _group_velocity_matrices(solver, linearisation, group)
+
+
+def _group_velocity_matrices(
+    solver: PositionSolver, linearisation: Linearisation, group: Group
+) -> Floats:
+    """Return the matrices (n, 3 loops, variables) of a group's velocity equations.
+
+    The equations state that the angular velocities of the pairs around each loop of the
+    group add up to zero. The unknowns are the rates of the variables of its pairs.
+    """
     variables: list[int] = []
     for pair in group.pairs:
         variables += solver.mechanism.variables_of(pair)
-    return group_tree(group, solver.joints).jacobian(linearisation.vectors[:, variables])
+    # For each variable the angular velocity in its pair per unit rate.
+    unit_velocities = linearisation.vectors[:, variables]
+    return group_tree(group, solver.joints).jacobian(unit_velocities)
 
 
 def group_signs(

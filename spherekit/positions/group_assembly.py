@@ -82,32 +82,15 @@ class AssemblyState:
             (n, inputs) values of the inputs (rad).
         """
         n = len(q)
-        # A link that is a body of its own has the axes of the body. The orientations of
-        # links that inputs join to others are replaced below.
-        identity = np.broadcast_to(np.eye(3), (n, 3, 3))
-        body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
         variables = tuple(map(mechanism.variables_of, range(len(joints))))
         values = nans((n, len(mechanism.variable_owners)))
         for input_pair, input_values in zip(assembly.inputs, q.T, strict=True):
             values[:, variables[input_pair][0]] = input_values
-        # An input joins its two links to one body. The number of a body is that of one of
-        # its links, whose axes are those of the body. From this link, a tree of inputs
-        # leads to all other links of the body.
-        branches = find_spanning_tree(
-            mechanism.ends, start=assembly.body_of_link, pairs=assembly.inputs
-        )
-        for input_pair, parent, child in branches:
-            states = evaluate_pair_states(
-                (joints[input_pair],), values[:, list(variables[input_pair])]
-            )
-            # Rotation from the axes of the second link of the pair to those of its first.
-            # `states.first` and `states.second` are the frame of the pair in the axes of
-            # these links. Index 0 is the only pair that was evaluated.
-            first_from_second = states.first[:, 0] @ transpose(states.second[:, 0])
-            is_forward = mechanism.ends[input_pair][0] == parent
-            body_from_link[child] = body_from_link[parent] @ (
-                first_from_second if is_forward else transpose(first_from_second)
-            )
+        rotations_of_inputs = {
+            pair: rotation_in_pair(joints[pair], values[:, list(variables[pair])])
+            for pair in assembly.inputs
+        }
+        body_from_link = orient_links_in_bodies(mechanism, assembly, rotations_of_inputs, n)
         return AssemblyState(
             joints=joints,
             ends=mechanism.ends,
@@ -195,6 +178,69 @@ class AssemblyState:
                 self.body_from_link[first_link] @ joint.first,
                 self.body_from_link[second_link] @ joint.second,
             )
+
+
+def rotation_in_pair(joint: Joint, values: Floats) -> Floats:
+    """Return the rotation from the axes of the second link of a pair to those of its first.
+
+    Parameters
+    ----------
+    joint
+        The joint of the pair.
+    values
+        (n, variables of the pair) rad.
+
+    Returns
+    -------
+    (n, 3, 3) rotations.
+    """
+    states = evaluate_pair_states((joint,), values)
+    # The frame of the pair in the axes of each link. The states have a single pair.
+    frame_in_first = states.first[:, 0]
+    frame_in_second = states.second[:, 0]
+    return frame_in_first @ transpose(frame_in_second)
+
+
+def orient_links_in_bodies(
+    mechanism: Mechanism,
+    assembly: Assembly,
+    rotations_of_inputs: Mapping[int, Floats],
+    sample_count: int,
+) -> dict[int, Floats]:
+    """Return the orientation of each link in its body, before any group is placed.
+
+    Links that are joined by inputs, directly or through other inputs, are one body. A body
+    has the axes of one of its links: the link whose number is that of the body. A link
+    without inputs is a body of its own.
+
+    Parameters
+    ----------
+    mechanism, assembly
+        The mechanism, and its inputs and bodies.
+    rotations_of_inputs
+        For each input pair the rotation (n, 3, 3) from its second link to its first.
+    sample_count
+        The number n of samples of the inputs.
+
+    Returns
+    -------
+    For each link the rotation (n, 3, 3) from its axes to those of its body.
+    """
+    identity = np.broadcast_to(np.eye(3), (sample_count, 3, 3))
+    body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
+    # Beginning at the link that gives a body its axes, each input leads from a link whose
+    # orientation is known (parent) to another link of the body (child).
+    branches = find_spanning_tree(
+        mechanism.ends, start=assembly.body_of_link, pairs=assembly.inputs
+    )
+    for input_pair, parent, child in branches:
+        first_from_second = rotations_of_inputs[input_pair]
+        is_parent_first = mechanism.ends[input_pair][0] == parent
+        parent_from_child = (
+            first_from_second if is_parent_first else transpose(first_from_second)
+        )
+        body_from_link[child] = body_from_link[parent] @ parent_from_child
+    return body_from_link
 
 
 def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floats:

@@ -8,6 +8,7 @@ analytic function of the input, and changes its sign exactly where two real mode
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from math import prod
 
 import numpy as np
@@ -25,8 +26,11 @@ MAX_COMPLEX_MODES = 64
 
 Larger: more mechanisms have them, but each value takes longer.
 """
-MAX_LOOPS_IN_CHAIN = 2
-"""A group of more loops has a function only if it is the only group of the mechanism."""
+MAX_LOOPS_BESIDE_OTHERS = 2
+"""Largest number of loops of a group in a mechanism that has other groups, too.
+
+A group beside others is solved in each of their modes, which takes too long for more loops.
+"""
 COSTS_S = {1: 1e-5, 2: 5e-4, 3: 1e-2}
 """Approximate time (s) to solve a group at one input, by the number of its loops."""
 TEST_INPUTS_RAD = (0.3183, 1.7411, 2.9127, 4.0312, 5.3779)
@@ -68,36 +72,61 @@ def make_mode_coalescence(
     -------
     The functions; None if they are not known or take too long.
     """
-    groups = solver.assembly.groups
     if len(solver.driven) != 1:
         return None
-    # Elimination orders of each group but trains of wheels: ways to solve its equations,
-    # each with the same number of solutions (roots).
-    orders_by_group = []
-    for position, group in enumerate(groups):
-        if position in solver.wheel_trains:
-            continue
-        # `COSTS_S` has the numbers of loops for which elimination is tried.
-        can_have_orders = group.revolute and group.loops in COSTS_S
-        orders = find_elimination_orders(group) if can_have_orders else ()
-        if not orders:
-            return None
-        orders_by_group.append(orders)
+    orders = find_first_orders(solver)
+    if orders is None:
+        return None
     # A mode of the mechanism combines one root of each group.
-    mode_count = prod(orders[0].root_count for orders in orders_by_group)
+    mode_count = prod(order.root_count for order in orders)
     if mode_count > MAX_COMPLEX_MODES:
         return None
-    # Number of loops of each group: elimination removes one link for each loop.
-    loop_counts = [len(orders[0].removed_links) for orders in orders_by_group]
-    max_loops = max(loop_counts, default=0)
-    if max_loops > MAX_LOOPS_IN_CHAIN:
-        # Beside other groups, this group would have to be solved in each of their modes,
-        # which takes too long in any case.
-        if len(groups) > 1:
-            return None
-        if COSTS_S.get(max_loops, 0.0) > max_cost_s:
+    # One link is removed for each loop of a group.
+    max_loops = max((len(order.removed_links) for order in orders), default=0)
+    if max_loops > MAX_LOOPS_BESIDE_OTHERS:
+        is_only_group = len(solver.assembly.groups) == 1
+        if not is_only_group or COSTS_S[max_loops] > max_cost_s:
             return None
     return ModeCoalescence(solver)
+
+
+def find_first_orders(solver: PositionSolver) -> list[EliminationOrder] | None:
+    """Return an elimination order of each group that is not a train of wheels.
+
+    An elimination order states how the equations of a group are solved. All orders of a
+    group give the same number of solutions (roots), so the first one shows how many modes
+    the group has. The result is None if the equations of a group cannot be solved by
+    elimination: if it has contacts, more loops than `COSTS_S` has, or no order.
+    """
+    first_orders = []
+    for position, group in enumerate(solver.assembly.groups):
+        if position in solver.wheel_trains:
+            continue
+        if not group.revolute or group.loops not in COSTS_S:
+            return None
+        orders = find_elimination_orders(group)
+        if not orders:
+            return None
+        first_orders.append(orders[0])
+    return first_orders
+
+
+@dataclass(frozen=True)
+class OrderTrial:
+    """An elimination order of a group, with what it gives at the test inputs.
+
+    Attributes
+    ----------
+    order
+        The order in which the angles are eliminated. None for a train of wheels, which has
+        a single mode and needs no elimination.
+    determinants
+        (test inputs, modes) determinants of the group's equations. The modes of the group
+        are combined with all modes of the groups that are placed before.
+    """
+
+    order: EliminationOrder | None
+    determinants: Complexes
 
 
 class ModeCoalescence:
@@ -126,52 +155,52 @@ class ModeCoalescence:
         """Choose an elimination order for each group, and find on which groups it depends.
 
         A group is a set of bodies that are placed together, by equations for the unknown
-        angles. A mode is one solution of these equations. The determinant of a mode is that
-        of the matrix of derivatives of the equations by the angles. An instance computes,
-        for each group, the product of the determinants of all modes. As a function of the
-        input, this product changes its sign where two modes coincide.
-
-        An elimination order states in which order the angles are eliminated. The first
-        order whose determinants are finite at some test inputs is used. If there is none,
-        the last one is used, and the products are NaN.
-
-        The position of a group, and so its determinants, may differ between the modes of
-        groups that are placed earlier.
+        angles. Its elimination order states in which order these angles are eliminated. A
+        group depends on another one that is placed before if it has other determinants in
+        other modes of that group.
         """
         self.solver = solver
         self.groups = solver.assembly.groups
-        all_groups = frozenset(range(len(self.groups)))
-        # (test inputs, inputs): a different value for each input.
-        test_inputs = np.add.outer(TEST_INPUTS_RAD, np.arange(len(solver.driven)))
-        # For each group its elimination order, None for trains of wheels, which have a
-        # single mode and need no elimination.
+        # For each group its elimination order, None for trains of wheels.
         self._orders: list[EliminationOrder | None] = []
         # For each group the earlier groups on whose modes its determinants depend.
         self._dependences: list[frozenset[int]] = []
-        for position, group in enumerate(self.groups):
-            is_train = position in solver.wheel_trains
-            candidates = (None,) if is_train else find_elimination_orders(group)
-            self._orders.append(None)
-            for candidate in candidates:
-                self._orders[position] = candidate
-                # On which groups the determinants depend is not known yet. They are
-                # computed in all modes of all earlier groups.
-                determinants = self._compute_determinants(
-                    position, test_inputs, dependence=all_groups
-                )
-                if all_finite(determinants):
-                    break
-            # The group depends on an earlier one if the determinants at the test inputs are
-            # not the same in all modes of that one.
-            self._dependences.append(self._find_dependence(position, determinants))
-        # Approximate time (s) to compute the products of all groups at one input. Each
-        # group is solved once in each mode of the groups on which it depends. `COSTS_S` is
-        # the time to solve a group, by its number of loops. A train of wheels with another
-        # number of loops counts as two loops.
-        self.cost = sum(
-            COSTS_S.get(group.loops, COSTS_S[2]) * prod(map(self._count_modes, dependence))
-            for group, dependence in zip(self.groups, self._dependences, strict=True)
-        )
+        for position in range(len(self.groups)):
+            trial = self._choose_order(position)
+            self._orders.append(trial.order)
+            self._dependences.append(self._find_dependence(position, trial.determinants))
+        self.cost = sum(map(self._estimate_cost, range(len(self.groups))))
+
+    def _choose_order(self, position: int) -> OrderTrial:
+        """Return an elimination order that works for a group at the test inputs.
+
+        It is the first order whose determinants are finite at these inputs. If there is
+        none, it is the last one, and the functions of this class are NaN. All earlier
+        groups must have their orders already.
+        """
+        # A different value for each input: (test inputs, inputs).
+        test_inputs = np.add.outer(TEST_INPUTS_RAD, np.arange(len(self.solver.driven)))
+        orders: Sequence[EliminationOrder | None] = (None,)
+        if position not in self.solver.wheel_trains:
+            orders = find_elimination_orders(self.groups[position])
+        for order in orders:
+            # On which earlier groups the determinants depend is not known yet, so the modes
+            # of all of them are combined.
+            determinants = self._compute_determinants(
+                position, order, q=test_inputs, combined_groups=frozenset(range(position))
+            )
+            if all_finite(determinants):
+                break
+        return OrderTrial(order, determinants)
+
+    def _estimate_cost(self, position: int) -> float:
+        """Return the time (s) to compute the function of a group at one input.
+
+        The group is solved once in each mode of the groups on which it depends. A train of
+        wheels with a number of loops that `COSTS_S` does not have counts as two loops.
+        """
+        solution_count = prod(map(self._count_modes, self._dependences[position]))
+        return COSTS_S.get(self.groups[position].loops, COSTS_S[2]) * solution_count
 
     def _count_modes(self, position: int) -> int:
         """Return the number of complex modes of a group; a train of wheels has one."""
@@ -211,7 +240,10 @@ class ModeCoalescence:
         """
         with np.errstate(over="ignore", invalid="ignore"):
             determinants = self._compute_determinants(
-                position, q[:, None], self._dependences[position]
+                position,
+                self._orders[position],
+                q=q[:, None],
+                combined_groups=self._dependences[position],
             )
             # Complex modes come in conjugate pairs, so that the product is real.
             function = np.prod(determinants, axis=1).real
@@ -249,39 +281,45 @@ class ModeCoalescence:
             return -1j * np.log(exponentials).T
 
     def _compute_determinants(
-        self, position: int, q: Floats, dependence: frozenset[int]
+        self,
+        position: int,
+        order: EliminationOrder | None,
+        q: Floats,
+        combined_groups: frozenset[int],
     ) -> Complexes:
-        """Return the determinants of a group's equations in all complex modes.
+        """Return the determinants of a group's equations in all its complex modes.
 
         A group is a set of bodies that are placed together. A mode is one real or complex
         solution of its equations. The determinant of a mode is that of the matrix of
-        derivatives of the equations by the unknown angles.
+        derivatives of the equations by the unknown angles. It is zero where two modes meet.
+
+        Groups that are placed earlier have modes, too. The determinants are computed for
+        each combination of a mode of the group with one mode of each combined group.
 
         Parameters
         ----------
         position
             Position of the group in solving order.
+        order
+            The order in which its angles are eliminated. None for a train of wheels, which
+            has a single mode that meets no other: its determinant is set to 1.
         q
             (n, inputs) values of the inputs (rad).
-        dependence
-            Positions of the earlier groups in all modes of which the determinants are
-            computed. Other groups are placed in one mode only.
+        combined_groups
+            Positions of the earlier groups all of whose modes are combined. The other
+            earlier groups are placed in their first mode only.
 
         Returns
         -------
-        (n, modes) determinants. The number of modes is the product of the numbers of modes
-        of the group and of the groups in `dependence`. A determinant is zero where two
-        modes meet. A train of wheels has a single mode, which meets no other: its value is
-        1.
+        (n, combinations) determinants. For each combination of modes of earlier groups, the
+        modes of the group itself follow one another.
         """
-        # The order in which the angles are eliminated; None for a train of wheels.
-        order = self._orders[position]
         group = self.groups[position]
         # Modes that could not be computed are NaN, which is no reason for a warning.
         with np.errstate(all="ignore"):
             # Rotations of the links in the modes of the earlier groups: (n, modes, 3, 3)
             # for each link.
-            body_from_link = self._place_links(position, q, dependence)
+            body_from_link = self._place_links(position, q, combined_groups)
             if order is None:
                 mode_count = body_from_link[0].shape[1]
                 return np.ones((len(q), mode_count), dtype=complex)
@@ -292,7 +330,7 @@ class ModeCoalescence:
             return determinants.reshape(len(q), -1)
 
     def _place_links(
-        self, group_count: int, q: Floats, dependence: frozenset[int]
+        self, group_count: int, q: Floats, combined_groups: frozenset[int]
     ) -> list[Complexes]:
         """Place the first groups in their complex modes.
 
@@ -307,7 +345,7 @@ class ModeCoalescence:
             Number of groups to place.
         q
             (n, inputs) values of the inputs (rad).
-        dependence
+        combined_groups
             Positions of the groups that are placed in all their modes. The others are
             placed in their first mode only.
 
@@ -355,7 +393,7 @@ class ModeCoalescence:
                     body_from_link[link] = rotation @ body_from_link[link]
             # The modes of the group follow one another for each earlier mode. If only one
             # is needed, the first one is kept.
-            if position not in dependence:
+            if position not in combined_groups:
                 body_from_link = [rotation[:, ::mode_count] for rotation in body_from_link]
         return body_from_link
 

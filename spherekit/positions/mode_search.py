@@ -241,8 +241,8 @@ class ModeSearch:
                 inputs = q[first : first + PROBED_TOGETHER]
                 # One mode more than the limit is allowed, which shows below that there are
                 # more modes than are kept. `state` has the placed bodies at all `inputs`.
-                modes = enumerate_modes(solver, inputs, max_modes=MAX_ASSEMBLY_MODES + 1)
-                for signs, state in modes:
+                placements, _ = enumerate_modes(solver, inputs, MAX_ASSEMBLY_MODES + 1)
+                for signs, state in placements:
                     all_signs.append(signs)
                     if is_redundant:
                         closed_values = state.values[~state.is_open]
@@ -348,9 +348,9 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
     # last group. Groups after it are tried where it closes.
     position = solver.assembly.groups.index(group)
     for sample in spread_rows(len(input_grid), EXPLAINED_SAMPLES):
-        methods: list[SolutionMethod | None] = [None] * len(solver.assembly.groups)
         q = input_grid.q[sample]
-        if enumerate_modes(solver, q[None], max_modes=1, methods=methods):
+        placements, methods = enumerate_modes(solver, q[None], max_modes=1)
+        if placements:
             # All groups close. The fault is not in one of them.
             position = solver.assembly.groups.index(group)
             break

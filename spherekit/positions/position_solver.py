@@ -306,15 +306,18 @@ class PositionSolver:
         -------
         (n, variables of the group) angles of R pairs and rolled lengths of contacts (rad).
         """
-        oriented = state.copy()
-        oriented.merge(group, rotations)
-        oriented.read_values(group)
-        # The orientations do not show over how many revolutions wheels have rolled on each
-        # other. These lengths follow from the inputs.
-        if self.gear_phases is not None:
-            rolled_variables = list(self.gear_phases.variables)
-            oriented.values[:, rolled_variables] = self.gear_phases.rolled_lengths(q)
-        return oriented.values[:, group_variables(state, group)]
+        trial_state = state.copy()
+        # R pairs: their angles are measured between the links, after the links of the train
+        # have been oriented.
+        trial_state.merge(group, rotations)
+        trial_state.read_values(group)
+        # Rolling contacts: their rolled lengths follow from the inputs. The orientations do
+        # not show over how many revolutions wheels have rolled on each other.
+        gear_phases = self.gear_phases
+        assert gear_phases is not None  # since a train has rolling contacts
+        rolled_lengths = gear_phases.rolled_lengths(q)
+        trial_state.values[:, list(gear_phases.variables)] = rolled_lengths
+        return trial_state.values[:, group_variables(state, group)]
 
     def start(self, q: Floats) -> AssemblyState:
         """Return the state in which only the inputs are placed, at q (n, inputs) rad."""
@@ -374,8 +377,8 @@ class PositionSolver:
 
             # Rows near dead centres are solved again, by a method that keeps more digits.
             is_exact = self._restore_exact(q, state.values, status)
-            is_past_end = self._clip_to_last_node(assembly_mode, q, state, status)
-            singular = ((status == Status.AT_SINGULARITY) & ~is_exact) | is_past_end
+            is_past_node = self._move_to_last_node(assembly_mode, q, state, status)
+            singular = ((status == Status.AT_SINGULARITY) & ~is_exact) | is_past_node
             # Several dyads that are nearly in line lose as many digits as one that is, and
             # so does a dyad between axes that nearly coincide.
             loses_digits = state.slack > REACH_SLACK / SINGULAR_DYAD_SINE
@@ -543,21 +546,21 @@ class PositionSolver:
         """The object that places mechanisms of R pairs in quad precision."""
         return QuadAssembly(self.mechanism, self.assembly)
 
-    def _clip_to_last_node(
+    def _move_to_last_node(
         self,
         assembly_mode: AssemblyMode,
         q: Floats,
         state: AssemblyState,
         status: SmallIntegers,
     ) -> Bools:
-        """Return which samples (n,) lie between the last node of a curve and its end.
+        """Move samples just behind the end of a curve back to its last node.
 
-        The nodes of a mode are verified configurations at successive values of a single
-        input (`ModeCurve`), between which it is interpolated. At both ends the curve may
-        end at a dead centre, where the input reverses. The last node on each side is at
-        most `LAST_NODE_DISTANCE_RAD` before it. A sample up to this distance beyond the
-        node is beside the dead centre. Its variables are set to those of the node. The
-        caller then computes it more accurately.
+        A mode of one input is stored as a curve of verified configurations, its nodes
+        (`ModeCurve`). At an end of the curve the input may have a dead centre, where it
+        reverses. The last node is at most `LAST_NODE_DISTANCE_RAD` before the dead centre.
+        A sample may therefore be farther than the last node, although it is not out of
+        reach. Its variables are set to those of the node, from which the caller computes
+        them more accurately.
 
         Parameters
         ----------
@@ -570,18 +573,23 @@ class PositionSolver:
             The placed bodies; its variables are changed in place.
         status
             (n,) status of each sample.
+
+        Returns
+        -------
+        (n,) whether a sample was moved.
         """
-        is_past_end = np.zeros(len(q), dtype=bool)
+        was_moved = np.zeros(len(q), dtype=bool)
         mode_curve = assembly_mode.guide
         is_out = status == Status.OUT_OF_REACH
         if isinstance(mode_curve, ModeCurve) and np.any(is_out):
-            # The input of the nearest point of the curve. For inputs below or above the
-            # curve it is that of its first or of its last node.
+            # For a sample outside the curve, this is the input of the last node on its
+            # side.
             nearest_q = np.clip(q[:, 0], mode_curve.inputs[0], mode_curve.inputs[-1])
-            is_past_end = is_out & (np.abs(q[:, 0] - nearest_q) < LAST_NODE_DISTANCE_RAD)
-            values, _ = mode_curve.interpolate(nearest_q[is_past_end])
-            state.values[is_past_end] = values
-        return is_past_end
+            distance_to_node = np.abs(q[:, 0] - nearest_q)
+            was_moved = is_out & (distance_to_node < LAST_NODE_DISTANCE_RAD)
+            node_values, _ = mode_curve.interpolate(nearest_q[was_moved])
+            state.values[was_moved] = node_values
+        return was_moved
 
     def _place_singular(
         self,

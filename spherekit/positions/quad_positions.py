@@ -241,55 +241,78 @@ class QuadAssembly:
     def _place_input_bodies(self, q: Floats) -> _Bodies:
         """Return the bodies before any group of links is placed.
 
-        A body is a set of links whose relative orientations are known. Groups of bodies are
-        placed one after another. At the beginning, links that input pairs join are one
-        body, because the inputs q (n, inputs), in rad, fix their relative orientations. All
-        numbers are computed in quad precision (33 digits).
+        A body is a set of links whose relative orientations are known. At the beginning,
+        links that input pairs join are one body, because the inputs q (n, inputs), in rad,
+        fix their relative orientations. All numbers are computed in quad precision (33
+        digits).
         """
         n = len(q)
         mechanism = self.mechanism
         quad_type = quad()
-        # Rotations from the axes of each link to those of its body. A body has the axes of
-        # its first link.
-        identity = np.broadcast_to(np.eye(3).astype(quad_type), (n, 3, 3))
-        within = dict.fromkeys(range(len(mechanism.links)), identity)
         values = np.full((n, len(mechanism.variable_owners)), np.nan).astype(quad_type)
         # An R pair has one variable.
         for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
             (variable,) = mechanism.variables_of(pair)
             values[:, variable] = input_values.astype(quad_type)
-        # The number of a body is that of its first link. From this link, input pairs lead
-        # to the other links of the body. A branch is such a pair, with the link from which
-        # it leads (parent), and the link to which it leads (child).
-        branches = find_spanning_tree(
-            mechanism.ends, start=self.assembly.body_of_link, pairs=self.assembly.inputs
-        )
-        for pair, parent, child in branches:
-            # R_second = R_first F_first Z(angle) F_second^T for the rotations R of the two
-            # links of the pair. F are the frames of the pair in the axes of the links, with
-            # the pair axis as z axis, and Z is the rotation about z.
-            first_frame, second_frame = self.frames[pair]
-            (variable,) = mechanism.variables_of(pair)
-            angle = values[:, variable]
-            rotated_frame = multiply_matrices(first_frame, rotate_about_z(angle))
-            first_from_second = multiply_matrices(rotated_frame, second_frame.T)
-            is_forward = mechanism.ends[pair][0] == parent
-            within[child] = multiply_matrices(
-                within[parent],
-                first_from_second if is_forward else transpose_matrices(first_from_second),
-            )
-        # `error` is the error of the rotations if the inputs are exact. `ROUNDING_RAD` is
-        # large enough for any chain of links that inputs join. `rounding` is by how much
-        # the inputs, float64 numbers, may differ from those that the user means. It is
-        # needed separately: near a dead centre it decides whether the loops close.
         return _Bodies(
-            body_from_link=within,
+            body_from_link=self._orient_links_in_bodies(values),
             values=values,
+            # Error of the rotations if the inputs are exact.
             error=np.full(n, ROUNDING_RAD),
+            # Largest difference between an input, which is a float64 number, and the number
+            # that the user means. Near a dead centre, it decides whether the loops close.
             rounding=INPUT_ROUNDING * np.maximum(1.0, np.max(np.abs(q), axis=1)),
             is_out_of_reach=np.zeros(n, dtype=bool),
             is_at_dead_centre=np.zeros(n, dtype=bool),
         )
+
+    def _orient_links_in_bodies(self, values: Array) -> dict[int, Array]:
+        """Return the orientation of each link in the body to which input pairs join it.
+
+        A body has the axes of one of its links: the link whose number is that of the body.
+
+        Parameters
+        ----------
+        values
+            (n, variables) quad values of the pair variables (rad). Only inputs are read.
+
+        Returns
+        -------
+        For each link the rotation (n, 3, 3) from its axes to those of its body, in quad
+        precision.
+        """
+        mechanism = self.mechanism
+        identity = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
+        body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
+        # Beginning at the link that gives a body its axes, each input pair leads from a
+        # link whose orientation is known (parent) to another link of the body (child).
+        branches = find_spanning_tree(
+            mechanism.ends, start=self.assembly.body_of_link, pairs=self.assembly.inputs
+        )
+        for pair, parent, child in branches:
+            first_from_second = self._rotation_in_pair(pair, values)
+            is_parent_first = mechanism.ends[pair][0] == parent
+            parent_from_child = (
+                first_from_second
+                if is_parent_first
+                else transpose_matrices(first_from_second)
+            )
+            body_from_link[child] = multiply_matrices(
+                body_from_link[parent], parent_from_child
+            )
+        return body_from_link
+
+    def _rotation_in_pair(self, pair: int, values: Array) -> Array:
+        """Return the rotation (n, 3, 3) from the second link of an R pair to its first.
+
+        It is F_first Z(angle) F_second^T. F are the frames of the pair in the axes of the
+        two links, with the pair axis as z axis, and Z is the rotation about z. The angles
+        are in `values` (n, variables), in rad.
+        """
+        first_frame, second_frame = self.frames[pair]
+        (variable,) = self.mechanism.variables_of(pair)
+        rotated_frame = multiply_matrices(first_frame, rotate_about_z(values[:, variable]))
+        return multiply_matrices(rotated_frame, second_frame.T)
 
     def _pair_frames(self, bodies: _Bodies, pair: int) -> tuple[Array, Array]:
         """Return the frames (n, 3, 3) of a pair in the axes of its two bodies."""

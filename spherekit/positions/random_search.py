@@ -16,6 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.vectors import max_abs
+from spherekit.mechanism.joint import ContactProfile
 from spherekit.numerics.least_squares import minimize_squares
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.pair_states import has_penetration, list_rolling_variables
@@ -270,14 +271,76 @@ def descend_to_closure(
     return values, squares < NEWTON_START_RAD**2
 
 
+@dataclass(frozen=True)
+class RolledLength:
+    """The variable that measures how far two wheels have rolled on each other.
+
+    Attributes
+    ----------
+    variable
+        Number of the variable among those of the group. It is an arc length (rad).
+    profiles
+        The profiles of the two wheels.
+    wheels
+        The numbers of the bodies that are the two wheels, in the same order.
+    """
+
+    variable: int
+    profiles: tuple[ContactProfile, ...]
+    wheels: tuple[int, int]
+
+    def find_wheels_in_same_position(self, length: float) -> list[int]:
+        """Return the wheels that touch at the same point again, after rolling on.
+
+        These are the wheels whose circumference is contained a whole number of times in the
+        additional rolled `length` (rad). Open profiles have no circumference.
+        """
+        wheels = []
+        for profile, wheel in zip(self.profiles, self.wheels, strict=True):
+            if profile.curve.closed:
+                revolutions = length / profile.curve.length
+                if abs(revolutions - round(revolutions)) <= SAME_MODE:
+                    wheels.append(wheel)
+        return wheels
+
+    def other_wheel(self, wheel: int) -> int:
+        """Return the wheel that touches the given one."""
+        first_wheel, second_wheel = self.wheels
+        return second_wheel if wheel == first_wheel else first_wheel
+
+
+@dataclass(frozen=True)
+class ClosedConfiguration:
+    """A closed configuration of a group, with the data by which copies are recognised.
+
+    Attributes
+    ----------
+    values
+        (variables,) its variables (rad).
+    rotations
+        (bodies, 3, 3) rotations from body axes to those of body 0.
+    copy_tolerance
+        Largest difference of a component of the rotations of two copies, which are computed
+        from different starts.
+    is_singular
+        Whether the group may be movable, although the inputs are locked.
+    """
+
+    values: Floats
+    rotations: Floats
+    copy_tolerance: float
+    is_singular: bool
+
+
 class DistinctConfigurations:
     """Closed configurations of one group at one sample that differ from each other.
 
-    At a dead centre the loops open only to second order. A computed configuration with a
-    small residual can therefore be far from the exact one. Its distance is estimated from
-    the residual and the smallest singular value of the Jacobian. Configurations within this
-    distance are the same. Configurations that differ by whole revolutions of rolling wheels
-    are the same, too.
+    A search adds its results here, copies included, and each assembly mode is stored once.
+    Two configurations are copies in two cases:
+
+    - They differ by less than their errors. At a dead centre the loops open only to second
+      order, so a configuration with a small residual can be far from the exact one.
+    - They differ by whole revolutions of wheels that roll on each other.
 
     Parameters
     ----------
@@ -286,40 +349,41 @@ class DistinctConfigurations:
 
     Attributes
     ----------
-    values
-        Variables (variables,) in rad of each configuration, at most `MAX_MODES`.
     is_truncated
-        Whether further configurations were left out because of such a limit.
+        Whether new configurations were left out because of `MAX_MODES` or
+        `MAX_SINGULAR_MODES`.
     """
 
     def __init__(self, closure: Closure) -> None:
         """Begin without any configurations of the group."""
         self.closure = closure
-        self.values: list[Floats] = []
-        # Rotations (bodies, 3, 3) of each configuration, and the difference of rotations up
-        # to which another configuration is the same.
-        self._rotations = list[Floats]()
-        self._tolerances = list[float]()
-        self._singular_count = 0
         self.is_truncated = False
-        # The variables that count how far two wheels have rolled, each with its joint and
-        # the numbers of the bodies of both wheels.
+        self._configurations: list[ClosedConfiguration] = []
+        # Rolled lengths and numbers of joints show which configurations differ only by
+        # whole revolutions of wheels.
         ends = closure.tree.ends
-        self._rolling = [
-            (variable, joint, ends[closure.tree.pair_of_variable[variable]])
+        self._rolled_lengths = [
+            RolledLength(
+                variable=variable,
+                profiles=joint.contact_profiles,
+                wheels=ends[closure.tree.pair_of_variable[variable]],
+            )
             for variable, joint in list_rolling_variables(closure.joints)
         ]
-        self._rolling_variables = [variable for variable, _, _ in self._rolling]
         # The number of joints at each body, by number of the body.
         self._joint_counts = Counter(chain.from_iterable(ends))
+
+    @property
+    def values(self) -> list[Floats]:
+        """Variables (variables,) in rad of each configuration, at most `MAX_MODES`."""
+        return [configuration.values for configuration in self._configurations]
 
     def add(self, values: Floats) -> Indices:
         """Add closed configurations that are new.
 
         Configurations whose profiles enter each other, or end before the contact, are left
-        out. Configurations in which wheels have rolled on by whole revolutions count as
-        copies of each other. The one in which wheels have rolled least is added first, so
-        that it represents its copies.
+        out. The configurations in which wheels have rolled least are added first, so that
+        they represent those in which the wheels have made further revolutions.
 
         Parameters
         ----------
@@ -333,123 +397,140 @@ class DistinctConfigurations:
         """
         indices = np.full(len(values), -1, dtype=np.intp)
         linearisation = self.closure.linearise(values)
-        rotations = linearisation.rotations
         exists = np.all(linearisation.states.inside, axis=1)
         exists &= ~has_penetration(self.closure.joints, linearisation.states)
         singular_values = np.linalg.svd(linearisation.jacobian, compute_uv=False)
         smallest = singular_values[:, -1]
         is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
-        # Two computed copies of one solution may differ by several times the first-order
-        # error, at most by the factor `ERROR_SPREAD`. The tolerance for copies is at least
-        # SAME_MODE, because of rounding. At a dead centre, where the error is largest, it
-        # is at most SAME_DEAD_CENTRE, so that different configurations are not copies.
-        error = np.maximum(linearisation.closure_residual, EPS) / np.maximum(smallest, EPS)
-        tolerance = np.clip(ERROR_SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
-        rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)
-        order = np.argsort(rolled_sum, kind="stable")
-        for row in order[exists[order]].tolist():
-            # Compare the rotations (bodies, 3, 3) with those of all configurations so far,
-            # each of which has its own tolerance.
-            distances = self._measure_distances(values[row], rotations[row])
-            equal = np.flatnonzero(
-                distances <= np.maximum(tolerance[row], self._tolerances)
-            )
-            # In a singular configuration, the group of links may be movable although the
-            # inputs are locked. It then has infinitely many configurations, so the number
-            # of singular ones is limited.
-            has_room = len(self.values) < MAX_MODES and not (
-                is_singular[row] and self._singular_count == MAX_SINGULAR_MODES
-            )
-            if len(equal):
-                indices[row] = equal[0]
-            elif has_room:
-                indices[row] = len(self.values)
-                self._singular_count += is_singular[row]
-                self.values.append(values[row])
-                self._rotations.append(rotations[row])
-                self._tolerances.append(tolerance[row])
-            else:
-                self.is_truncated = True
+        copy_tolerance = compute_copy_tolerances(linearisation.closure_residual, smallest)
+        rolled_variables = [length.variable for length in self._rolled_lengths]
+        rolled_sum = np.sum(np.abs(values[:, rolled_variables]), axis=1)
+        for row in np.argsort(rolled_sum, kind="stable").tolist():
+            if exists[row]:
+                indices[row] = self._add_configuration(
+                    ClosedConfiguration(
+                        values=values[row],
+                        rotations=linearisation.rotations[row],
+                        copy_tolerance=float(copy_tolerance[row]),
+                        is_singular=bool(is_singular[row]),
+                    )
+                )
         return indices
 
-    def _measure_distances(self, values: Floats, rotations: Floats) -> Floats:
-        """Return the distance of a configuration from each of the k collected ones.
+    def _add_configuration(self, configuration: ClosedConfiguration) -> int:
+        """Store a configuration unless it is a copy, and return its index.
 
-        Parameters
-        ----------
-        values
-            (variables,) its variables (rad).
-        rotations
-            (bodies, 3, 3) its rotations from body axes to those of body 0.
-
-        Returns
-        -------
-        (k,) largest difference of a component of the rotation matrices. It is set to 0 for
-        repetitions: the wheels are put together one or more revolutions further on, which
-        counts as the same mode.
+        The index of a copy is that of the stored configuration. It is -1 if there is no
+        room for a new one.
         """
-        kept_rotations = np.array(self._rotations).reshape(-1, *rotations.shape)
-        distances = max_abs(kept_rotations - rotations, axis=(1, 2, 3))
-        if self._rolling:
-            for k, kept_values in enumerate(self.values):
-                if self._is_repetition(values - kept_values, rotations, kept_rotations[k]):
-                    distances[k] = 0.0
-        return distances
+        index_of_copy = self._find_copy(configuration)
+        if index_of_copy is not None:
+            return index_of_copy
+        if not self._has_room(configuration):
+            self.is_truncated = True
+            return -1
+        self._configurations.append(configuration)
+        return len(self._configurations) - 1
+
+    def _has_room(self, configuration: ClosedConfiguration) -> bool:
+        """Return whether one more configuration may be stored.
+
+        A group that is movable although the inputs are locked has infinitely many singular
+        configurations. The number of singular ones has a limit of its own, so that they do
+        not fill the whole store.
+        """
+        if len(self._configurations) >= MAX_MODES:
+            return False
+        singular_count = sum(stored.is_singular for stored in self._configurations)
+        return not (configuration.is_singular and singular_count == MAX_SINGULAR_MODES)
+
+    def _find_copy(self, configuration: ClosedConfiguration) -> int | None:
+        """Return the index of the first stored configuration that is the same, or None."""
+        if not self._configurations:
+            return None
+        # (stored configurations, bodies, 3, 3)
+        stored_rotations = np.array([stored.rotations for stored in self._configurations])
+        differences = max_abs(stored_rotations - configuration.rotations, axis=(1, 2, 3))
+        # The less accurate one of two copies decides how much they may differ.
+        tolerances = np.maximum(
+            configuration.copy_tolerance,
+            [stored.copy_tolerance for stored in self._configurations],
+        )
+        is_equal = differences <= tolerances
+        for index, stored in enumerate(self._configurations):
+            if is_equal[index] or self._is_repetition(configuration, stored):
+                return index
+        return None
 
     def _is_repetition(
-        self, differences: Floats, rotations: Floats, kept_rotations: Floats
+        self, configuration: ClosedConfiguration, stored: ClosedConfiguration
     ) -> bool:
         """Return whether two configurations differ only by whole revolutions of wheels.
 
-        Suppose that one of two wheels, the guide, makes whole revolutions. The contact is
-        then at the same point of the guide, and at another point of the other wheel. If
-        the guide carries the bearing of the other wheel, or anything that determines where
-        its centre is, the loops close again after each revolution, with the other wheel
-        turned on its bearing. Such configurations follow from each other by whole
-        revolutions of inputs.
+        Two wheels A and B roll until A has made whole revolutions. They then touch at the
+        same point of A, but at another point of B. If B is held by a bearing on A, or on a
+        body that is fixed relative to A, the loops close again: only B has another
+        orientation on its bearing. Such configurations follow from each other if the inputs
+        make whole revolutions, so they count as one.
 
-        Rolled lengths of different modes can also differ by whole revolutions by chance. In
-        this case other links have different orientations too, or the other wheel is held by
-        more than its bearing and this contact.
-
-        Parameters
-        ----------
-        differences
-            (variables,) differences of the variables (rad). Small differences, also of
-            revolutions and of components of rotation matrices, are judged by `SAME_MODE`.
-        rotations, kept_rotations
-            (bodies, 3, 3) rotations of both configurations, from body axes to those of body
-            0.
+        Rolled lengths of different modes can also differ by whole circumferences by chance.
+        Then B has more joints than its bearing and this contact, or the orientations of
+        other bodies differ, too.
         """
-        turned_bodies: set[int] = set()
-        guide: int | None = None
-        for variable, joint, wheels in self._rolling:
-            rolled = float(differences[variable])
-            if abs(rolled) <= SAME_MODE:
-                continue
-            # The wheels that have made whole revolutions. Open profiles make none.
-            whole = []
-            for profile, wheel in zip(joint.contact_profiles, wheels, strict=True):
-                if profile.curve.closed:
-                    revolutions = rolled / profile.curve.length
-                    if abs(revolutions - round(revolutions)) <= SAME_MODE:
-                        whole.append(wheel)
-            if not whole:
+        turned_wheels: set[int] = set()
+        # A wheel that is in the same position again (A above).
+        reference_wheel: int | None = None
+        for rolled_length in self._rolled_lengths:
+            variable = rolled_length.variable
+            additional_length = float(
+                configuration.values[variable] - stored.values[variable]
+            )
+            if abs(additional_length) <= SAME_MODE:
+                continue  # These two wheels have not rolled on.
+            same_wheels = rolled_length.find_wheels_in_same_position(additional_length)
+            if not same_wheels:
                 return False
-            guide = whole[0]
-            if len(whole) == 1:
-                first_wheel, second_wheel = wheels
-                turned = second_wheel if guide == first_wheel else first_wheel
-                if self._joint_counts[turned] > 2:
+            # If several contacts have rolled on, that of the last one is the reference.
+            reference_wheel = same_wheels[0]
+            if len(same_wheels) == 1:
+                turned_wheel = rolled_length.other_wheel(reference_wheel)
+                if self._joint_counts[turned_wheel] > 2:
                     return False
-                turned_bodies.add(turned)
-        if guide is None:
+                turned_wheels.add(turned_wheel)
+        if reference_wheel is None:
             return False
-        others = [k for k in range(len(rotations)) if k not in turned_bodies]
-        # Rotations from body axes to those of the guide.
-        to_guide = rotations[guide].T @ rotations[others]
-        kept_to_guide = kept_rotations[guide].T @ kept_rotations[others]
-        return bool(np.max(np.abs(to_guide - kept_to_guide)) <= SAME_MODE)
+        # All bodies but the turned wheels must have the same orientations as before,
+        # relative to the reference wheel.
+        bodies = [k for k in range(len(stored.rotations)) if k not in turned_wheels]
+        orientations, stored_orientations = (
+            rotations[reference_wheel].T @ rotations[bodies]
+            for rotations in (configuration.rotations, stored.rotations)
+        )
+        return bool(np.max(np.abs(orientations - stored_orientations)) <= SAME_MODE)
+
+
+def compute_copy_tolerances(residual: Floats, smallest_singular_value: Floats) -> Floats:
+    """Return how much two copies of one solution may differ, if they are computed apart.
+
+    To first order, the error of a solution is its closure residual over the smallest
+    singular value of the closure Jacobian. Copies can differ by `ERROR_SPREAD` times as
+    much. The tolerance is at least `SAME_MODE`, because of rounding. At a dead centre,
+    where errors are largest, it is at most `SAME_DEAD_CENTRE`, so that different modes are
+    not taken for copies.
+
+    Parameters
+    ----------
+    residual
+        (n,) closure residuals (rad).
+    smallest_singular_value
+        (n,) smallest singular values of the closure Jacobians.
+
+    Returns
+    -------
+    (n,) tolerances of the components of rotation matrices.
+    """
+    error = np.maximum(residual, EPS) / np.maximum(smallest_singular_value, EPS)
+    return np.clip(ERROR_SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
 
 
 def search_group(
