@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import getitem
 from typing import Any
@@ -133,35 +133,75 @@ def number_path(document: Document, key: str) -> KeyPath:
     if key in path_by_key:
         return path_by_key[key]
 
-    # There is no such number. First suppose that the key exists, but leads to something
-    # else, as "links.2.arcs" leads to a list. The message then suggests the most similar
-    # key of a number, and lists the keys that begin alike, here with "links.2.arc".
-    suggestion = nearest(key, path_by_key)  # a question to the user, or ""
-    problem = f'"{key}" is not a number{suggestion or "."}'
-    prefix = key.removesuffix("s") if suggestion else key
-    # If a part of the key does not exist, the message names the first such part instead.
+    explanation = _explain_missing_number(document, key, path_by_key)
+    raise FileError(f"{document.name}: {explanation}")
+
+
+@dataclass(frozen=True)
+class ReachedTable:
+    """The innermost table of a file to which the parts of a key lead.
+
+    Attributes
+    ----------
+    path
+        The parts of the key that exist.
+    missing_part
+        The first part that does not exist, None if all parts exist.
+    entries
+        The entries of the table by name. Empty if the existing parts do not lead to a
+        table, but to a list, a number or a text.
+    """
+
+    path: KeyPath
+    missing_part: str | None
+    entries: Mapping[str, Any]
+
+
+def _follow_key(data: Mapping[str, Any], key: str) -> ReachedTable:
+    """Follow the parts of a key, such as ``pairs.41.zero``, through nested tables."""
     path: KeyPath = ()
-    value: Any = document.data
+    entries = data
     for part in key.split("."):
-        if part not in value:
-            where = f"{key_path_text(path)}: " if path else ""
-            suggestion = nearest(part, value)
-            problem = f'{where}there is no "{part}"{suggestion or "."}'
-            prefix = ".".join(map(str, path))
-            break
+        if part not in entries:
+            return ReachedTable(path, part, entries)
         path = (*path, part)
-        value = value[part]
-        if not isinstance(value, Mapping):
-            value = {}
+        value = entries[part]
+        entries = value if isinstance(value, Mapping) else {}
+    return ReachedTable(path, None, entries)
+
+
+def _explain_missing_number(
+    document: Document, key: str, path_by_key: Mapping[str, KeyPath]
+) -> str:
+    """Return a message which says why a key names no number, and which keys do.
+
+    Parameters
+    ----------
+    document
+        A mechanism file with directions as angles.
+    key
+        The key, such as ``links.2.arcs``.
+    path_by_key
+        The keys of all numbers in the same entry of the file, and their locations.
+    """
+    reached = _follow_key(document.data, key)
+    if reached.missing_part is None:
+        # The key exists, but leads to something else, as "links.2.arcs" leads to a list.
+        suggestion = nearest(key, path_by_key)  # a question to the user, or ""
+        problem = f'"{key}" is not a number{suggestion or "."}'
+        # A list of numbers, such as "arcs", can have a number with the key "arc".
+        prefix = key.removesuffix("s") if suggestion else key
+    else:
+        where = f"{key_path_text(reached.path)}: " if reached.path else ""
+        suggestion = nearest(reached.missing_part, reached.entries)
+        problem = f'{where}there is no "{reached.missing_part}"{suggestion or "."}'
+        prefix = ".".join(map(str, reached.path))
     # `_number_paths` adds the location of a number as its first key, and shorter keys, such
     # as "links.2.arc", after it. In the message the shorter ones come first.
     alternatives = [
         other_key for other_key in reversed(path_by_key) if other_key.startswith(prefix)
     ]
-    raise FileError(
-        f"{document.name}: {problem} Available: "
-        f"{listing(alternatives or [*value]) or 'none'}"
-    )
+    return f"{problem} Available: {listing(alternatives or [*reached.entries]) or 'none'}"
 
 
 def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPath]:

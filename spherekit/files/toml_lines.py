@@ -156,30 +156,43 @@ class _KeyScanner:
         parts ``pairs`` and ``41`` are in `key_parts`. The keys that follow belong to the
         present table.
         """
-        path = self._enter_outer_tables(self.key_parts[:-1])
-        path = (*path, self.key_parts[-1])
+        outer_path = self._enter_outer_tables(self.key_parts[:-1])
+        path = (*outer_path, self.key_parts[-1])
         if self.header_depth > 1:
-            # ``[[name]]`` begins the next table of an array.
-            self.lines.setdefault(path, self.line)
-            self.array_table_sizes[path] += 1
-            path = (*path, self.array_table_sizes[path] - 1)
-        # If ``[pairs.41]`` came before ``[pairs]``, its line was recorded for ``pairs``,
-        # too. It is replaced by the line of the header ``[pairs]``.
+            path = self._begin_array_table(path)
+        # This line replaces a line that another header has recorded for the table. The
+        # header ``[pairs.41]``, for example, records its line for ``pairs``, too, which can
+        # have its own header ``[pairs]`` further down.
         self.lines[path] = self.line
         self.table = path
 
-    def _enter_outer_tables(self, keys: Sequence[str]) -> KeyPath:
-        """Return the path of the table in which the last part of a header is a key.
+    def _begin_array_table(self, array_path: KeyPath) -> KeyPath:
+        """Return the path of a new table in an array of tables.
 
-        `keys` are the other parts of the header. If one of them names an array of tables,
-        the header belongs to the last table of this array so far, whose index is added to
-        the path. The present line is recorded for tables that have no line yet.
+        A header in two brackets, such as ``[[names]]``, begins a table of the array at
+        `array_path`. The tables of an array are numbered from 0. The line of the array is
+        that of its first header.
+        """
+        self.lines.setdefault(array_path, self.line)
+        index = self.array_table_sizes[array_path]
+        self.array_table_sizes[array_path] += 1
+        return (*array_path, index)
+
+    def _enter_outer_tables(self, keys: Sequence[str]) -> KeyPath:
+        """Return the path of the table that contains the table of a header.
+
+        The table of the header ``[pairs.41]``, for example, is in the table ``pairs``. The
+        present line is recorded for the outer tables that have no line yet.
+
+        `keys` are all parts of the header but the last one. If a part names an array of
+        tables, the last table of the array so far is meant, and its index is added.
         """
         path: KeyPath = ()
         for key in keys:
             path = (*path, key)
-            if self.array_table_sizes[path]:
-                path = (*path, self.array_table_sizes[path] - 1)
+            array_size = self.array_table_sizes[path]
+            if array_size:
+                path = (*path, array_size - 1)
             self.lines.setdefault(path, self.line)
         return path
 

@@ -49,37 +49,83 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     -------
     The widest swing of each mode, and the samples at its ends.
     """
-    # If the first piece continues the last one, the samples are appended once more, so that
-    # both are one piece. A single piece without NaN need not be appended.
-    pieces_meet = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
-    is_appended = pieces_meet & np.any(np.isnan(angles), axis=0)
-    appended = np.where(is_appended, angles, np.nan)
-    path = np.concatenate([angles, appended]) if is_closed_path else angles
-
+    path = _repeat_closed_paths(angles) if is_closed_path else angles
     # (path samples, n) changes of the angles since the sample before, NaN if one of both
-    # angles is unknown. The first change of each mode is NaN.
-    changes = wrap(np.diff(path, axis=0, prepend=np.nan))
-    # The angle relative to the first sample. NaN counts as no change.
-    growth = np.cumsum(np.nan_to_num(changes), axis=0)
+    # angles is unknown.
+    changes = np.full(path.shape, np.nan)
+    changes[1:] = wrap(path[1:] - path[:-1])
 
     mode_count = angles.shape[1]
     swings = np.full(mode_count, np.nan)
     low_samples = np.zeros(mode_count, np.intp)
     high_samples = np.zeros(mode_count, np.intp)
     for mode in range(mode_count):
-        # Each NaN starts a piece. The extremes of a piece are the ends of its swing.
-        piece_starts = np.flatnonzero(np.isnan(changes[:, mode]))
-        piece_stops = np.append(piece_starts[1:], len(path))
-        lowest = np.minimum.reduceat(growth[:, mode], piece_starts)
-        highest = np.maximum.reduceat(growth[:, mode], piece_starts)
-        widest = np.argmax(highest - lowest)
+        path_swing = _find_widest_swing(changes[:, mode])
         if np.any(np.isfinite(angles[:, mode])):
-            swings[mode] = highest[widest] - lowest[widest]
-        # The first samples at both extremes. Samples that were appended are counted as the
-        # samples that they repeat.
-        piece = slice(piece_starts[widest], piece_stops[widest])
-        low_step = piece.start + np.argmin(growth[piece, mode])
-        high_step = piece.start + np.argmax(growth[piece, mode])
-        low_samples[mode] = low_step % len(angles)
-        high_samples[mode] = high_step % len(angles)
+            swings[mode] = path_swing.swing
+        # Samples that were appended are counted as the samples that they repeat.
+        low_samples[mode] = path_swing.low_sample % len(angles)
+        high_samples[mode] = path_swing.high_sample % len(angles)
     return AngleSwings(swings, low_samples, high_samples)
+
+
+def _repeat_closed_paths(angles: Floats) -> Floats:
+    """Append the samples of a closed path to themselves, where this joins two pieces.
+
+    The last piece of a closed path continues with its first piece if the angle is the same
+    at the first and the last sample. In the repeated path both are one piece.
+
+    Parameters
+    ----------
+    angles
+        (k, n) angles (rad) at k samples of n assembly modes, NaN where they are unknown.
+
+    Returns
+    -------
+    (2 k, n) The second half has the angles again. It is NaN in modes whose first and last
+    piece do not meet, and in modes without NaN, which have a single piece.
+    """
+    pieces_meet = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
+    has_several_pieces = np.any(np.isnan(angles), axis=0)
+    repetition = np.where(pieces_meet & has_several_pieces, angles, np.nan)
+    return np.concatenate([angles, repetition])
+
+
+@dataclass(frozen=True)
+class PathSwing:
+    """The widest swing of an angle along a path, and the samples at its ends.
+
+    Attributes
+    ----------
+    swing
+        Difference of the largest and the smallest angle (rad).
+    low_sample, high_sample
+        Indices of the first samples at which the angle is smallest and largest.
+    """
+
+    swing: float
+    low_sample: int
+    high_sample: int
+
+
+def _find_widest_swing(changes: Floats) -> PathSwing:
+    """Return the widest swing of an angle within a piece of a path.
+
+    `changes` (k,) are the changes of the angle (rad) since the sample before. A change is
+    NaN at each sample that begins a piece, such as the first sample.
+    """
+    # The angle relative to the first sample. NaN counts as no change.
+    growth = np.cumsum(np.nan_to_num(changes))
+    piece_starts = np.flatnonzero(np.isnan(changes))
+    piece_stops = np.append(piece_starts[1:], len(changes))
+    # The least and the greatest angle of each piece.
+    lowest = np.minimum.reduceat(growth, piece_starts)
+    highest = np.maximum.reduceat(growth, piece_starts)
+    widest = np.argmax(highest - lowest)
+    start = piece_starts[widest]
+    angles_of_piece = growth[start : piece_stops[widest]]
+    return PathSwing(
+        swing=float(highest[widest] - lowest[widest]),
+        low_sample=int(start + np.argmin(angles_of_piece)),
+        high_sample=int(start + np.argmax(angles_of_piece)),
+    )

@@ -8,7 +8,7 @@ a cell [low, high] the argument of T_k is the reduced position, which goes from 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -289,23 +289,30 @@ def evaluate_cells(
     -------
     (n, F) values, NaN at positions in no cell.
     """
-    # The positions are sorted by cell, so that each cell takes one matrix product.
-    order = np.argsort(cell_of, kind="stable")
     values = np.full((len(x), coefficients.shape[-1]), np.nan)
-    # Positions in no cell (-1) come first and stay NaN. They also get polynomials, those of
-    # the last cell, which has the index -1 in Python. These are not used.
-    cell_of = cell_of[order]
-    low, high = bounds[cell_of].swapaxes(0, 1)
-    reduced = (2.0 * x[order] - low - high) / (high - low)
+    # The indices of the positions that are in a cell, sorted by cell: the positions in a
+    # cell are then successive and take one matrix product.
+    order = np.argsort(cell_of, kind="stable")
+    order = order[cell_of[order] >= 0]
+    sorted_cells = cell_of[order]
+    lower_corners = bounds[sorted_cells, 0]
+    upper_corners = bounds[sorted_cells, 1]
+    reduced = (2.0 * x[order] - lower_corners - upper_corners) / (
+        upper_corners - lower_corners
+    )
     # `evaluate_polynomials` clips the reduced positions to [-1, 1].
     polynomials = evaluate_polynomials(reduced, degree=coefficients.shape[1] - 1)
-    # The sorted positions from one start to the next are those in one cell.
-    cell_starts = np.searchsorted(cell_of, np.arange(len(coefficients) + 1))
-    for cell, (start, stop) in enumerate(pairwise(cell_starts.tolist())):
-        if start < stop:
-            products = multiply_variables(polynomials[start:stop])
-            flat_series = coefficients[cell].reshape(products.shape[1], -1)
-            values[order[start:stop]] = products @ flat_series
+    occupied_cells, starts, counts = np.unique(
+        sorted_cells, return_index=True, return_counts=True
+    )
+    stops = starts + counts
+    for cell, start, stop in zip(
+        occupied_cells.tolist(), starts.tolist(), stops.tolist(), strict=True
+    ):
+        products = multiply_variables(polynomials[start:stop])
+        # One row of coefficients for each product of polynomials, one column per function.
+        series = coefficients[cell].reshape(products.shape[1], -1)
+        values[order[start:stop]] = products @ series
     return values
 
 

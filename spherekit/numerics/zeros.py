@@ -209,9 +209,9 @@ def _add_end_zeros(
 ) -> Zeros:
     """Return the zeros inside a range together with those at its two ends.
 
-    A function that touches zero at an end resembles a parabola there. Rounding may have
-    produced spurious zeros of this parabola, which are replaced by one double zero (a zero
-    without a change of sign) at the end.
+    If the function only touches zero at an end, it resembles a parabola there. Rounding may
+    have produced spurious zeros of this parabola inside the range. They are replaced by one
+    double zero (a zero without a change of sign) at the end.
 
     Parameters
     ----------
@@ -223,27 +223,62 @@ def _add_end_zeros(
     floor
         A value at an end, or at an extremum near it, counts as zero up to this size.
     """
-    ends = grid[[0, -1]]
-    end_slopes = np.abs(slopes[[0, -1]])
-    is_zero = np.abs(values[[0, -1]]) <= floor
-    curvature = np.abs(np.diff(slopes)[[0, -1]] / np.diff(grid)[[0, -1]])
-    # The extremum of the parabola through an end differs from its end value by
-    # slope^2 / (2 curvature). If that is below the floor, the zero is double.
-    is_touching = is_zero & (end_slopes**2 <= 2.0 * floor * curvature)
-    # Spurious zeros can be where the parabola is below the floor. Let s be the size of its
-    # slope at the end, and c that of its curvature. The range below the floor is longest if
-    # the slope leads downwards at first. At the distance t from the end the parabola is
-    # then c t^2 / 2 - s t. It reaches the floor at t = (s + sqrt(s^2 + 2 floor c)) / c.
-    max_spurious_distance = end_slopes + np.sqrt(end_slopes**2 + 2.0 * floor * curvature)
-    max_spurious_distance /= np.maximum(curvature, np.finfo(float).tiny)
-    distance = np.abs(places[:, None] - ends)
-    is_separate = np.all(~is_touching | (distance > max_spurious_distance), axis=1)
+    first_curvature = (slopes[1] - slopes[0]) / (grid[1] - grid[0])
+    last_curvature = (slopes[-1] - slopes[-2]) / (grid[-1] - grid[-2])
+    end_zeros: list[float] = []
+    is_double_end_zero: list[bool] = []
+    is_separate = np.ones(len(places), dtype=bool)
+    for end, curvature in ((0, first_curvature), (-1, last_curvature)):
+        if not np.abs(values[end]) <= floor:
+            continue
+        parabola = EndParabola(np.abs(slopes[end]), np.abs(curvature))
+        end_zeros.append(grid[end])
+        is_double_end_zero.append(parabola.has_double_zero(floor))
+        if parabola.has_double_zero(floor):
+            distance = np.abs(places - grid[end])
+            is_separate &= distance > parabola.max_distance_of_spurious_zeros(floor)
     # Zeros that are closer than this part of the range are one zero, reported once.
     return Zeros.merge(
-        np.append(places[is_separate], ends[is_zero]),
-        np.append(double[is_separate], is_touching[is_zero]),
+        np.append(places[is_separate], end_zeros),
+        np.append(double[is_separate], np.array(is_double_end_zero, dtype=bool)),
         SAME_ZERO_RATIO * (grid[-1] - grid[0]),
     )
+
+
+@dataclass(frozen=True)
+class EndParabola:
+    """A parabola that approximates a function near an end of its range.
+
+    Its value at the end counts as zero. Values count as zero up to a size that the methods
+    call `floor`.
+
+    Attributes
+    ----------
+    slope, curvature
+        Absolute values of the first and the second derivative at the end.
+    """
+
+    slope: float
+    curvature: float
+
+    def has_double_zero(self, floor: float) -> bool:
+        """Return whether the parabola only touches zero near the end.
+
+        Its value at the extremum differs from that at the end by slope^2 / (2 curvature).
+        It touches zero if this difference counts as zero.
+        """
+        return bool(self.slope * self.slope <= 2.0 * floor * self.curvature)
+
+    def max_distance_of_spurious_zeros(self, floor: float) -> float:
+        """Return the distance from the end up to which values can count as zero.
+
+        The distance is largest if the parabola first falls below the value at the end and
+        then rises: with the slope s and the curvature c, its value at the distance t is
+        c t^2 / 2 - s t. It rises to `floor` at t = (s + sqrt(s^2 + 2 floor c)) / c.
+        """
+        root = np.sqrt(self.slope * self.slope + 2.0 * floor * self.curvature)
+        # The divisor is not zero, also for a straight line.
+        return float((self.slope + root) / max(self.curvature, np.finfo(float).tiny))
 
 
 def _halve_cells(function: DifferentiableFunction, cells: Floats) -> tuple[Floats, Floats]:

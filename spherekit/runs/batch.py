@@ -248,11 +248,11 @@ class Batch:
         """
 
         def make_column(quantity: str, component: int | None) -> Interleaved:
-            """Return the column of a quantity, for all poles at all rows of the batch.
+            """Return the table column of a quantity of all poles.
 
-            The column first has the numbers of all poles at the first row, then those at
-            the second row, and so on. It is lazy if the numbers are not in memory yet: they
-            are then computed when the column is read.
+            The column first has the numbers of all poles at the first row of the batch,
+            then those at the second row, and so on. Numbers that are not computed yet are
+            computed when the column is read.
 
             Parameters
             ----------
@@ -266,34 +266,56 @@ class Batch:
                     f"found the quantity {quantity!r}, expected one of "
                     f"{listing(_POLE_FIELD_NAMES)}"
                 )
-            # The attribute of `PoleField` with the numbers of this quantity.
-            field_name = _POLE_FIELD_NAMES[quantity]
             values_by_pole: list[Array | LazyColumn] = []
-            # `poles` has for each pole the numbers of two links, and the index of the input
-            # that moves while the others are locked.
             for i, j, moved in poles:
-                # The quantities of all poles while this input moves. If the field is lazy,
-                # it has computed only the quantities that are listed in `IN_MEMORY`.
-                pole_field = self._pole_field(moved)
-                if (
-                    isinstance(pole_field, LazyField)
-                    and field_name not in pole_field.IN_MEMORY
-                ):
-                    self._check_pole(i, j, quantity)
-                    # A quantity that is a number is stored as its only component, 0.
-                    component_index = 0 if component is None else component
-                    lazy_column = pole_field.column(
-                        field_name, pole_of(i, j), component_index
-                    )
-                    values_by_pole.append(lazy_column)
-                else:
+                if self._is_computed(quantity, moved):
                     values = self._pole(i, j, quantity, moved)
                     if component is not None:
                         values = values[:, component]
                     values_by_pole.append(values)
+                else:
+                    lazy_column = self._make_lazy_column(i, j, moved, quantity, component)
+                    values_by_pole.append(lazy_column)
             return Interleaved(values_by_pole)
 
         return make_column
+
+    def _is_computed(self, quantity: str, moved: int) -> bool:
+        """Return whether a quantity of the poles has been computed already.
+
+        In long runs, most quantities are computed when they are read. `moved` is the index
+        of the input that moves while the others are locked.
+        """
+        pole_field = self._pole_field(moved)
+        if not isinstance(pole_field, LazyField):
+            return True
+        # A lazy field has computed only these attributes before they are read.
+        return _POLE_FIELD_NAMES[quantity] in pole_field.IN_MEMORY
+
+    def _make_lazy_column(
+        self, i: int, j: int, moved: int, quantity: str, component: int | None
+    ) -> LazyColumn:
+        """Return a column (n,) of a quantity of a pole, computed when it is read.
+
+        Parameters
+        ----------
+        i, j
+            Numbers of the two links of the pole.
+        moved
+            Index of the input that moves while the others are locked.
+        quantity
+            Name of the quantity, such as "direction". It must not be computed yet.
+        component
+            Index of the component of a vector, None for a number.
+        """
+        self._check_pole(i, j, quantity)
+        pole_field = self._pole_field(moved)
+        assert isinstance(pole_field, LazyField)
+        # A quantity that is a number is stored as its only component, 0.
+        component_index = 0 if component is None else component
+        return pole_field.column(
+            _POLE_FIELD_NAMES[quantity], pole_of(i, j), component_index
+        )
 
     def pole_columns(self, poles: Sequence[tuple[int, int, int]]) -> dict[str, Interleaved]:
         """Return the columns of a pole table, with one row per pole and batch row.

@@ -177,7 +177,8 @@ class BlockRows:
         Parameters
         ----------
         samples
-            (k,) numbers of the samples of the block in the run.
+            (k,) numbers of the samples of the block in the run. Rows that the kernel does
+            not certify are solved at these samples, one after another.
 
         Returns
         -------
@@ -185,18 +186,20 @@ class BlockRows:
         direction of a pole may reverse. A pole is the axis about which one link rotates
         relative to another.
         """
-        # The kernel, a set of compiled functions, computes many rows at once.
+        # The kernel, a set of compiled functions, computes many rows at once. A slice is
+        # examined for reversals at once if the kernel certifies all its rows within reach.
+        # The result of other slices is None.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
         self._solve_uncertified(samples)
-        # A slice is examined for reversals as soon as all its rows are certified. Slices
-        # with rows that had to be solved singly are examined now.
         examined_slices: list[SliceReversals] = []
         for row_slice, reversals in zip(self.slices, reversals_by_slice, strict=True):
-            examined = reversals or self._examine_slice(row_slice)
-            if examined is not None:
-                examined_slices.append(examined)
+            if reversals is None:
+                # Some rows of the slice have only now been solved, or none is certified.
+                reversals = self._examine_slice(row_slice)
+            if reversals is not None:
+                examined_slices.append(reversals)
         return examined_slices
 
     def _solve_uncertified(self, samples: Indices) -> None:
@@ -207,6 +210,7 @@ class BlockRows:
         uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
         if len(uncertified):
             self._solve_rows(samples, uncertified)
+            self._certify_solved_rows(uncertified)
         self.is_certified &= self.status == Status.OK
 
     def _examine_slice(self, row_slice: RowSlice) -> SliceReversals | None:
@@ -227,8 +231,8 @@ class BlockRows:
         """Compute the rows of a slice, and decide which of them are certified.
 
         A row is certified if its loops are closed up to rounding, and if its error bounds
-        are small enough (uncertainties of at most 1). A row is out of reach if the
-        mechanism cannot be assembled at its inputs.
+        are small enough. A row is out of reach if the mechanism cannot be assembled at its
+        inputs.
 
         Parameters
         ----------
@@ -243,32 +247,24 @@ class BlockRows:
         mode, rows = row_slice
         row_numbers = np.arange(rows.start, rows.stop)
         columns = self._evaluate_slice(mode, rows)
-        # `slices` gives the part of `columns` that has a name.
-        parts = self._quality_function.slices
-        rounding = self.kernel.closure_rounding_rad
-        # Views: `_close_rows` below changes them.
-        closure = columns[parts["closure"]]
-        residual = closure[0]
+        closure_part = self._quality_function.slices["closure"]
 
-        # Most slices are certified as a whole, which is faster than row by row. If the sum
-        # of all uncertainties is at most 1, so is each of them.
-        is_certain_as_whole = np.max(columns[parts["uncertainty_sum"]]) <= 1.0
-        if is_certain_as_whole and np.max(residual) <= rounding:
-            self.closure[:, rows] = closure
+        if self._is_certified_as_whole(columns):
+            # `is_certified` is true and `status` is OK for all rows from the beginning.
+            self.closure[:, rows] = columns[closure_part]
             return find_slice_reversals(
                 self.kernel, self._quality_function, columns, mode, row_numbers
             )
 
         if self.kernel.has_closed_form:
-            is_out_of_reach = find_out_of_reach(columns[parts["squares"]])
+            squares = columns[self._quality_function.slices["squares"]]
+            is_out_of_reach = find_out_of_reach(squares)
         else:
             is_out_of_reach = self._find_beyond_curve(mode, rows)
-            is_open = (residual > rounding) & np.isfinite(residual)
-            self._close_rows(columns, row_numbers, np.flatnonzero(is_open))
-        self.closure[:, rows] = closure
+            self._close_rows(columns, row_numbers)
+        self.closure[:, rows] = columns[closure_part]
         self.status[rows][is_out_of_reach] = Status.OUT_OF_REACH
-        is_certain = np.all(columns[parts["uncertainties"]] <= 1.0, axis=0)
-        is_certified = is_certain & (residual <= rounding)
+        is_certified = self._find_certified_rows(columns)
         self.is_certified[rows] = is_certified
         if not np.any(is_certified) or not np.all(is_certified | is_out_of_reach):
             return None
@@ -279,6 +275,35 @@ class BlockRows:
             mode,
             row_numbers[is_certified],
         )
+
+    def _is_certified_as_whole(self, columns: Floats) -> bool:
+        """Return whether all rows of a slice are surely certified.
+
+        Most slices are, and this test is faster than `_find_certified_rows`. The columns
+        (width, n) are those of `_evaluate_slice`.
+        """
+        parts = self._quality_function.slices
+        # The uncertainties are not negative. If their sum is at most 1, so is each of them.
+        uncertainty_sum = columns[parts["uncertainty_sum"]]
+        residual = columns[parts["closure"]][0]
+        has_small_bounds = np.max(uncertainty_sum) <= 1.0
+        return bool(has_small_bounds and np.max(residual) <= self._rounding_rad)
+
+    def _find_certified_rows(self, columns: Floats) -> Bools:
+        """Return which rows (n,) are closed up to rounding and have small error bounds.
+
+        The columns (width, n) are those of `_evaluate_slice`. An uncertainty is an error
+        bound, divided by the largest one that is allowed.
+        """
+        parts = self._quality_function.slices
+        residual = columns[parts["closure"]][0]
+        has_small_bounds = np.all(columns[parts["uncertainties"]] <= 1.0, axis=0)
+        return has_small_bounds & (residual <= self._rounding_rad)
+
+    @property
+    def _rounding_rad(self) -> float:
+        """Closure residual up to which loops count as closed."""
+        return self.kernel.closure_rounding_rad
 
     def _evaluate_slice(self, mode: int, rows: slice) -> Floats:
         """Return the numbers (width, n) that decide about the rows of a slice.
@@ -308,12 +333,13 @@ class BlockRows:
     def _find_beyond_curve(self, mode: int, rows: slice) -> Bools:
         """Return which rows (n,) have inputs beyond the end of the curve of their mode.
 
-        An assembly mode that is followed along a curve of configurations ends where the
-        mechanism can no longer be assembled. Only rows without a prediction can be beyond.
+        Some assembly modes are followed along a curve of configurations. The mechanism
+        cannot be assembled beyond the ends of this curve, so such rows are out of reach.
         """
-        has_no_prediction = np.isnan(self.values[self.kernel.passive_variables[0], rows])
         assembly_mode = self._position_analysis.assembly_modes[mode]
         guide = assembly_mode.guide
+        # Only rows without a predicted configuration can be beyond the end.
+        has_no_prediction = np.isnan(self.values[self.kernel.passive_variables[0], rows])
         is_beyond = np.zeros_like(has_no_prediction)
         if isinstance(guide, ModeCurve) and not assembly_mode.pieces:
             q = self._q[:, rows][:, has_no_prediction]
@@ -321,30 +347,27 @@ class BlockRows:
             is_beyond[has_no_prediction] = status == Status.OUT_OF_REACH
         return is_beyond
 
-    def _close_rows(
-        self, columns: Floats, row_numbers: Indices, open_rows: Indices
-    ) -> None:
+    def _close_rows(self, columns: Floats, row_numbers: Indices) -> None:
         """Take a step of Newton's method at rows of a slice whose loops are not closed.
 
-        A row is one sample in one assembly mode. A slice is a part of the rows of a block,
-        which are computed together. The configurations of these rows were predicted, mostly
-        with errors far below `MAX_BLOCK_NEWTON_STEP_RAD`. Newton's method reduces an error
-        to about its square, so that one step is enough. A larger step may lead to another
-        assembly mode and is not taken. Rows that stay open are solved singly later.
+        The configurations of these rows were predicted, mostly with errors far below
+        `MAX_BLOCK_NEWTON_STEP_RAD`. Newton's method reduces an error to about its square,
+        so that one step is enough. A larger step may lead to another assembly mode and is
+        not taken. Rows that stay open are solved singly later.
 
         The pair variables in `values` and the numbers in `columns` are changed in place.
 
         Parameters
         ----------
         columns
-            (numbers, n) results of `RowKernel.row_quality` for the rows of the slice:
-            closure residual, error bounds and angular velocities. They decide whether a row
-            is certified, that is accurate enough.
+            (width, n) results of `RowKernel.row_quality` for the rows of the slice: closure
+            residual, error bounds and angular velocities.
         row_numbers
             (n,) numbers of these rows in the block.
-        open_rows
-            (k,) positions in the slice of rows that are not closed up to rounding.
         """
+        residual = columns[self._quality_function.slices["closure"]][0]
+        is_open = (residual > self._rounding_rad) & np.isfinite(residual)
+        open_rows = np.flatnonzero(is_open)
         if not len(open_rows):
             return
         # (variables, k) pair variables (rad) before and after the step.
@@ -358,32 +381,25 @@ class BlockRows:
         columns[:, open_rows] = self.kernel.row_quality(after)
 
     def _solve_rows(self, samples: Indices, rows: Indices) -> None:
-        """Solve rows by the position analysis, and let the kernel certify the results.
+        """Solve rows by the position analysis, mode by mode.
 
-        The kernel is a set of compiled functions that evaluate many rows at once. The
-        entries of these rows are set in the following arrays:
-
-        - `values`: pair variables (rad), and `status`.
-        - `closure`: row 0 is the closure residual, row 1 the error of the configuration
-          (rad).
-        - `singular_error`: error bound (rad) of configurations near dead centres.
-        - `is_certified`: whether the error bounds of the kernel are small enough.
+        The pair variables, the status, the closure residual and the error bound near dead
+        centres are stored at these rows.
 
         Parameters
         ----------
         samples
             (k,) numbers of the samples of the block in the run.
         rows
-            (m,) numbers of the rows in the block. Row r belongs to the assembly mode with
-            index r // k, and to ``samples[r % k]``.
+            (m,) numbers of the rows in the block, which has k rows for each assembly mode.
         """
         position_analysis = self._position_analysis
-        residual = np.empty(len(rows))
-        row_modes = rows // len(samples)
+        sample_count = len(samples)
+        row_modes = rows // sample_count
         for mode in np.unique(row_modes):
-            is_of_mode = row_modes == mode
-            mode_rows = rows[is_of_mode]
-            mode_samples = samples[mode_rows % len(samples)]
+            mode_rows = rows[row_modes == mode]
+            first_row_of_mode = mode * sample_count
+            mode_samples = samples[mode_rows - first_row_of_mode]
             q = position_analysis.input_grid.q[mode_samples]
             evaluated = position_analysis.solver.evaluate(
                 position_analysis.assembly_modes[mode], q, mode_samples
@@ -391,29 +407,33 @@ class BlockRows:
             self.values[:, mode_rows] = evaluated.values.T
             self.status[mode_rows] = evaluated.status
             self.singular_error[mode_rows] = evaluated.singular_error
-            residual[is_of_mode] = evaluated.residual
+            self.closure[0, mode_rows] = evaluated.residual
 
-        # The kernel gives uncertainties of the solved rows: error bounds divided by the
-        # largest allowed ones. A row is certified if none exceeds 1.
-        solved_rows = rows[np.isfinite(residual)]
+    def _certify_solved_rows(self, rows: Indices) -> None:
+        """Let the kernel bound the errors of rows that the position analysis has solved.
+
+        `rows` (m,) are numbers of rows in the block. Rows without a closure residual have
+        no configuration, and are left out. The closure residual that the solver has
+        measured stays; only the error of the configuration is taken from the kernel.
+        """
+        solved_rows = rows[np.isfinite(self.closure[0, rows])]
         quality_function = self.kernel.row_quality
         columns = quality_function(self.values[:, solved_rows])
-        self.closure[:, solved_rows] = columns[quality_function.slices["closure"]]
-        self.is_certified[solved_rows] = np.all(
-            columns[quality_function.slices["uncertainties"]] <= 1.0, axis=0
-        )
-        # The closure residual that the solver has measured replaces that of the kernel.
-        self.closure[0, rows] = residual
+        _, configuration_error = columns[quality_function.slices["closure"]]
+        self.closure[1, solved_rows] = configuration_error
+        # Uncertainties are error bounds, divided by the largest ones that are allowed.
+        uncertainties = columns[quality_function.slices["uncertainties"]]
+        self.is_certified[solved_rows] = np.all(uncertainties <= 1.0, axis=0)
 
 
 @dataclass(frozen=True)
 class PendingPoles:
-    """Facts about the poles of a block that are computed together with its positions.
+    """Facts about the poles of a block, known before the poles are computed.
 
-    The poles themselves are computed later, if an analysis reads them. A pole is the axis
-    about which one link rotates relative to another. A block has n rows: samples of all
-    assembly modes. A row is certified if the error bounds that the kernel computes for it
-    are small enough.
+    A pole is the axis about which one link rotates relative to another. Poles are computed
+    when an analysis reads them. These facts are computed earlier, with the positions. A
+    block has n rows: samples of all assembly modes. A row is certified if the error bounds
+    that the kernel computes for it are small enough.
 
     Attributes
     ----------
@@ -424,10 +444,12 @@ class PendingPoles:
     uncertified
         (k,) numbers of rows with a configuration that are not certified. Rows without a
         configuration are not certified either, and are not among them.
-    compared_rows
-        The rows at which directions have to be compared, because they may reverse there,
-        for each input and by the index of the assembly mode. Empty if the samples are a
-        grid of inputs, in which rows do not follow each other.
+    compared_rows_by_input
+        For each input that moves, and by the index of the assembly mode, the rows at which
+        the direction of a pole is compared with its direction in the row before. A pole is
+        a line, so its direction could be reversed there. In the rows between, it keeps its
+        sense. Empty if the samples are a grid of inputs, in which rows do not follow each
+        other.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.
@@ -436,7 +458,7 @@ class PendingPoles:
     is_certified: Bools
     is_assembled: Bools
     uncertified: Indices
-    compared_rows: Sequence[Mapping[int, ComparedRows]]
+    compared_rows_by_input: Sequence[Mapping[int, ComparedRows]]
     error_maxima: Floats
 
 
@@ -593,43 +615,72 @@ class BatchRunner:
     def blocks(self, size: int, first_sample: int = 0) -> Iterator[Motion]:
         """Yield the motion in blocks of successive samples.
 
+        Poles need most of the memory of a block, but only if their columns are read. Blocks
+        therefore become larger as long as no column is read; see `_choose_next_size`.
+
         Parameters
         ----------
         size
-            Number of samples in the first block. If it is `block_size`, later blocks grow
-            as long as the run reads no poles, whose columns need most of the memory.
-            Otherwise all blocks have this size.
+            Number of samples in the first block. If it is not `block_size`, all blocks have
+            this size.
         first_sample
             Number of the first sample.
         """
         # A recording, and analyses that read rotation matrices, need memory for each row
-        # even if no column is read.
-        needs_more_memory = self.is_recorded or self.reads_frames
-        may_grow = size == self.block_size and not needs_more_memory
+        # even if no column of a pole is read.
+        needs_memory_without_poles = self.is_recorded or self.reads_frames
+        may_grow = size == self.block_size and not needs_memory_without_poles
         largest_size = MAX_BLOCK_GROWTH * size if may_grow else size
         samples_of_blocks = self._split_samples(first_sample, size, largest_size)
         # The next block may be computed in another thread while the caller uses a block.
         return prefetch(self.motion_at, samples_of_blocks, self.looks_ahead)
 
     def _split_samples(
-        self, first_sample: int, size: int, largest_size: int
+        self, first_sample: int, first_size: int, largest_size: int
     ) -> Iterator[Indices]:
         """Yield the numbers (n,) of the samples of each block.
 
-        The first block has `size` samples. As long as no column of a block is read, each
-        block has twice as many samples as the one before, up to `largest_size`.
+        Parameters
+        ----------
+        first_sample
+            Number of the first sample.
+        first_size, largest_size
+            Number of samples in the first block, and the largest number in a block.
         """
         sample_count = len(self.sampling)
         start = first_sample
-        next_size = size
+        size = first_size
         while start < sample_count:
-            end = min(start + next_size, sample_count)
+            end = min(start + size, sample_count)
             yield np.arange(start, end)
-            # The caller has used at least the blocks before this one by now.
-            if self._latest_columns is not None:
-                was_read = self._latest_columns.was_read
-                next_size = size if was_read else min(2 * next_size, largest_size)
             start = end
+            size = self._choose_next_size(size, first_size, largest_size)
+
+    def _choose_next_size(self, size: int, first_size: int, largest_size: int) -> int:
+        """Return the number of samples of the next block, limited by its memory.
+
+        If a column of the latest block was read, the next block is as small as the first
+        one, because columns need most of the memory. Otherwise it is twice as large as the
+        present one.
+
+        Parameters
+        ----------
+        size, first_size, largest_size
+            Number of samples in the present block, in the first one, and in the largest.
+        """
+        if self._latest_columns is None:
+            # The poles of no block were requested yet.
+            return size
+        if self._latest_columns.was_read:
+            return first_size
+        return min(2 * size, largest_size)
+
+    def has_pending_poles(self, motion: Motion) -> bool:
+        """Return whether `fields` can be called for a motion.
+
+        This is so if `motion_at` has returned the motion, and `fields` was not called yet.
+        """
+        return id(motion) in self.pending_poles
 
     def fields(
         self, motion: Motion, sign_continuations: Sequence[SignContinuation]
@@ -708,7 +759,7 @@ class BatchRunner:
         return continue_signs(
             motion,
             self.kernel.input_columns[input_index].reversible_poles,
-            pending_poles.compared_rows[input_index],
+            pending_poles.compared_rows_by_input[input_index],
             partial(columns.unsigned_poles, input_index),
             sign_continuation,
         )
@@ -745,9 +796,9 @@ class BatchRunner:
         is_assembled = ~has_failed.reshape(mode_count, len(samples))
         is_uncertified = is_uncertified.reshape(is_assembled.shape)
         input_count = len(self.requests)
-        compared_rows = []
+        compared_rows_by_input = []
         if motion.is_path:
-            compared_rows = [
+            compared_rows_by_input = [
                 find_compared_rows(
                     examined_slices, input_index, is_assembled, is_uncertified
                 )
@@ -757,7 +808,7 @@ class BatchRunner:
             is_certified=rows.is_certified,
             is_assembled=is_assembled,
             uncertified=uncertified,
-            compared_rows=compared_rows,
+            compared_rows_by_input=compared_rows_by_input,
             error_maxima=_find_error_maxima(examined_slices, input_count),
         )
         return motion

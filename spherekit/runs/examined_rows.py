@@ -15,6 +15,7 @@ from spherekit.runs.mode_overview import (
     ModeOverview,
     OutputOverview,
     first_minimum,
+    update_minimum,
 )
 from spherekit.runs.overview_plan import ExaminedOutput, OverviewPlan
 from spherekit.status import Status
@@ -197,46 +198,68 @@ class ExaminedRows:
     ) -> None:
         """Note the least transmission angle of an output in the rows of a mode.
 
-        `overview.transmission_angle` has the least angle (rad) so far and its place, which
-        is the time, the input or the number of a sample. The parameters are those of
-        `add_output`.
+        The transmission angle belongs to the dyad (two links with three R pairs) that moves
+        the output. The least angle at the samples is noted with its place. The least angle
+        between samples, which can be smaller, is estimated by parabolas.
+
+        Parameters
+        ----------
+        overview
+            The overview of the output in this mode, which is changed in place.
+        number
+            Position of the output in the plan.
+        rows
+            The m rows of the mode.
+        places
+            (m,) place of each sample: its time (s), the first input (rad) or its number.
         """
         dyad = self.plan.joining_dyads[number]
         angles = transmission_angle_of_group(dyad, self.motion.axes[rows])
         overview.smooth_transmission_angle.add(angles)
-        if not np.any(np.isfinite(angles)):
-            return
-        row = first_minimum(angles)
-        least = overview.transmission_angle
-        if least is None or angles[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
-            overview.transmission_angle = [float(angles[row]), float(places[row])]
+        overview.transmission_angle = update_minimum(
+            overview.transmission_angle, angles, places
+        )
 
     def _add_transmission(
         self, overview: OutputOverview, number: int, rows: slice, places: Floats
     ) -> None:
-        """Note the least transmission measure of an output in the rows of a mode.
+        """Note the range of the transmission measure of an output in the rows of a mode.
 
         The measure says how well locked inputs hold the output: 0 at a singularity of type
-        II, 1 at best. `overview.transmission` has the least measure so far and its place,
-        which is the time, the input or the number of a sample. The largest measure so far
-        is stored too. The parameters are those of `add_output`.
+        II, 1 at best. The least measure at the samples is noted with its place. The
+        extremes between samples are estimated by parabolas.
+
+        Parameters
+        ----------
+        overview
+            The overview of the output in this mode, which is changed in place.
+        number
+            Position of the output in the plan.
+        rows
+            The m rows of the mode.
+        places
+            (m,) place of each sample: its time (s), the first input (rad) or its number.
+        """
+        measures = self._measure_transmission(number, rows)
+        overview.smooth_transmission.add(measures)
+        overview.transmission = update_minimum(overview.transmission, measures, places)
+        if np.any(np.isfinite(measures)):
+            largest = float(np.nanmax(measures))
+            if overview.largest_transmission is not None:
+                largest = max(largest, overview.largest_transmission)
+            overview.largest_transmission = largest
+
+    def _measure_transmission(self, number: int, rows: slice) -> Floats:
+        """Return the transmission measure (m,) of an output in m rows.
+
+        It is NaN in rows without a configuration. `number` is the position of the output in
+        the plan.
         """
         assert self.plan.transmissions is not None
         transmission = self.plan.transmissions[number]
         directions = transmission.output_directions(self.rotations[rows])
         measures = transmission.measure(self.motion.vectors[rows], directions)
-        measures = np.where(self.closes[rows], measures, np.nan)
-        overview.smooth_transmission.add(measures)
-        if not np.any(np.isfinite(measures)):
-            return
-        row = first_minimum(measures)
-        least = overview.transmission
-        if least is None or measures[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
-            overview.transmission = [float(measures[row]), float(places[row])]
-        largest = float(np.nanmax(measures))
-        if overview.largest_transmission is not None:
-            largest = max(largest, overview.largest_transmission)
-        overview.largest_transmission = largest
+        return np.where(self.closes[rows], measures, np.nan)
 
     def _add_rotations(
         self,

@@ -5,7 +5,7 @@ samples.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -125,14 +125,68 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
             EVALUATED_POLES_OF_MANY,
         )
     mode_count = len(longer["assembly_modes"])
-    predicted_modes = mode_count if finds_modes else min(mode_count, 1)
+    extrapolation = CostExtrapolation(
+        sample_count=samples,
+        short_count=short_count,
+        shorter=shorter["cost"],
+        longer=longer["cost"],
+        of_many_poles=measured["cost"] if has_many_poles else None,
+        measured_modes=mode_count,
+        predicted_modes=mode_count if finds_modes else min(mode_count, 1),
+    )
+    failed = {item["name"] for item in measured["analyses"] if item["failed"]}
+    predicted_names = {analysis.name for analysis in rowwise_analyses} - failed
+    tables = {}
+    for stem, table in measured["cost"]["tables"].items():
+        tables[stem] = {
+            "rows": extrapolation.predict("tables", stem, "rows"),
+            "columns": table["columns"],
+        }
+        for name in DEFAULT_FORMATS:
+            key = f"{TABLE_FORMATS[name].ending}_bytes"
+            tables[stem][key] = extrapolation.predict("tables", stem, key)
+    return {
+        "assembly_modes": mode_count if finds_modes else None,
+        "configurations": extrapolation.predict("configurations"),
+        "tables": tables,
+        "velocity_equation_solves": extrapolation.predict("velocity_equation_solves"),
+        "not_predicted": [a.name for a in analyses if a.name not in predicted_names],
+    }
 
-    def extrapolate(*keys: str) -> int:
-        """Return the predicted value of an entry of the cost, such as the size of a table.
 
-        The costs of two short runs, `shorter` and `longer`, were measured. If there are
-        many poles, a third run, `measured`, was made. The prediction for `samples` samples
-        is linear in their number, and proportional to the number of assembly modes.
+@dataclass(frozen=True)
+class CostExtrapolation:
+    """Predicts the cost of a run from the costs of short runs of the same study.
+
+    The cost is a nested dictionary of numbers, such as those of the configurations and of
+    the rows and bytes of each table.
+
+    Attributes
+    ----------
+    sample_count
+        Number of samples of the predicted run.
+    short_count
+        Number of samples of the shorter one of two runs. The longer one has twice as many.
+    shorter, longer
+        The costs of these two runs. If there are many poles, the runs only have the table
+        of the motion.
+    of_many_poles
+        The cost of a third run, which has all tables. It has
+        `MEASURED_SAMPLES_OF_MANY_POLES` samples. None if there are not many poles.
+    measured_modes, predicted_modes
+        Number of assembly modes of the short runs and of the prediction.
+    """
+
+    sample_count: int
+    short_count: int
+    shorter: Facts
+    longer: Facts
+    of_many_poles: Facts | None
+    measured_modes: int
+    predicted_modes: int
+
+    def predict(self, *keys: str) -> int:
+        """Return the predicted value of an entry of the cost.
 
         Parameters
         ----------
@@ -141,41 +195,29 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
             ``"configurations"``.
         """
         is_motion = len(keys) > 1 and keys[1] == MOTION
-        if has_many_poles and not is_motion:
-            # With many poles, `shorter` and `longer` only have the table of the motion. All
-            # other tables were measured in one run of MEASURED_SAMPLES_OF_MANY_POLES
-            # samples. They are taken to be proportional to the number of samples, because
-            # the part that does not grow with it is small in tables of many poles.
-            measured_value = _entry(measured["cost"], keys)
-            value = measured_value * samples / MEASURED_SAMPLES_OF_MANY_POLES
+        if self.of_many_poles is None or is_motion:
+            value = self._extrapolate_linearly(keys)
         else:
-            # The longer run has twice as many samples as the shorter one.
-            short_value = _entry(shorter["cost"], keys)
-            growth = _entry(longer["cost"], keys) - short_value
-            value = short_value + growth * (samples - short_count) / short_count
-        # The short runs had `mode_count` assembly modes. The prediction is for all of them
-        # if the run will find the same modes. Otherwise their number is unknown, and the
-        # prediction is for a single mode.
-        return round(value * predicted_modes / max(mode_count, 1))
+            value = self._scale_many_poles(self.of_many_poles, keys)
+        # The value is proportional to the number of assembly modes.
+        return round(value * self.predicted_modes / max(self.measured_modes, 1))
 
-    failed = {item["name"] for item in measured["analyses"] if item["failed"]}
-    predicted_names = {analysis.name for analysis in rowwise_analyses} - failed
-    tables = {}
-    for stem, table in measured["cost"]["tables"].items():
-        tables[stem] = {
-            "rows": extrapolate("tables", stem, "rows"),
-            "columns": table["columns"],
-        }
-        for name in DEFAULT_FORMATS:
-            key = f"{TABLE_FORMATS[name].ending}_bytes"
-            tables[stem][key] = extrapolate("tables", stem, key)
-    return {
-        "assembly_modes": mode_count if finds_modes else None,
-        "configurations": extrapolate("configurations"),
-        "tables": tables,
-        "velocity_equation_solves": extrapolate("velocity_equation_solves"),
-        "not_predicted": [a.name for a in analyses if a.name not in predicted_names],
-    }
+    def _extrapolate_linearly(self, keys: Sequence[str]) -> float:
+        """Return a value at `sample_count`, on the line through the two short runs."""
+        short_value = _entry(self.shorter, keys)
+        # Between the two runs the number of samples grows by `short_count`.
+        growth = _entry(self.longer, keys) - short_value
+        further_samples = self.sample_count - self.short_count
+        return float(short_value + growth * further_samples / self.short_count)
+
+    def _scale_many_poles(self, of_many_poles: Facts, keys: Sequence[str]) -> float:
+        """Return a value at `sample_count`, in proportion to the number of samples.
+
+        The part of a table that does not grow with the samples is small if there are many
+        poles. One run is therefore enough.
+        """
+        value = _entry(of_many_poles, keys)
+        return float(value * self.sample_count / MEASURED_SAMPLES_OF_MANY_POLES)
 
 
 def _entry(cost: Facts, keys: Sequence[str]) -> Any:

@@ -372,3 +372,28 @@ def first_minimum(values: Floats) -> int:
         (m,) values, NaN in rows without one. At least one is finite.
     """
     return int(np.flatnonzero(values <= np.nanmin(values) + EQUAL_MINIMA_TOLERANCE)[0])
+
+
+def update_minimum(
+    minimum: list[float] | None, values: Floats, places: Floats
+) -> list[float] | None:
+    """Return the least value so far and its place, with the values of further samples.
+
+    A value must be less than the earlier minimum by more than `EQUAL_MINIMA_TOLERANCE` to
+    replace it.
+
+    Parameters
+    ----------
+    minimum
+        The least value of earlier samples and its place, None if there is none.
+    values
+        (m,) values at further samples, NaN where there is none.
+    places
+        (m,) places of these samples.
+    """
+    if not np.any(np.isfinite(values)):
+        return minimum
+    row = first_minimum(values)
+    if minimum is None or values[row] < minimum[0] - EQUAL_MINIMA_TOLERANCE:
+        return [float(values[row]), float(places[row])]
+    return minimum

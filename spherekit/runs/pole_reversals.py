@@ -32,25 +32,55 @@ MAX_ROWS_COMPARED = 256
 
 
 @dataclass(frozen=True, eq=False)
-class InputReversals:
-    """The rows of a slice between which a pole direction may reverse, if one input moves.
+class ReversalGaps:
+    """Gaps between rows in which the direction of a pole may reverse.
 
-    All other inputs are locked. A slice is a number of successive rows. A gap is the step
-    from one row to the next, if a direction may reverse in it.
+    A gap is from a row to one of the next rows. Directions are compared at both ends.
+
+    Attributes
+    ----------
+    rows_before, rows_after
+        (k,) numbers of the rows at the beginning and at the end of each gap.
+    """
+
+    rows_before: Indices
+    rows_after: Indices
+
+    @classmethod
+    def after_positions(cls, rows: Indices, positions: Indices) -> "ReversalGaps":
+        """Return the gaps from some of n successive rows to the next row.
+
+        Parameters
+        ----------
+        rows
+            (n,) numbers of the rows, rising.
+        positions
+            (k,) positions, from 0 to n - 2, of the rows at which gaps begin.
+        """
+        return cls(rows[positions], rows[positions + 1])
+
+
+@dataclass(frozen=True, eq=False)
+class InputReversals:
+    """The gaps of a slice in which a pole direction may reverse, if one input moves.
+
+    All other inputs are locked. A slice is a number of successive rows.
 
     Attributes
     ----------
     gaps
-        (2, k) numbers of the rows before and after each gap.
+        The gaps between rows of the slice.
     first_velocities, last_velocities
-        (poles, 3) relative angular velocities, per unit rate of the input, at the first and
-        last row. They are compared with those of the adjacent slices.
+        (poles, 3) relative angular velocity of the two links of each pole, per unit rate of
+        the input, at the first and at the last row. A direction may also reverse between
+        two slices, which is found by comparing the last velocities of a slice with the
+        first velocities of the next one.
     largest_errors
         (3,) largest error bounds of directions (rad), of velocity coefficients and of their
         derivatives.
     """
 
-    gaps: Indices
+    gaps: ReversalGaps
     first_velocities: Floats
     last_velocities: Floats
     largest_errors: Floats
@@ -107,14 +137,12 @@ def find_slice_reversals(
         # (components, n) angular velocities of all links per unit rate of this input.
         velocities = columns[quality_function.slices["velocities", input_index]]
         errors = columns[quality_function.slices["errors", input_index]]
-        before_gaps = _find_reversals(input_columns, velocities)
-        # (poles, 3, 2) the velocity of the second link of each pole relative to the first.
-        end_velocities = input_columns.relative_velocities(velocities[:, [0, -1]])
+        positions_before_gaps = _find_reversals(input_columns, velocities)
         by_input.append(
             InputReversals(
-                gaps=np.array([rows[before_gaps], rows[before_gaps + 1]]),
-                first_velocities=end_velocities[..., 0],
-                last_velocities=end_velocities[..., 1],
+                gaps=ReversalGaps.after_positions(rows, positions_before_gaps),
+                first_velocities=input_columns.relative_velocities(velocities[:, 0]),
+                last_velocities=input_columns.relative_velocities(velocities[:, -1]),
                 largest_errors=np.max(errors, axis=1, initial=0.0),
             )
         )
@@ -130,10 +158,6 @@ def _keeps_direction(first: Floats, second: Floats) -> Bools:
 def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     """Return the rows after which a pole direction may reverse.
 
-    A pole is the axis about which one link rotates relative to another. Its direction is
-    that of the relative angular velocity of the two links. It does not reverse between two
-    rows if the scalar product of the velocities in these rows is positive.
-
     In most cases no direction reverses, which a bound for all rows together shows fast. If
     it does not, each half of the rows is treated in the same way, and small numbers of rows
     are compared one by one.
@@ -141,17 +165,16 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     Parameters
     ----------
     input_columns
-        The columns of the moving input. It subtracts the angular velocities of the two
-        links of each pole.
+        Computes the relative angular velocities of the two links of each pole.
     velocities
         (components, n) components of the angular velocities of all links, per unit rate of
-        the input, at n successive rows.
+        the input that moves, at n successive rows.
 
     Returns
     -------
     (k,) indices of rows, each less than n - 1.
     """
-    if _keeps_all_directions(input_columns, velocities):
+    if _keeps_all_directions(_bound_relative_velocities(input_columns, velocities)):
         return NO_ROWS
     half = velocities.shape[1] // 2
     if half > MAX_ROWS_COMPARED:
@@ -160,7 +183,7 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
             _find_reversals(input_columns, velocities[:, : half + 1]),
             _find_reversals(input_columns, velocities[:, half:]) + half,
         )
-    # (poles, rows, 3). With one argument both links are taken from it.
+    # (poles, 3, n) becomes (poles, n, 3).
     relative_velocities = np.moveaxis(input_columns.relative_velocities(velocities), 1, 2)
     keeps_direction = _keeps_direction(
         relative_velocities[:, :-1], relative_velocities[:, 1:]
@@ -168,32 +191,56 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     return np.flatnonzero(~np.all(keeps_direction, axis=0))
 
 
-def _keeps_all_directions(input_columns: InputColumns, velocities: Floats) -> bool:
-    """Return whether no pole direction can reverse between any two rows.
+@dataclass(frozen=True, eq=False)
+class VelocityBounds:
+    """Bounds of the relative angular velocities of the links of poles in several rows.
 
-    The scalar product of the velocities in any two rows is bounded by the ranges of their
-    components. If a component is between a and b in all rows, the product of its values in
-    two rows is at least min(a^2, b^2), or a b if a and b have different signs. The sum of
-    these bounds over the three components, divided by the largest possible product of the
-    lengths, is a bound of the cosine between two directions. Because of rounding it has to
-    be at least `MIN_DIRECTION_COSINE`.
+    Attributes
+    ----------
+    least, greatest
+        (poles, 3) lower and upper bound of the x, y and z component, in all rows.
+    """
+
+    least: Floats
+    greatest: Floats
+
+
+def _bound_relative_velocities(
+    input_columns: InputColumns, velocities: Floats
+) -> VelocityBounds:
+    """Return bounds of the relative angular velocities of the links of each pole.
+
+    The relative velocity is that of the second link minus that of the first link. It is
+    least where the velocity of the second link is least and that of the first is greatest.
 
     Parameters
     ----------
-    input_columns, velocities
-        As in `_find_reversals`.
+    input_columns
+        Computes relative velocities. It takes the velocity of the second link of each pole
+        from its first argument, and the velocity of the first link from the second one.
+    velocities
+        (components, n) components of the angular velocities of all links at n rows.
     """
-    low = np.min(velocities, axis=1)
-    high = np.max(velocities, axis=1)
-    # (poles, 3) bounds a and b of each component of the relative velocities: the velocity
-    # of the second link minus that of the first one. Its lower bound is the lower bound of
-    # the second link minus the upper bound of the first one. The function takes the second
-    # link from its first argument, and the first link from its second argument.
-    least = input_columns.relative_velocities(low, high)
-    greatest = input_columns.relative_velocities(high, low)
-    least_squared = least * least
-    greatest_squared = greatest * greatest
-    product = least * greatest
+    least = np.min(velocities, axis=1)
+    greatest = np.max(velocities, axis=1)
+    return VelocityBounds(
+        least=input_columns.relative_velocities(least, greatest),
+        greatest=input_columns.relative_velocities(greatest, least),
+    )
+
+
+def _keeps_all_directions(bounds: VelocityBounds) -> bool:
+    """Return whether no velocity within some bounds is opposite to another one.
+
+    Two velocities are not opposite if their scalar product is positive. If a component is
+    between a and b, the product of two of its values is at least min(a^2, b^2), or a b if a
+    and b have different signs. The sum of these bounds over the three components, divided
+    by the square of the largest possible length, is a lower bound of the cosine between two
+    velocities. Because of rounding it has to be at least `MIN_DIRECTION_COSINE`.
+    """
+    least_squared = bounds.least * bounds.least
+    greatest_squared = bounds.greatest * bounds.greatest
+    product = bounds.least * bounds.greatest
     least_product = np.where(
         product > 0.0, np.minimum(least_squared, greatest_squared), product
     )
@@ -231,7 +278,7 @@ def find_compared_rows(
     -------
     The rows of each assembly mode with a configuration, by the index of the mode.
     """
-    gaps_by_mode = _list_certified_gaps(slices, input_index)
+    gaps_by_mode = _list_gaps_by_mode(slices, input_index)
     compared_rows: dict[int, ComparedRows] = {}
     for mode, is_assembled_in_mode in enumerate(is_assembled):
         samples = np.flatnonzero(is_assembled_in_mode)
@@ -240,21 +287,33 @@ def find_compared_rows(
         # The rows of a mode follow each other in the block, one for each sample.
         rows = samples + mode * len(is_assembled_in_mode)
         uncertified_gaps = _gaps_beside(rows, is_uncertified[mode, samples])
-        gaps = np.concatenate([*gaps_by_mode[mode], uncertified_gaps], axis=1)
-        compared_rows[mode] = _compare_at_gaps(rows, gaps)
+        compared_rows[mode] = _compare_at_gaps(
+            rows, [*gaps_by_mode[mode], uncertified_gaps]
+        )
     return compared_rows
 
 
-def _list_certified_gaps(
+def _list_gaps_by_mode(
     slices: Sequence[SliceReversals], input_index: int
-) -> dict[int, list[Indices]]:
-    """Return the gaps between certified rows, by the index of the assembly mode.
+) -> dict[int, list[ReversalGaps]]:
+    """Return the gaps of a block in which a pole direction may reverse, for each mode.
 
-    A gap, a pair of rows between which a direction may reverse, is within a slice, or
-    between the last row of a slice and the first row of the next one. Each item of a list
-    is an array (2, k) with the numbers of the rows before and after k gaps.
+    A gap is within a slice, or between the last row of a slice and the first row of the
+    next one. Only rows whose error bounds are small (certified rows) are the ends of these
+    gaps.
+
+    Parameters
+    ----------
+    slices
+        The certified rows of the block, slice by slice in their order.
+    input_index
+        Index of the input that moves while the others are locked.
+
+    Returns
+    -------
+    The gaps by the index of the assembly mode.
     """
-    gaps_by_mode: dict[int, list[Indices]] = defaultdict(list)
+    gaps_by_mode: dict[int, list[ReversalGaps]] = defaultdict(list)
     for reversals in slices:
         gaps_by_mode[reversals.mode].append(reversals.by_input[input_index].gaps)
     for before, after in pairwise(slices):
@@ -263,36 +322,69 @@ def _list_certified_gaps(
             after.by_input[input_index].first_velocities,
         )
         if before.mode == after.mode and not np.all(keeps_direction):
-            gap = np.array([[before.last_row], [after.first_row]])
-            gaps_by_mode[before.mode].append(gap)
+            gap_between_slices = ReversalGaps(
+                rows_before=np.array([before.last_row]),
+                rows_after=np.array([after.first_row]),
+            )
+            gaps_by_mode[before.mode].append(gap_between_slices)
     return gaps_by_mode
 
 
-def _gaps_beside(rows: Indices, is_uncertified: Bools) -> Indices:
-    """Return the gaps (2, k) before and after each uncertified row.
+def _gaps_beside(rows: Indices, is_uncertified: Bools) -> ReversalGaps:
+    """Return the gaps before and after each uncertified row.
 
     `rows` (n,) are the successive rows of a mode. The first one has no gap before it, and
     the last one none after it.
     """
     uncertified = np.flatnonzero(is_uncertified)
-    before_gaps = np.setdiff1d([uncertified - 1, uncertified], [-1, len(rows) - 1])
-    return np.array([rows[before_gaps], rows[before_gaps + 1]])
+    last_position = len(rows) - 1
+    positions = np.setdiff1d([uncertified - 1, uncertified], [-1, last_position])
+    return ReversalGaps.after_positions(rows, positions)
 
 
-def _compare_at_gaps(rows: Indices, gaps: Indices) -> ComparedRows:
-    """Return the ends of all gaps, and the first and the last row, as rows to compare.
+def _compare_at_gaps(rows: Indices, gap_lists: Sequence[ReversalGaps]) -> ComparedRows:
+    """Return the rows at which the directions of poles have to be compared.
+
+    They are the rows at both ends of each gap, because a direction may reverse within the
+    gap, and the first and the last row of the mode. Between two successive compared rows a
+    direction may reverse if a gap is there.
 
     Parameters
     ----------
     rows
         (n,) the successive rows of a mode.
-    gaps
-        (2, k) the rows before and after each gap. A gap beside an uncertified row can be
-        within one between certified rows.
+    gap_lists
+        The gaps. They can overlap: a gap between two certified rows can contain the gaps
+        beside an uncertified row.
     """
-    compared = np.unique(np.concatenate([rows[[0, -1]], gaps.ravel()]))
-    first_indices, last_indices = np.searchsorted(compared, gaps)
-    # A gap covers the step after a compared row if more gaps have begun than ended there.
-    begun = np.bincount(first_indices, minlength=len(compared))
-    ended = np.bincount(last_indices, minlength=len(compared))
-    return ComparedRows(compared, may_reverse=np.cumsum(begun - ended)[:-1] > 0)
+    gap_starts = np.concatenate([gaps.rows_before for gaps in gap_lists])
+    gap_ends = np.concatenate([gaps.rows_after for gaps in gap_lists])
+    compared = np.unique(np.concatenate([rows[[0, -1]], gap_starts, gap_ends]))
+    return ComparedRows(
+        compared,
+        may_reverse=_find_covered_steps(
+            np.searchsorted(compared, gap_starts),
+            np.searchsorted(compared, gap_ends),
+            len(compared),
+        ),
+    )
+
+
+def _find_covered_steps(starts: Indices, ends: Indices, point_count: int) -> Bools:
+    """Return which steps between successive points are covered by an interval.
+
+    Parameters
+    ----------
+    starts, ends
+        (k,) points, from 0 on, at which the intervals begin and end. They can overlap.
+    point_count
+        Number n of points.
+
+    Returns
+    -------
+    (n - 1,) whether the step from each point to the next one is within an interval.
+    """
+    started_count = np.cumsum(np.bincount(starts, minlength=point_count))
+    ended_count = np.cumsum(np.bincount(ends, minlength=point_count))
+    # An interval covers the step after a point if it has started, but not ended there.
+    return started_count[:-1] > ended_count[:-1]

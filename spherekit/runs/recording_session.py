@@ -231,9 +231,8 @@ class RecordingSession:
     def _log(self, scene: Scene, motion: Motion) -> None:
         """Pass a scene to the recorder, with the samples of a block.
 
-        Some scenes are drawn over an axis of their own, such as a parameter of a curve,
-        instead of the samples. Their points are spread evenly over the timeline of the
-        recording.
+        Some scenes are drawn over an axis of their own, such as a parameter of a curve. All
+        others are drawn over the samples.
 
         Parameters
         ----------
@@ -242,26 +241,46 @@ class RecordingSession:
         motion
             The recorded samples of the block, in one or several assembly modes.
         """
-        count = motion.samples
-        timing = motion.timing
-        # `_times` has the times of all recorded samples, or is None if the samples are no
-        # times. `_inputs` has their inputs. It is None with several inputs or with times,
-        # because then no single input orders the samples.
         if scene.over:
-            # The axes of a scene have one value for each row of the scene.
-            count = len(scene.over[0].values)
-            self._recorder.log(
-                scene,
-                samples=np.arange(count),
-                inputs=_spread_evenly(self._inputs, count),
-                times=_spread_evenly(self._times, count),
-            )
-        elif count:
-            # The rows of the first assembly mode have the inputs and times of all samples.
-            inputs = None if self._inputs is None else motion.q[:count]
-            times = None if self._times is None or timing is None else timing.t[:count]
-            scene = replace(scene, over=self._axes(motion))
-            self._recorder.log(scene, motion.sample[:count], inputs, times)
+            self._log_over_own_axes(scene)
+        elif motion.samples:
+            self._log_over_samples(scene, motion)
+
+    def _log_over_own_axes(self, scene: Scene) -> None:
+        """Pass a scene with axes of its own to the recorder.
+
+        Its points are spread evenly over the timeline of the recording.
+        """
+        # The axes of a scene have one value for each row of the scene.
+        count = len(scene.over[0].values)
+        self._recorder.log(
+            scene,
+            samples=np.arange(count),
+            inputs=_spread_evenly(self._inputs, count),
+            times=_spread_evenly(self._times, count),
+        )
+
+    def _log_over_samples(self, scene: Scene, motion: Motion) -> None:
+        """Pass a scene of a block to the recorder, with inputs or times as its timeline.
+
+        Parameters
+        ----------
+        scene
+            The drawings, without axes.
+        motion
+            The recorded samples of the block.
+        """
+        # The rows of the first assembly mode, which come first, have all samples.
+        count = motion.samples
+        scene_over_samples = replace(scene, over=self._axes(motion))
+        inputs = None
+        if self._inputs is not None:
+            # A single input orders the samples.
+            inputs = motion.q[:count]
+        times = None
+        if self._times is not None and motion.timing is not None:
+            times = motion.timing.t[:count]
+        self._recorder.log(scene_over_samples, motion.sample[:count], inputs, times)
 
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:
         """Return the axes over which the samples of a block are drawn.

@@ -160,26 +160,37 @@ class RunPlan:
             For each input, the last pole directions of the previous block. The signs of
             directions continue from there. They are updated in place.
         """
-        # A `BatchRunner` computes motions by a kernel, a function that evaluates many rows
-        # at once. It has stored facts about their poles in `pending_poles`, with the `id`
-        # of the motion object as key, until this call. The kernel computes such poles when
-        # they are read.
-        if isinstance(self.source, BatchRunner) and id(motion) in self.source.pending_poles:
-            return self.source.fields(motion, sign_continuations)
-        # If a run only measures the size of its tables, the numbers in them do not matter,
-        # but they must take as many bytes as the right ones. About `max_poles` poles are
-        # then evaluated. The others get copies of these numbers with different last digits,
-        # because a table file stores equal numbers only once.
+        source = self.source
+        if isinstance(source, BatchRunner) and source.has_pending_poles(motion):
+            # The motion was computed by a kernel, which evaluates many rows at once. It
+            # computes the poles when they are read.
+            return source.fields(motion, sign_continuations)
         if self.max_poles is not None:
-            return tuple(
-                evaluate_sample(motion, request, self.max_poles)
-                for request in self.requests
-                if request.poles
-            )
-        # The setting states whether poles are computed from velocity equations or from
-        # great circles (the route), and whether by NumPy, by compiled code or in quad
-        # precision (the engine).
-        #
+            return self._fill_in_poles(motion, self.max_poles)
+        return self._evaluate_all_poles(motion, sign_continuations)
+
+    def _fill_in_poles(self, motion: Motion, max_poles: int) -> PoleFields:
+        """Return numbers of poles for a run that only measures the size of its tables.
+
+        The numbers need not be right, but must take as many bytes as the right ones. About
+        `max_poles` poles are evaluated. The others get similar numbers, because a table
+        file stores equal numbers only once.
+        """
+        return tuple(
+            evaluate_sample(motion, request, max_poles)
+            for request in self.requests
+            if request.poles
+        )
+
+    def _evaluate_all_poles(
+        self, motion: Motion, sign_continuations: Sequence[SignContinuation]
+    ) -> PoleFields:
+        """Evaluate the requested poles of a block.
+
+        The `setting` states whether poles are computed from velocity equations or from
+        great circles (the route), and whether by NumPy, by compiled code or in quad
+        precision (the engine). The parameters are those of `evaluate_poles`.
+        """
         # There are a request and a sign continuation for each input, also for those without
         # requested poles.
         return tuple(

@@ -331,9 +331,10 @@ class RunState:
             arrays = (np.asarray(part) for part in parts)
             for codes, part_count in _count_shared_arrays(arrays):
                 if has_sample_rows:
-                    codes = _leave_out_failed_configurations(
-                        codes, data, batch, is_part=is_interleaved
-                    )
+                    if is_interleaved:
+                        codes = _failures_of_pole(codes, batch)
+                    else:
+                        codes = _failures_of_table(codes, data, batch)
                 key = (FAILED, analysis_name, table.name)
                 self._count_statuses(key, codes, part_count, ignored)
 
@@ -398,30 +399,39 @@ class RunState:
         return errors | fractions
 
 
-def _leave_out_failed_configurations(
-    codes: Array, data: TableData, batch: Batch, is_part: bool
-) -> Array:
-    """Return the status codes of rows that failed although their configuration did not.
+def _failures_of_pole(codes: Array, batch: Batch) -> Array:
+    """Return the status codes of a pole that differ from those of its configurations.
 
-    A code that equals the status of the configuration of its row is left out. Codes OK may
-    be left out, too.
+    A configuration that has failed is counted once, and not again for each of its poles.
 
     Parameters
     ----------
     codes
-        (n,) status codes of rows of a table.
+        (n,) status codes of one of several poles in a table. They usually have one row for
+        each configuration of the batch, in its order. If their number is another one, it is
+        unknown to which configurations they belong, and all codes are returned.
+    batch
+        The configurations.
+    """
+    if len(codes) != len(batch):
+        return codes
+    return codes[codes != batch.status]
+
+
+def _failures_of_table(codes: Array, data: TableData, batch: Batch) -> Array:
+    """Return the status codes of failed rows of a table whose configuration did not fail.
+
+    Codes that equal the status of the configuration are left out.
+
+    Parameters
+    ----------
+    codes
+        (n,) status codes of the rows of the table, in any order.
     data
         Columns of the table, with those of the sample and the assembly mode.
     batch
         The configurations.
-    is_part
-        Whether `codes` belong to one of several poles. They then have one row for each
-        configuration, in the order of the batch. Otherwise the rows are those of `data`,
-        which can be any number in any order.
     """
-    if is_part:
-        has_row_per_configuration = len(codes) == len(batch)
-        return codes[codes != batch.status] if has_row_per_configuration else codes
     failed = np.flatnonzero(codes != Status.OK)
     batch_status = _find_batch_status(batch, data, failed)
     return codes[failed][codes[failed] != batch_status]

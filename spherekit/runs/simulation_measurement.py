@@ -14,11 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.argument_validation import check_fields
+from spherekit.arrays import Indices
 from spherekit.conventions import TURN
 from spherekit.dynamics.forward_dynamics import MIN_TOLERANCE_BY_ENGINE, simulate
 from spherekit.dynamics.reference_simulation import refined
 from spherekit.errors import AnalysisError, EngineError, SpherekitError
 from spherekit.files.study import Study
+from spherekit.positions.motion import Motion
 from spherekit.positions.timing import Timing
 from spherekit.progress import ProgressReporter
 from spherekit.proof.ball_frames import exact_balls
@@ -204,31 +206,54 @@ def compute_timed_tables(
     run_plan = make_analysis_plan(sampling, analysis, setting)
     planning_seconds = time.process_time() - start
 
-    def make_batches() -> Iterator[Batch]:
-        """Yield the data of each block of samples, as the analysis reads them."""
-        # `source` computes the motion of each block. From the motion follow the poles
-        # (`pole_fields`, one for each moving input) and the continued angles, which are
-        # pair variables without jumps of whole turns.
-        blocks = run_plan.source.blocks(run_plan.block_size)
-        for motion, pole_fields, continued_angles in run_plan.evaluate_blocks(blocks):
-            if reference_fields:
-                # Both directions along a pole are right. Choose those of the reference, so
-                # that a reversed direction does not count as an error.
-                #
-                # Find the rows of the reference that belong to the rows of the block. Both
-                # have all rows of the first assembly mode, then those of the next one. In
-                # each mode the reference has a row for every sample, but the block only
-                # for `block_size` samples. `motion.sample` has the sample of each row.
-                block_size = motion.samples  # number of samples in the block
-                first_rows = np.arange(len(motion.assembly_modes)) * len(sampling)
-                reference_rows = motion.sample + np.repeat(first_rows, block_size)
-                pole_fields = align_directions(
-                    pole_fields, reference_fields, reference_rows
-                )
-            yield run_plan.make_batch(analysis, motion, pole_fields, continued_angles)
-
-    tables = run_plan.join_tables(analysis, make_batches())
+    batches = _make_batches(run_plan, analysis, reference_fields)
+    tables = run_plan.join_tables(analysis, batches)
     return TimedTables(tables, planning_seconds, time.process_time() - start)
+
+
+def _make_batches(
+    run_plan: RunPlan,
+    analysis: AbstractAnalysis,
+    reference_fields: Sequence[PoleField],
+) -> Iterator[Batch]:
+    """Yield the data of each block of samples, as the analysis reads them.
+
+    Parameters
+    ----------
+    run_plan
+        The run of this analysis.
+    analysis
+        The analysis.
+    reference_fields
+        Poles at all samples with which those of the blocks will be compared, for each input
+        that moves while the others are locked. Empty if poles are not compared.
+    """
+    motions = run_plan.source.blocks(run_plan.block_size)
+    for motion, pole_fields, continued_angles in run_plan.evaluate_blocks(motions):
+        if reference_fields:
+            # Both directions along the axis of a pole are right. Those of the reference are
+            # chosen, so that a reversed direction does not count as an error.
+            reference_rows = _find_reference_rows(motion, len(run_plan.sampling))
+            pole_fields = align_directions(pole_fields, reference_fields, reference_rows)
+        yield run_plan.make_batch(analysis, motion, pole_fields, continued_angles)
+
+
+def _find_reference_rows(motion: Motion, sample_count: int) -> Indices:
+    """Return the row (n,) of the whole run to which each row of a block belongs.
+
+    The whole run first has the rows of all samples in the first assembly mode, then those
+    in the next mode. The block is ordered in the same way, but only has some samples.
+
+    Parameters
+    ----------
+    motion
+        The configurations of the block.
+    sample_count
+        Number of samples of the whole run.
+    """
+    mode_indices = np.repeat(np.arange(len(motion.assembly_modes)), motion.samples)
+    first_rows_of_modes = mode_indices * sample_count
+    return first_rows_of_modes + motion.sample
 
 
 def measure_candidates(

@@ -13,10 +13,8 @@ from spherekit.conventions import Facts
 class SmoothExtremes:
     """The lowest and the highest value of a quantity, estimated between samples.
 
-    At a sample whose value b is at least as large as the values a and c at its two
-    neighbours, the parabola through the three has its maximum b + (c - a)**2 / (8 k) with
-    k = abs(a - 2 b + c). Minima are found likewise. The result does not depend on how the
-    samples are divided into blocks.
+    They are the extremes of parabolas through the values at three successive samples. The
+    result does not depend on how the samples are divided into blocks.
 
     Attributes
     ----------
@@ -39,27 +37,27 @@ class SmoothExtremes:
 
     def add(self, values: Floats) -> None:
         """Add the values (n,) at the next samples, NaN where they are unknown."""
-        earlier = [np.nan if value is None else value for value in self.last_values]
-        values = np.concatenate([earlier, values])
+        values = np.concatenate([self._restore_last_values(), values])
+        self._store_last_values(values)
+        if len(values) < 3:
+            return
+        parabola_extremes = find_parabola_extremes(values[:-2], values[1:-1], values[2:])
+        if len(parabola_extremes.maxima):
+            highest = float(np.max(parabola_extremes.maxima))
+            self.highest = highest if self.highest is None else max(self.highest, highest)
+        if len(parabola_extremes.minima):
+            lowest = float(np.min(parabola_extremes.minima))
+            self.lowest = lowest if self.lowest is None else min(self.lowest, lowest)
+
+    def _store_last_values(self, values: Floats) -> None:
+        """Store the last two of some values (n,), with None for values that are unknown."""
         self.last_values = [
             float(value) if np.isfinite(value) else None for value in values[-2:]
         ]
-        if len(values) < 3:
-            return
-        before, middle, after = values[:-2], values[1:-1], values[2:]
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            curvature = np.abs(before - 2.0 * middle + after)
-            excess = np.where(
-                curvature > 0.0, (after - before) ** 2 / (8.0 * curvature), 0.0
-            )
-            is_maximum = (middle >= before) & (middle >= after) & np.isfinite(excess)
-            is_minimum = (middle <= before) & (middle <= after) & np.isfinite(excess)
-        if np.any(is_maximum):
-            highest = float(np.max((middle + excess)[is_maximum]))
-            self.highest = highest if self.highest is None else max(self.highest, highest)
-        if np.any(is_minimum):
-            lowest = float(np.min((middle - excess)[is_minimum]))
-            self.lowest = lowest if self.lowest is None else min(self.lowest, lowest)
+
+    def _restore_last_values(self) -> list[float]:
+        """Return the last values of earlier samples, with NaN for unknown values."""
+        return [np.nan if value is None else value for value in self.last_values]
 
     def excess(self, lowest: float | None, highest: float | None) -> float:
         """Return how far the extremes exceed a range, 0 if they do not.
@@ -75,3 +73,43 @@ class SmoothExtremes:
         if self.lowest is not None and lowest is not None:
             excess = max(excess, lowest - self.lowest)
         return excess
+
+
+@dataclass(frozen=True)
+class ParabolaExtremes:
+    """The extremes of parabolas through three successive values of a quantity.
+
+    Attributes
+    ----------
+    maxima, minima
+        The maxima and the minima that are near the middle one of the three values.
+    """
+
+    maxima: Floats
+    minima: Floats
+
+
+def find_parabola_extremes(
+    before: Floats, middle: Floats, after: Floats
+) -> ParabolaExtremes:
+    """Return the extremes of parabolas through the values at three successive samples.
+
+    The samples have equal distances. The parabola through the values a, b and c has an
+    extreme near the middle sample if b is not between a and c. The maximum exceeds b by
+    (c - a)**2 / (8 abs(a - 2 b + c)). A minimum is below b by the same amount.
+
+    Parameters
+    ----------
+    before, middle, after
+        (n,) the values a, b and c of n parabolas. A parabola with a value that is not
+        finite has no extreme.
+    """
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        # The second difference of the values, which is zero on a straight line.
+        curvature = np.abs(before - 2.0 * middle + after)
+        excess = np.where(curvature > 0.0, (after - before) ** 2 / (8.0 * curvature), 0.0)
+        is_maximum = (middle >= before) & (middle >= after) & np.isfinite(excess)
+        is_minimum = (middle <= before) & (middle <= after) & np.isfinite(excess)
+    return ParabolaExtremes(
+        maxima=(middle + excess)[is_maximum], minima=(middle - excess)[is_minimum]
+    )

@@ -9,7 +9,7 @@ samples at once, the reference rows replace those of the whole motion.
 """
 
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -100,26 +100,44 @@ class _BlockRows(ArrayRows):
         -------
         The rows, sorted by assembly mode (way to assemble the mechanism) and sample.
         """
-        motion = self.motion
-        # (n,) the largest error bound of any pole direction in a row; NaN without poles.
-        direction_bound = nans(len(motion))
+        # The row number depends only on mode and sample, so that later blocks do not change
+        # the order of the rows of earlier blocks.
+        row_numbers = self.motion.assembly_mode * sample_count + self.motion.sample
+        candidates = [*self._find_worst_rows(), *order_evenly(row_numbers)]
+        # A dictionary removes repeated rows and keeps the order.
+        selected = list(dict.fromkeys(candidates))[:count]
+        return self.rows(np.array(selected)[np.argsort(row_numbers[selected])])
+
+    def _find_worst_rows(self) -> list[np.intp]:
+        """Return the rows with the largest residual, error bound and condition number.
+
+        The error bound is the largest one of all pole directions of a row.
+        """
+        direction_bound = nans(len(self.motion))
         for pole_field in self.pole_fields:
             for errors in pole_field.direction_error.values():
                 direction_bound = np.fmax(direction_bound, errors)
+        scores = (self.motion.residual, direction_bound, self.motion.conditioning)
         # NaN never counts as the largest.
-        worst_rows = [
-            np.argmax(np.nan_to_num(score, nan=-1.0))
-            for score in (motion.residual, direction_bound, motion.conditioning)
-        ]
-        # The other rows are ordered by the fractional part of a multiple of the golden
-        # ratio. The first rows in this order are spread evenly. The order depends only on
-        # mode and sample. Rows that were selected in earlier blocks, together with rows of
-        # a new block, can therefore be selected again.
-        row_number = motion.assembly_mode * sample_count + motion.sample
-        spread_rows = np.argsort((row_number + 1) * GOLDEN % 1.0)
-        # A dictionary removes repeated rows and keeps the order.
-        selected = list(dict.fromkeys([*worst_rows, *spread_rows]))[:count]
-        return self.rows(np.array(selected)[np.argsort(row_number[selected])])
+        return [np.argmax(np.nan_to_num(score, nan=-1.0)) for score in scores]
+
+
+def order_evenly(numbers: Indices) -> Indices:
+    """Return indices in an order whose first entries are spread evenly over some numbers.
+
+    The numbers are ordered by the fractional part of a multiple of the golden ratio. This
+    order of two numbers does not depend on the others.
+
+    Parameters
+    ----------
+    numbers
+        (n,) whole numbers.
+
+    Returns
+    -------
+    (n,) indices of the numbers.
+    """
+    return np.argsort((numbers + 1) * GOLDEN % 1.0)
 
 
 @dataclass(frozen=True)
@@ -400,15 +418,22 @@ class Verifier:
         )
         return self._run_plan.compute_tables(analysis, batch)
 
-    def _find_rows(self, data: Mapping[str, Any]) -> Indices:
-        """Return the verified row to which each row of a table or motion belongs, else -1.
+    def _find_verified_rows(self, assembly_mode: Array, sample: Array) -> Indices:
+        """Return the number of the verified row with a given assembly mode and sample.
 
-        Rows belong together if they have the same assembly mode and sample.
+        Parameters
+        ----------
+        assembly_mode, sample
+            (n,) number of the assembly mode and of the sample.
+
+        Returns
+        -------
+        (n,) numbers of verified rows, -1 where there is none.
         """
         # Complex numbers sort by the mode first and by the sample next. Verified rows are
         # sorted in this way.
         verified = self._motion.assembly_mode + 1j * self._motion.sample
-        keys = data[ASSEMBLY_MODE.name] + 1j * data[SAMPLE.name]
+        keys = assembly_mode + 1j * sample
         row = np.minimum(np.searchsorted(verified, keys), len(verified) - 1)
         return np.where(verified[row] == keys, row, -1)
 
@@ -424,10 +449,7 @@ class Verifier:
         """
         # Rotations are computed on request from the values; joined rows need them stored.
         motion = replace(whole.motion, placed=whole.motion.rotations)
-        # For each row of the run the number of its verified row, or -1 if there is none.
-        # They have the same assembly mode and sample. `_find_rows` takes both by name from
-        # a mapping, which is a table elsewhere and the attributes of the motion here.
-        verified_row = self._find_rows(vars(motion))
+        verified_row = self._find_verified_rows(motion.assembly_mode, motion.sample)
         replaced = np.flatnonzero((verified_row >= 0) & self._has_reference[verified_row])
         # The n rows of the run are followed by the reference rows, which therefore have the
         # numbers n, n + 1, ... The replaced rows are taken from these.
@@ -451,7 +473,7 @@ class Verifier:
             return
         rows = arrays(pair.rows)
         # The number of the verified row to which each row of the table belongs, else -1.
-        row = self._find_rows(rows)
+        row = self._find_verified_rows(rows[ASSEMBLY_MODE.name], rows[SAMPLE.name])
         is_verified = row >= 0
         if not np.any(is_verified):
             return
