@@ -311,33 +311,53 @@ class EquationOfMotion:
 
         With several degrees of freedom, coordinates are weighted sums of the pair
         variables. With one, the coordinate is the arc length of the configuration curve (in
-        the space of all pair variables), and the derivatives are unit tangents of the
-        curve. They can point to either of its two directions.
+        the space of all pair variables), see `_compute_curve_motion`.
 
         Parameters
         ----------
         values
             (n, variables) pair variables (rad).
         rate_weights
-            (m, variables), or (n, m, variables) for each row: weights of the rates of the
-            pair variables in the rate of each coordinate. With one degree of freedom they
-            are a tangent of the curve, and only decide its direction: the tangent of each
-            row makes an acute angle with the tangent given for this row. If only one is
-            given, it decides the direction in the first row, and each further tangent makes
-            an acute angle with the one before. The rows then have to be in order along the
-            motion.
+            With several degrees of freedom the weights of the pair variables in the
+            coordinates: (m, variables) in all rows, or (n, m, variables) for each row. With
+            one degree of freedom the tangents of `_compute_curve_motion`: (1, variables)
+            for the first row, or (n, 1, variables) for each row.
         order
             Order of the derivatives, 1 or 2.
         """
         if self.freedoms > 1:
             return motion_by_combinations(self.closure, values, rate_weights, order)
+        return self._compute_curve_motion(values, rate_weights, order)
+
+    def _compute_curve_motion(
+        self, values: Floats, tangents: Floats, order: Order
+    ) -> CoordinateMotion:
+        """Return configurations with their derivatives by the arc length of their curve.
+
+        The first derivative is a unit tangent of the curve. A curve has two directions, and
+        a solution of the velocity equations may point in either. Given tangents, which may
+        be inaccurate, decide which one is positive.
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations of a mechanism with one degree of freedom (rad).
+        tangents
+            (n, 1, variables) for each row a vector, with which the tangent of that row
+            makes an acute angle. Or (1, variables) such a vector for the first row only. In
+            each further row the tangent then makes an acute angle with the one before, so
+            the rows have to be in order along the motion.
+        order
+            Order of the derivatives, 1 or 2.
+        """
         motion = motion_by_arc_length(self.closure, values, order)
-        has_single_vector = rate_weights.ndim == 2
-        if has_single_vector:
-            tangents = motion.rates[:, 0]
-            return motion.with_senses(continuous_signs(tangents, rate_weights[0]))
-        cosines = np.sum(rate_weights * motion.rates, axis=(1, 2))
-        return motion.with_senses(np.where(cosines < 0.0, -1.0, 1.0))
+        is_for_first_row = tangents.ndim == 2
+        if is_for_first_row:
+            senses = continuous_signs(motion.rates[:, 0], start=tangents[0])
+        else:
+            cosines = np.sum(tangents * motion.rates, axis=(1, 2))
+            senses = np.where(cosines < 0.0, -1.0, 1.0)
+        return motion.with_senses(senses)
 
     def project_once(self, values: Floats) -> tuple[Floats, float]:
         """Return a configuration (variables,) after one Newton step that closes its loops.

@@ -13,7 +13,7 @@ further rows. Its determinant changes sign where curves of configurations cross.
 import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -195,6 +195,25 @@ END_BY_STATUS: dict[Status, tuple[EndKind, str]] = {
 }
 """Kind and message of the end of a simulation, by the status of a configuration that has
 no rates."""
+
+
+class StepEvent(NamedTuple):
+    """An event within a step that may have to be recorded.
+
+    Attributes
+    ----------
+    t
+        Time, s.
+    kind
+        Kind of the event. A simulation that does not pass crossings of curves of
+        configurations ends at the first one, which is then a "singularity".
+    pair
+        The pair to which the event belongs, empty if there is none.
+    """
+
+    t: float
+    kind: EventKind | Literal["singularity"]
+    pair: str = ""
 
 
 class Collocation:
@@ -651,12 +670,11 @@ class Collocation:
             Tolerance of the step, rad.
         """
         equation = self.equation
-        momenta = self.equation.momenta
-        loads = equation.loads
-        if not loads.needs_step_probes:
+        if not equation.loads.needs_step_probes:
             return True
         largest_momentum = max(
-            scale[equation.variable_count], float(max_abs(step.state[momenta]))
+            scale[equation.variable_count],
+            float(max_abs(step.state[equation.momenta])),
         )
         # The error of the momentum rates that is allowed: an error e of them counts as
         # e * length / ERROR_DIVISOR in the state, as the last coefficients of a step do.
@@ -668,54 +686,83 @@ class Collocation:
             / step.length
         )
 
+        # `find_first_errors` examines several steps at once. Here there is only one, so the
+        # indices of the steps are not used.
         def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
-            """Compare the rates of the momenta with the loads at n times of the step.
-
-            The rates are computed in two ways: by the polynomial of the step, which was
-            fitted to the rates at its nodes, and from the loads at the given times. They
-            differ if a load changes abruptly between two nodes. The step, the loads and the
-            error that is allowed (`allowed_error`) are those of `_passes_probes`.
-
-            Parameters
-            ----------
-            _
-                Indices of steps, which the caller passes. Here there is only one step.
-            fractions
-                (n,) times from 0 at the start of the step to 1 at its end.
-
-            Returns
-            -------
-            errors
-                (n,) differences of the rates, relative to the error allowed in a step.
-            steep_arguments
-                (n, arguments) arguments of functions such as sign(x) or tanh(x) in the
-                loads. Such a load may change abruptly where x is zero or has an extremum,
-                so the caller probes these times too.
-            """
-            t = step.start + fractions * step.length
-            # With several degrees of freedom, the coordinates are the same in the whole
-            # step. With one, the coordinate is the arc length of the configuration curve,
-            # and its weights are the tangent. This only decides in which of two directions
-            # the arc length increases, so the tangent at the nearest node suffices.
-            rate_weights = self.rate_weights
-            if equation.freedoms == 1:
-                # The times of the nodes are in [-1, 1], from start to end of the step.
-                times = 2.0 * fractions[:, None] - 1.0
-                distances = np.abs(times - GAUSS_NODES)
-                rate_weights = step.rate_weights[np.argmin(distances, axis=1)]
-            states = step.evaluate_state(t)
-            dynamics = equation.evaluate(t, states, rate_weights, self.problem.turn_angles)
-            rate_errors = np.abs(
-                dynamics.momentum_rates - step.evaluate_rate(t)[:, momenta]
-            )
-            steep_arguments = loads.evaluate_laws(
-                loads.steep_arguments, dynamics.motion, dynamics.speed, t
-            )
+            """Return relative errors (n,) and steep arguments (n, k) at n times."""
+            rate_errors, steep_arguments = self._probe_step(step, fractions)
             return np.max(rate_errors, axis=1) / allowed_error, steep_arguments
 
         # The first fraction with an error; infinite if there is none.
         (first_error,) = find_first_errors(probe, 1)
         return bool(first_error > 1.0)
+
+    def _probe_step(
+        self, step: CollocationStep, fractions: Floats
+    ) -> tuple[Floats, Floats]:
+        """Compare the rates of the momenta within a step with the loads.
+
+        The rates are computed in two ways: by the polynomial of the step, which was fitted
+        to the rates at its nodes, and from the loads at the given times. They differ if a
+        load changes abruptly between two nodes.
+
+        Parameters
+        ----------
+        step
+            The step.
+        fractions
+            (n,) times from 0 at the start of the step to 1 at its end.
+
+        Returns
+        -------
+        rate_errors
+            (n, m) absolute differences of the rates of the m momenta.
+        steep_arguments
+            (n, k) arguments of functions such as sign(x) or tanh(x) in the loads. Such a
+            load may change abruptly where x is zero or has an extremum.
+        """
+        equation = self.equation
+        t = step.start + fractions * step.length
+        dynamics = equation.evaluate(
+            t,
+            step.evaluate_state(t),
+            self._find_rate_weights(step, fractions),
+            self.problem.turn_angles,
+        )
+        fitted_rates = step.evaluate_rate(t)[:, equation.momenta]
+        rate_errors = np.abs(dynamics.momentum_rates - fitted_rates)
+        steep_arguments = equation.loads.evaluate_laws(
+            equation.loads.steep_arguments, dynamics.motion, dynamics.speed, t
+        )
+        return rate_errors, steep_arguments
+
+    def _find_rate_weights(self, step: CollocationStep, fractions: Floats) -> Floats:
+        """Return the argument `rate_weights` of `EquationOfMotion.evaluate` within a step.
+
+        With several degrees of freedom, it has the weights that define the coordinates.
+        They are the same in the whole step.
+
+        With one degree of freedom, the coordinate is the arc length of the configuration
+        curve, and the argument only has to say in which of the two directions of the curve
+        the arc length increases. Tangents at the nearest nodes say this.
+
+        Parameters
+        ----------
+        step
+            The step.
+        fractions
+            (n,) times from 0 at the start of the step to 1 at its end.
+
+        Returns
+        -------
+        (m, variables) with m > 1 degrees of freedom, (n, 1, variables) with one.
+        """
+        if self.equation.freedoms > 1:
+            return self.rate_weights
+        # The times of the nodes are in [-1, 1], from start to end of the step.
+        times = 2.0 * fractions[:, None] - 1.0
+        nearest_nodes = np.argmin(np.abs(times - GAUSS_NODES), axis=1)
+        return step.rate_weights[nearest_nodes]
 
     def _is_noisy(self, step: CollocationStep) -> bool:
         """Return whether the last Legendre coefficients of a step are noise.
@@ -839,9 +886,9 @@ class Collocation:
             changes its sign.
         """
         self.steps.append(step)
-        occurrences = self._find_occurrences(step, rates, determinants)
-        # Sorting is stable: occurrences at one time keep their order.
-        for t, kind, pair in sorted(occurrences, key=lambda item: item[0]):
+        step_events = self._find_step_events(step, rates, determinants)
+        # Sorting is stable: events at one time keep their order.
+        for t, kind, pair in sorted(step_events, key=lambda step_event: step_event.t):
             # A simulation either passes crossings, whose kind is then "crossing", or ends
             # at the first one, whose kind is then "singularity".
             if kind == "singularity":
@@ -852,18 +899,13 @@ class Collocation:
                 return joint_limit_end(t, pair, float(values[variable]))
         return None
 
-    def _find_occurrences(
+    def _find_step_events(
         self, step: CollocationStep, rates: Floats, determinants: Floats
-    ) -> Iterator[tuple[float, EventKind | Literal["singularity"], str]]:
-        """Yield time (s), kind and pair of each event within a step.
+    ) -> Iterator[StepEvent]:
+        """Yield the events within a step.
 
         They are, in this order: exceeded joint limits, a crossing of curves, reversals of
         the input (or singularities of type II with several inputs), and moments of rest.
-        The pair is empty if the event belongs to none.
-
-        The attribute `signed_largest_determinant` is updated when the caller has taken all
-        events. It is the largest size of the determinant so far, with the sign that the
-        determinant has at the end of the step.
 
         Parameters
         ----------
@@ -877,37 +919,75 @@ class Collocation:
             configurations cross.
         """
         mechanism = self.equation.mechanism
-        driven = list(self.problem.driven)
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
-            yield t, "joint_limit", pair
-        # At a crossing the determinant vanishes or changes its sign. `find_crossing`
-        # compares its size with the largest one so far, and its sign with that before this
-        # step.
-        largest, sign_before_step = self._find_size_and_sign(determinants)
-        self.signed_largest_determinant = float(np.copysign(largest, sign_before_step))
-        crossing = step.find_crossing(determinants, self.signed_largest_determinant)
-        if crossing is not None:
+            yield StepEvent(t, "joint_limit", pair)
+        crossing_time = self._find_crossing(step, determinants)
+        if crossing_time is not None:
             ends_here = not self.problem.passes_crossings
-            yield crossing, "singularity" if ends_here else "crossing", ""
-            # Only a crossing changes the sign, to that at the end of the step.
-            self.signed_largest_determinant = float(np.copysign(largest, determinants[-1]))
-        # At a zero of the determinant of the inputs' rates by the coordinates, the inputs
-        # do not determine the motion (singularity of type II). A single input reverses.
-        has_one_input = len(driven) == 1
-        kind: EventKind = "dead_centre" if has_one_input else "type_2"
+            yield StepEvent(crossing_time, "singularity" if ends_here else "crossing")
+        yield from self._find_indeterminate_inputs(step, rates)
+        # With one input there is a single momentum. The mechanism rests where it changes
+        # its sign. A state has the pair variables first, then the momentum.
+        if len(self.problem.driven) == 1:
+            momentum_position = self.equation.variable_count
+            momentum_series = step.state_series(momentum_position)
+            for t in step.find_sign_changes(momentum_series):
+                yield StepEvent(t, "rest")
+
+    def _find_crossing(self, step: CollocationStep, determinants: Floats) -> float | None:
+        """Return the time (s) in a step at which curves of configurations cross, if any.
+
+        There the determinant vanishes or changes its sign. To be recognised, its size is
+        compared with the largest one so far, and its sign with that before this step. Both
+        are stored in one number, `signed_largest_determinant`, which this method updates
+        for the next step.
+
+        Parameters
+        ----------
+        step
+            The step.
+        determinants
+            (N,) determinants at its nodes.
+        """
+        largest, sign_before_step = self._find_size_and_sign(determinants)
+        crossing_time = step.find_crossing(
+            determinants, float(np.copysign(largest, sign_before_step))
+        )
+        # Only a crossing changes the sign.
+        sign_after_step = sign_before_step
+        if crossing_time is not None:
+            sign_after_step = determinants[-1]
+        self.signed_largest_determinant = float(np.copysign(largest, sign_after_step))
+        return crossing_time
+
+    def _find_indeterminate_inputs(
+        self, step: CollocationStep, rates: Floats
+    ) -> Iterator[StepEvent]:
+        """Yield the events within a step at which the inputs do not determine the motion.
+
+        A single input reverses there (dead centre of the input). With several inputs it is
+        a singularity of type II. The determinant of the inputs' rates by the coordinates is
+        zero.
+
+        Parameters
+        ----------
+        step
+            The step.
+        rates
+            (N, m, variables) derivatives of the pair variables by the m coordinates of the
+            motion, at the N nodes of the step.
+        """
+        driven = list(self.problem.driven)
         input_rates = np.linalg.det(rates[:, :, driven])
         # The matrix converts values at the nodes to the coefficients of a Legendre series,
         # whose zeros within the step are found.
         input_rate_series = SERIES_MATRIX @ input_rates
         for t in step.find_sign_changes(input_rate_series):
-            yield t, kind, mechanism.input_pairs[0] if has_one_input else ""
-        # With one input there is a single momentum. The mechanism rests where it changes
-        # its sign. A state has the pair variables first, then the momentum.
-        if has_one_input:
-            momentum_position = self.equation.variable_count
-            momentum_series = step.state_series(momentum_position)
-            for t in step.find_sign_changes(momentum_series):
-                yield t, "rest", ""
+            if len(driven) == 1:
+                pair = self.equation.mechanism.input_pairs[0]
+                yield StepEvent(t, "dead_centre", pair)
+            else:
+                yield StepEvent(t, "type_2")
 
     def _record_event(
         self, kind: EventKind, t: float, step: CollocationStep, pair: str = ""

@@ -181,10 +181,19 @@ class MomentumConversion(Protocol):
         """
 
     def compute_rate_weights(self, states: Floats) -> Floats:
-        """Return the coordinates of the momenta at n states (n, states).
+        """Return the matrices W of the coordinates at n states.
 
-        The result (n, m, variables) has the weights of the rates of the pair variables in
-        the rate of each coordinate, see `PathStates`.
+        Each momentum belongs to a coordinate of the motion. The rates u of the m
+        coordinates are weighted sums of the rates v' of the pair variables: u = W v'.
+
+        Parameters
+        ----------
+        states
+            (n, states) states. The pair variables are the first columns.
+
+        Returns
+        -------
+        (n, m, variables) W for each state: row i has the weights for coordinate i.
         """
 
 
@@ -221,10 +230,11 @@ class CurveMomentumConversion:
         state_rates[:, momentum] *= self.sense
 
     def compute_rate_weights(self, states: Floats) -> Floats:
-        """Return unit tangents (n, 1, variables) of the configuration curve.
+        """Return the matrices W (n, 1, variables) of the arc length of the curve.
 
-        They point in the direction in which the mechanism moves if its momentum is positive
-        in the simulation.
+        The only coordinate is the arc length s of the configuration curve. With the unit
+        tangent e of the curve, ds/dt = e . v' for the rates v' of the pair variables, so
+        that e is the only row of W = [e].
 
         Parameters
         ----------
@@ -232,7 +242,20 @@ class CurveMomentumConversion:
             (n, states) states. The pair variables are the first columns.
         """
         pair_variables = states[:, : self.equation.layout.variable_count]
-        tangents = self.equation.homogeneous_rates(pair_variables)
+        tangents = self._compute_tangents(pair_variables)
+        return tangents[:, None]
+
+    def _compute_tangents(self, pair_variables: Floats) -> Floats:
+        """Return unit tangents (n, variables) of the curve in its positive direction.
+
+        The mechanism moves in this direction if its momentum is positive in the simulation.
+
+        Parameters
+        ----------
+        pair_variables
+            (n, variables) configurations, rad.
+        """
+        tangents = self.equation.homogeneous_rates(pair_variables)[:, 0]
         # At a crossing of curves there is no single tangent. The rates are then zero, and
         # the result is NaN without a warning.
         with np.errstate(invalid="ignore", divide="ignore"):

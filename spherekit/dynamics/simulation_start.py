@@ -103,8 +103,9 @@ class PoseStart:
 class Problem:
     """A simulation problem that has passed all checks.
 
-    The start is given by the pair variables and their velocity. The velocity is a sum of m
-    orthonormal vectors, each times a rate, where m is the number of degrees of freedom.
+    The start is given by the pair variables v and the rates u of m coordinates, where m is
+    the number of degrees of freedom. With a matrix W of orthonormal rows, the rates of the
+    pair variables by time are v' = W^T u. Conversely u = W v'.
 
     Attributes
     ----------
@@ -118,10 +119,10 @@ class Problem:
     turns
         (variables,) the numbers of these whole turns.
     rate_weights
-        (m, variables) these vectors. They are also the weights with which the rates along
-        the vectors are sums of the rates of the variables, because they are orthonormal.
+        (m, variables) the matrix W. Row i has the weights of the rates of the pair
+        variables in the rate of coordinate i.
     speed
-        (m,) rates along these vectors.
+        (m,) rates u of the coordinates at the start.
     until
         Time at which to end, s.
     switches

@@ -311,9 +311,16 @@ class NewtonEuler:
         ]
 
     def _invert_systems(self, systems: Sequence[EquationSystem]) -> None:
-        """Invert systems of equations, and find open reactions and sliding links.
+        """Invert systems of equations, and find undetermined reactions and sliding links.
 
-        This method sets `_inverse` (n, columns, equations), `is_open` and `slides`.
+        This method sets three attributes:
+
+        - `_inverse` (n, columns, equations), which gives reactions from wrenches on links;
+        - `is_open` (n, columns), whether the equations leave a reaction undetermined;
+        - `slides` (n, links), whether a link can be displaced from O.
+
+        Each system has some of the equations and some of the reactions. Its inverse is
+        computed alone and becomes a block of `_inverse`, which is zero elsewhere.
         """
         n, equation_count, column_count = self.matrix.shape
         self._inverse = np.zeros((n, column_count, equation_count))
@@ -326,24 +333,31 @@ class NewtonEuler:
             block = np.ix_(np.arange(n), reactions, equations)
             self._inverse[block] = inverted.inverse
             self.is_open[:, reactions] = inverted.is_unknown_open
-            is_unbalanced[:, equations] = inverted.is_equation_unbalanced
+            is_unbalanced[:, equations] = ~inverted.is_always_solvable
         self.slides = self._find_sliding_links(is_unbalanced)
 
     def _find_sliding_links(self, is_unbalanced: Bools) -> Bools:
         """Return which links (n, links) can be displaced from the centre O.
 
-        A link can be displaced if no reactions balance some force on it.
+        A link can be displaced if there is a force on it that no reactions balance. Each
+        equation states the equilibrium of one link in one component: a moment about an axis
+        of the ground, or a force along it.
 
         Parameters
         ----------
         is_unbalanced
-            (n, equations) whether no reactions satisfy an equation for all loads.
+            (n, equations) whether there are loads for which no reactions satisfy an
+            equation.
         """
-        n = len(is_unbalanced)
-        link_count = len(self._has_equation)
-        unbalanced_components = np.zeros((n, link_count, 6), dtype=bool)
-        unbalanced_components[:, self._has_equation] = is_unbalanced
-        return np.any(unbalanced_components[..., MOMENT_COMPONENTS:], axis=2)
+        # The link and the component (0 to 5) of each equation.
+        equation_links, components = np.nonzero(self._has_equation)
+        is_sliding = np.zeros((len(is_unbalanced), len(self._has_equation)), dtype=bool)
+        for equation, (link, component) in enumerate(
+            zip(equation_links, components, strict=True)
+        ):
+            if component >= MOMENT_COMPONENTS:  # it is the equilibrium of forces
+                is_sliding[:, link] |= is_unbalanced[:, equation]
+        return is_sliding
 
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
@@ -523,61 +537,68 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class InvertedEquations:
-    """Pseudoinverse of linear equations at n rows, and what the equations leave open.
+    """Least-squares inverse of linear equations A x = b at n rows, and its gaps.
 
     Attributes
     ----------
     inverse
-        (n, unknowns, equations) Moore-Penrose inverse of the matrix.
+        (n, unknowns, equations) Moore-Penrose inverse of the matrix A.
     is_unknown_open
-        (n, unknowns) whether the equations do not determine an unknown.
-    is_equation_unbalanced
-        (n, equations) whether no unknowns satisfy an equation for all right sides.
+        (n, unknowns) whether the equations leave the value of an unknown open, because it
+        differs between solutions of A x = 0.
+    is_always_solvable
+        (n, equations) whether, for each right side b, x = inverse b satisfies an equation.
     """
 
     inverse: Floats
     is_unknown_open: Bools
-    is_equation_unbalanced: Bools
+    is_always_solvable: Bools
 
 
 def _invert(matrix: Floats) -> InvertedEquations:
-    """Invert a matrix (n, equations, unknowns) by its singular value decomposition.
+    """Invert a matrix A (n, equations, unknowns) by its singular value decomposition.
 
-    Singular values below `DEPENDENT_REACTIONS_RATIO` of the largest count as zero. The
-    singular vectors of the others span what the equations determine.
+    A = U diag(s) V^T. Singular values s below `DEPENDENT_REACTIONS_RATIO` of the largest
+    count as zero. The columns of V whose s is not zero span the row space of A. The columns
+    of U whose s is not zero span its column space.
+
+    - An unknown is determined if the unit vector of its coordinate is in the row space.
+    - An equation can be satisfied for each right side if the unit vector of its coordinate
+      is in the column space.
     """
-    # matrix = left diag(singular_values) right
-    left, singular_values, right = np.linalg.svd(matrix, full_matrices=False)
-    left = transpose(left)
-    is_regular = singular_values > DEPENDENT_REACTIONS_RATIO * singular_values[:, :1]
+    u, singular_values, v_transposed = np.linalg.svd(matrix, full_matrices=False)
+    u_transposed = transpose(u)
+    is_nonzero = singular_values > DEPENDENT_REACTIONS_RATIO * singular_values[:, :1]
     # The reciprocal of a singular value that counts as zero is zero in the pseudoinverse.
-    singular_values[~is_regular] = np.inf
+    singular_values[~is_nonzero] = np.inf
     return InvertedEquations(
-        inverse=transpose(right) @ (left / singular_values[..., None]),
-        is_unknown_open=_outside_span(is_regular, right),
-        is_equation_unbalanced=_outside_span(is_regular, left),
+        inverse=transpose(v_transposed) @ (u_transposed / singular_values[..., None]),
+        is_unknown_open=~_is_axis_in_span(v_transposed, is_nonzero),
+        is_always_solvable=_is_axis_in_span(u_transposed, is_nonzero),
     )
 
 
-def _outside_span(is_regular: Bools, vectors: Floats) -> Bools:
-    """Return which coordinate axes are not in the subspace that some unit vectors span.
+def _is_axis_in_span(vectors: Floats, is_spanning: Bools) -> Bools:
+    """Return which coordinate axes are in the subspace that some unit vectors span.
 
     Parameters
     ----------
-    is_regular
-        (n, r) whether a vector is one of those that span the subspace.
     vectors
         (n, r, k) orthonormal vectors in rows, with k coordinates.
+    is_spanning
+        (n, r) whether a vector is one of those that span the subspace.
 
     Returns
     -------
-    (n, k) whether an axis is outside the subspace by more than rounding.
+    (n, k) whether the unit vector along an axis is in the subspace, except for a part whose
+    squared length is at most `MAX_UNDETERMINED_PART`.
     """
-    # A unit vector along a coordinate axis is the sum of a part in the subspace and one
-    # perpendicular to it. Their squared lengths add up to 1.
-    inside = np.sum(is_regular[..., None] * vectors**2, axis=1)
-    outside = 1.0 - inside
-    return outside > MAX_UNDETERMINED_PART
+    # The unit vector along axis k is the sum of a part in the subspace and one
+    # perpendicular to it. The squared length of the former is the sum of the squares of
+    # coordinate k of the spanning vectors. Both squared lengths add up to 1.
+    squared_part_inside = np.sum(is_spanning[..., None] * vectors**2, axis=1)
+    squared_part_outside = 1.0 - squared_part_inside
+    return ~(squared_part_outside > MAX_UNDETERMINED_PART)
 
 
 def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReactions:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.exchange.gear_couplings import ImportedPair
 from spherekit.exchange.imported_linkage import ImportedLinkage
 from spherekit.exchange.imported_tables import Table
@@ -98,12 +98,8 @@ class ImportedDynamics:
     def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
         """Return the table of the mass of a link: the sum of the masses of its bodies.
 
-        The table has the inertia tensor about the centre of the sphere.
-
-        A mechanism file may state the tensor of a link without its mass. When spherekit
-        exports such a file as a MuJoCo model, it invents a mass and marks the body as
-        weightless ("gravcomp"). Mass and centre of mass are therefore omitted if all bodies
-        of the link are weightless and no gravity acts.
+        The table has the inertia tensor about the centre of the sphere, the mass and the
+        centre of mass. The last two are omitted if the model has no real masses.
 
         Parameters
         ----------
@@ -115,44 +111,83 @@ class ImportedDynamics:
             (3, 3) tensor (kg m2) of a rotor that turns with the link, or None. Only its
             moment of inertia is known, not its mass.
         """
-        mj_model = self._mj_model
-        # Bodies whose whole weight is compensated, so that they are weightless.
-        is_compensated = mj_model.body_gravcomp[bodies] == 1.0
-        masses = mj_model.body_mass[bodies]
-        arms = self._mj_data.xipos[bodies] - self._linkage.centre
-        # MuJoCo gives the principal moments of a body, and its principal axes.
+        tensor = self._sum_tensors(bodies)
+        if rotor is not None:
+            tensor = tensor + rotor
+        table: Table = {"tensor": _tensor_rows(tensor)}
+        if self._has_invented_masses(bodies):
+            return table
+        total_mass = np.sum(self._mj_model.body_mass[bodies])
+        centre = self._find_centre_of_weight(bodies)
+        # Digits are removed that are only rounding errors of the second argument. For
+        # coordinates this is a length of the body, since the centre itself can be zero.
+        gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
+        table["mass"] = round_to_short_decimal(total_mass, scale=total_mass)
+        table["centre"] = [round_to_short_decimal(x, gyration_radius) for x in centre]
+        if np.any(self._is_weightless(bodies)):
+            self.mass_comments[self._linkage.link_name(link)] = (
+                "Its weight is compensated: its centre counts as the sphere's."
+            )
+        return table
+
+    def _is_weightless(self, bodies: list[int]) -> Bools:
+        """Return whether MuJoCo compensates the whole weight of each body (bodies,)."""
+        is_weightless: Bools = self._mj_model.body_gravcomp[bodies] == 1.0
+        return is_weightless
+
+    def _has_invented_masses(self, bodies: list[int]) -> bool:
+        """Return whether the masses of a link's bodies are taken as invented by spherekit.
+
+        A mechanism file may state the tensor of a link without its mass. MuJoCo needs a
+        mass, so spherekit invents one when it exports such a file, and marks the body as
+        weightless. Masses count as invented if all bodies of the link are weightless and no
+        gravity acts.
+        """
+        has_gravity = self._linkage.foreign_model.gravity is not None
+        return bool(np.all(self._is_weightless(bodies))) and not has_gravity
+
+    def _sum_tensors(self, bodies: list[int]) -> Floats:
+        """Return the inertia tensor (3, 3) of bodies about the centre of the sphere.
+
+        MuJoCo gives the principal moments of inertia of a body about its centre of mass,
+        and the rotation R whose columns are its principal axes. The tensor of the body
+        about its centre of mass is R diag(moments) R^T.
+        """
         rotations = self._mj_data.ximat[bodies].reshape(-1, 3, 3)
-        principal_moments = mj_model.body_inertia[bodies]
-        # (bodies, 3, 3): R diag(moments) R^T for each body.
-        tensors = rotations * principal_moments[:, None] @ np.swapaxes(rotations, 1, 2)
+        principal_moments = self._mj_model.body_inertia[bodies]
+        # Column k of R is multiplied by moment k.
+        scaled_rotations = rotations * principal_moments[:, None]
+        tensors = scaled_rotations @ np.swapaxes(rotations, 1, 2)
+        masses = self._mj_model.body_mass[bodies]
+        arms = self._find_arms(bodies)
         shifted_tensors = [
             shift_to_sphere_centre(tensor, mass, arm)
             for tensor, mass, arm in zip(tensors, masses, arms, strict=True)
         ]
-        tensor = np.sum(shifted_tensors, axis=0)
-        if rotor is not None:
-            tensor = tensor + rotor
-        total_mass = np.sum(masses)
-        table: Table = {"tensor": _tensor_rows(tensor)}
-        has_gravity = self._linkage.foreign_model.gravity is not None
-        has_chosen_masses = np.all(is_compensated) and not has_gravity
-        if not has_chosen_masses:
-            # The centre of mass gives the moment of the weight. A weightless body has none.
-            # It counts as if it were at the centre of the sphere, with the arm zero: its
-            # mass belongs to the total mass, but not to the sum of mass times arm. (The
-            # tensor is that at the real place.)
-            masses_with_weight = masses * ~is_compensated
-            centre = masses_with_weight @ arms / total_mass
-            # Digits are removed that are only rounding errors of the second argument. For
-            # coordinates this is a length of the body, since the centre itself can be zero.
-            gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
-            table["mass"] = round_to_short_decimal(total_mass, scale=total_mass)
-            table["centre"] = [round_to_short_decimal(x, gyration_radius) for x in centre]
-            if np.any(is_compensated):
-                self.mass_comments[self._linkage.link_name(link)] = (
-                    "Its weight is compensated: its centre counts as the sphere's."
-                )
-        return table
+        tensor: Floats = np.sum(shifted_tensors, axis=0)
+        return tensor
+
+    def _find_arms(self, bodies: list[int]) -> Floats:
+        """Return the vectors (bodies, 3) from the sphere's centre to centres of mass, m."""
+        arms: Floats = self._mj_data.xipos[bodies] - self._linkage.centre
+        return arms
+
+    def _find_centre_of_weight(self, bodies: list[int]) -> Floats:
+        """Return the point (3,) of a link at which its whole mass has the right weight.
+
+        A mechanism file computes the moment of the weight of a link from its mass and
+        centre of mass. A weightless body exerts no such moment. It is therefore placed at
+        the centre of the sphere, where its weight has no arm. Without weightless bodies the
+        result is the centre of mass. The inertia tensor is not computed from it.
+
+        Returns
+        -------
+        (3,) vector from the centre of the sphere, m.
+        """
+        masses = self._mj_model.body_mass[bodies]
+        masses_with_weight = masses * ~self._is_weightless(bodies)
+        centre: Floats = masses_with_weight @ self._find_arms(bodies) / np.sum(masses)
+        return centre
 
     def _find_rotors(self) -> dict[int, Floats]:
         """Return inertia tensors (3, 3) for the armatures of hinges on the ground, by link.
@@ -271,35 +306,19 @@ class ImportedDynamics:
     def _list_actuator_loads(self) -> Iterator[tuple[str, Table]]:
         """Yield the name and table of each load that comes from an actuator.
 
-        An actuator without control is a load: a torque at a pair, or a constant force or
-        moment. An actuator with control that drives a hinge is no load but an input. Any
-        other actuator is left out, and a note on it is added to the imported linkage.
-
-        An actuator of an input may have feedback: a force that depends on angle or rate.
-        The feedback is left out with a note, because inputs have none. There is no note if
-        spherekit exported the model with made-up masses, because it then added the
-        feedback itself.
+        An actuator with control drives an input and is no load. An actuator without control
+        is a load if it exerts a torque at a hinge, or a constant force or moment at a point
+        of a body (a site). Any other actuator is left out with a note.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtTrn
         for actuator in range(mj_model.nu):
-            name = element_name(mj_model.actuator(actuator), "actuator", actuator)
             transmission = mj_model.actuator_trntype[actuator]
             is_at_joint = transmission == kinds.mjTRN_JOINT
             is_at_site = transmission == kinds.mjTRN_SITE
-            # The force is gain * control + bias[0] + bias[1] * length + bias[2] * rate.
-            bias = mj_model.actuator_biasprm[actuator][:3]
-            is_controlled = np.any(mj_model.actuator_gainprm[actuator])
-            if is_controlled:
-                if not is_at_joint:
-                    self._linkage.notes.append(
-                        f"actuator {name} left out: it drives no hinge"
-                    )
-                else:
-                    has_bias = np.any(bias)
-                    is_exported_servo = self._linkage.foreign_model.has_made_up_masses
-                    if has_bias and not is_exported_servo:
-                        self._linkage.notes.append(f"feedback of actuator {name} left out")
+            name = element_name(mj_model.actuator(actuator), "actuator", actuator)
+            if self._is_controlled(actuator):
+                self._note_lost_control(actuator, name, is_at_joint)
             elif is_at_joint:
                 yield name, self._write_pair_torque(actuator)
             elif is_at_site and self._is_constant_wrench(actuator):
@@ -309,6 +328,37 @@ class ImportedDynamics:
                 self._linkage.notes.append(
                     f"actuator {name} left out: it is not a constant load"
                 )
+
+    def _is_controlled(self, actuator: int) -> bool:
+        """Return whether the force of an actuator depends on a control signal.
+
+        The force is gain * control + bias, where the bias may depend on the motion.
+        """
+        return bool(np.any(self._mj_model.actuator_gainprm[actuator]))
+
+    def _note_lost_control(self, actuator: int, name: str, is_at_joint: bool) -> None:
+        """Add a note on what an input of the mechanism does not keep of an actuator.
+
+        An actuator at a hinge becomes an input. Its feedback, a force that depends on the
+        angle or rate of the hinge, is lost. If spherekit has exported the model with
+        invented masses, it has added the feedback itself, so there is no note. An actuator
+        elsewhere is lost as a whole.
+
+        Parameters
+        ----------
+        actuator, name
+            Number and name of an actuator with control.
+        is_at_joint
+            Whether it acts at a hinge.
+        """
+        if not is_at_joint:
+            self._linkage.notes.append(f"actuator {name} left out: it drives no hinge")
+            return
+        # The feedback is bias[0] + bias[1] * length + bias[2] * rate.
+        has_feedback = np.any(self._mj_model.actuator_biasprm[actuator][:3])
+        is_added_by_export = self._linkage.foreign_model.has_made_up_masses
+        if has_feedback and not is_added_by_export:
+            self._linkage.notes.append(f"feedback of actuator {name} left out")
 
     def _write_pair_torque(self, actuator: int) -> Table:
         """Return the table of a torque that is affine in the angle of a pair and its rate.

@@ -345,25 +345,49 @@ class ImportedLinkage:
         """Return the numbers of the hinges of ball joints that are to be left out.
 
         A ball joint at the centre of a spherical mechanism constrains nothing. But each
-        link of a mechanism must be connected to the others by pairs. A ball joint is
-        therefore kept, as three hinges, only if its links would not be connected otherwise.
-        Three hinges can reach an orientation of one link relative to the other in two ways.
-        Hinges that are not needed would thus double the number of assembly modes.
+        link of a mechanism must be connected to the others by pairs, directly or through
+        further links. A ball joint is therefore kept, as three hinges, only if its two
+        links would not be connected otherwise. Three hinges can reach an orientation of one
+        link relative to the other in two ways. Hinges that are not needed would thus double
+        the number of assembly modes.
 
         A note is added for each ball joint, whether it is left out or not.
         """
-        # In MuJoCo's model each body except the world (0) has a parent, `body_parentid`, to
-        # which its joints connect it. `jnt_bodyid` has the body of each joint.
+        removed_hinges: set[int] = set()
+        connections = self._list_connections_without_balls()
+        # Numbers of links are smaller than the number of bodies: each link has the number
+        # of one of its bodies.
+        max_link_count = self._mj_model.nbody
+        for ball, hinges in self.foreign_model.hinges_by_ball.items():
+            # All three hinges belong to the body that the ball joint joins to its parent.
+            links = self._find_joined_links(self._mj_model.jnt_bodyid[hinges[0]])
+            parent_link, child_link = links
+            # Links have the same label if connections lead from one to the other.
+            labels = component_labels(max_link_count, connections)
+            if labels[parent_link] == labels[child_link]:
+                removed_hinges |= set(hinges)
+                self.notes.append(
+                    f"ball joint {ball} left out: all links turn about the centre anyway"
+                )
+            else:
+                connections.append(links)
+                self.notes.append(f"ball joint {ball} is three hinges, {ball}_x, _y and _z")
+        return removed_hinges
+
+    def _list_connections_without_balls(self) -> list[tuple[int, int]]:
+        """Return the couples of links that anything but a ball joint joins directly.
+
+        These are the joints between a body and its parent in MuJoCo's tree of bodies, and
+        the loop points: common points at which the model holds two links together.
+        """
         mj_model = self._mj_model
-        body_by_ball = {
-            ball: mj_model.jnt_bodyid[hinges[0]]
-            for ball, hinges in self.foreign_model.hinges_by_ball.items()
+        bodies_on_balls = {
+            int(mj_model.jnt_bodyid[hinges[0]])
+            for hinges in self.foreign_model.hinges_by_ball.values()
         }
-        # Links that are connected without ball joints: bodies to their parents, and links
-        # that the model holds together at common points (loop points).
-        bodies_on_balls = {int(body) for body in body_by_ball.values()}
-        connected_links = [
-            (self.link_by_body[mj_model.body_parentid[body]], self.link_by_body[body])
+        # Body 0 is the world. All others have a parent.
+        connections = [
+            self._find_joined_links(body)
             for body in range(1, mj_model.nbody)
             if body not in bodies_on_balls
         ]
@@ -372,24 +396,13 @@ class ImportedLinkage:
             # A common point at the centre constrains nothing. The centre is known with the
             # error `centre_distance`: axes of the model miss it by up to this distance (m).
             if max(radii) > self.centre_distance:
-                connected_links.append(links)
-        # A ball joint is kept if its links would otherwise not be connected at all.
-        removed_hinges: set[int] = set()
-        for ball, body in body_by_ball.items():
-            parent_link = self.link_by_body[mj_model.body_parentid[body]]
-            child_link = self.link_by_body[body]
-            # A link has the number of one of its bodies, so all numbers of links are
-            # smaller than the number of bodies.
-            part_of_link = component_labels(mj_model.nbody, connected_links)
-            if part_of_link[parent_link] == part_of_link[child_link]:
-                removed_hinges |= set(self.foreign_model.hinges_by_ball[ball])
-                self.notes.append(
-                    f"ball joint {ball} left out: all links turn about the centre anyway"
-                )
-            else:
-                connected_links.append((parent_link, child_link))
-                self.notes.append(f"ball joint {ball} is three hinges, {ball}_x, _y and _z")
-        return removed_hinges
+                connections.append(links)
+        return connections
+
+    def _find_joined_links(self, body: int) -> tuple[int, int]:
+        """Return the links of the parent of a body and of the body itself."""
+        parent = self._mj_model.body_parentid[body]
+        return self.link_by_body[parent], self.link_by_body[body]
 
     def _add_pair(
         self,

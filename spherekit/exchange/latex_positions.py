@@ -92,6 +92,28 @@ class DyadSide(NamedTuple):
     second_axis: LinkAxis
 
 
+def _end_of_arc(start: Expr, tangent: Expr, length: AngleExpression) -> Expr:
+    """Return the end of an arc of a great circle: cos(length) start + sin(length) tangent.
+
+    Parameters
+    ----------
+    start, tangent
+        Unit vectors of the first point and of the tangent there, towards the end.
+    length
+        Length of the arc, as an angle.
+    """
+    return length.cosine * start + length.sine * tangent
+
+
+def _tangent_of_return(start: Expr, tangent: Expr, length: AngleExpression) -> Expr:
+    """Return the unit tangent at the end of an arc, in the direction back to its start.
+
+    It is sin(length) start - cos(length) tangent: minus the derivative of the end by the
+    length. The parameters are those of `_end_of_arc`.
+    """
+    return length.sine * start - length.cosine * tangent
+
+
 class PositionFormulas:
     """Formulas of the frames of all links and of the variables of all pairs.
 
@@ -396,12 +418,9 @@ class PositionFormulas:
         """Write the frame of a link that an input joins to a link with a known frame.
 
         In each of its links, the pair has a reference arc. It begins at the axis of the
-        pair and ends at another axis of the link: the first one that the file lists. Let t1
-        and t2 be the tangents, at the axis of the pair, of the reference arcs of the first
-        and second link. Two rotations about this axis lead from t1 to t2:
-
-        1. Rotated by a fixed angle, the zero of the pair, t1 becomes the zero direction z.
-        2. Rotated by the input angle, z becomes t2.
+        pair and ends at another axis of the link: the first one that the file lists. The
+        tangent to the arc of the child, at the axis of the pair, follows from the frame of
+        the parent and the input angle. The axis and this tangent determine the frame.
 
         Parameters
         ----------
@@ -410,44 +429,83 @@ class PositionFormulas:
         parent, child
             Numbers of the link with the known frame, and of the link to be placed.
         """
-        input_angle = self.pair_angles[pair]
-        rotation = AngleExpression(
+        first_link, _ = self._mechanism.ends[pair]
+        if parent == first_link:
+            tangent = self._find_second_tangent(pair)
+        else:
+            tangent = self._find_first_tangent(pair)
+        tangent = self._formula_list.write(self._tangent_symbol(child, pair), tangent)
+        self._place_by_reference_arc(child, pair, tangent)
+
+    def _find_second_tangent(self, input_pair: int) -> Expr:
+        """Return the tangent t2 to the reference arc of the second link of an input.
+
+        The first link has a known frame, and t1 is the tangent to its reference arc. Two
+        rotations about the axis of the pair lead from t1 to t2. The first one, by the zero
+        angle of the pair, gives the direction of t2 at the input angle 0. The second one is
+        by the input angle.
+        """
+        input_rotation = self._make_input_rotation(input_pair)
+        direction_at_zero = self._write_zero_direction(input_pair)
+        return self._rotate_about_pair(input_pair, direction_at_zero, input_rotation)
+
+    def _find_first_tangent(self, input_pair: int) -> Expr:
+        """Return the tangent t1 to the reference arc of the first link of an input.
+
+        The second link has a known frame, and t2 is the tangent to its reference arc. The
+        rotations of `_find_second_tangent` are undone in reverse order.
+        """
+        input_rotation = self._make_input_rotation(input_pair)
+        _, second_link = self._mechanism.ends[input_pair]
+        second_tangent = self._write_tangent(second_link, input_pair)
+        direction_at_zero = self._formula_list.write_indexed(
+            r"\mathbf{z}",
+            self._pair_labels[input_pair],
+            self._rotate_about_pair(input_pair, second_tangent, input_rotation, sense=-1.0),
+        )
+        zero_angle = self._declare_zero(input_pair)
+        return self._rotate_about_pair(
+            input_pair, direction_at_zero, zero_angle, sense=-1.0
+        )
+
+    def _make_input_rotation(self, input_pair: int) -> AngleExpression:
+        """Return the variable of an input with its cosine and sine."""
+        input_angle = self.pair_angles[input_pair]
+        return AngleExpression(
             input_angle, function("cos", input_angle), function("sin", input_angle)
         )
-        if self._mechanism.ends[pair][0] == parent:
-            # The parent is the first link of the pair: t1 leads to z, and z to t2, the
-            # tangent of the child. `_write_zero_direction` does the first step.
-            zero_direction = self._write_zero_direction(pair)
-            right_side = self._rotate_about_pair(pair, zero_direction, rotation)
-        else:
-            # The parent is the second link of the pair. Both rotations are inverted by the
-            # sense -1.0: t2 leads to z, and z leads to t1, the tangent of the child.
-            zero_direction = self._formula_list.write_indexed(
-                r"\mathbf{z}",
-                self._pair_labels[pair],
-                self._rotate_about_pair(
-                    pair, self._write_tangent(parent, pair), rotation, -1.0
-                ),
-            )
-            right_side = self._rotate_about_pair(
-                pair, zero_direction, self._declare_zero(pair), -1.0
-            )
-        tangent = self._formula_list.write(self._tangent_symbol(child, pair), right_side)
-        # The frame of the child follows from its first axis k, and from the tangent at k of
-        # the arc to any other axis.
-        child_axes = self._axes_by_link[child]
-        axis = self._find_axis(child, pair)
-        if axis is child_axes[0]:
+
+    def _place_by_reference_arc(self, link: int, pair: int, tangent: Expr) -> None:
+        """Write the frame of a link whose axis and reference arc at a pair are known.
+
+        The frame follows from the first axis k of the link, and from the tangent at k of
+        the arc from k to any other axis. The reference arc joins the axis of the pair and
+        k, or, if the axis of the pair is k, k and the second axis.
+
+        Parameters
+        ----------
+        link, pair
+            Numbers of the link and of the pair.
+        tangent
+            Unit tangent to the reference arc at the axis of the pair.
+        """
+        link_axes = self._axes_by_link[link]
+        pair_axis = self._find_axis(link, pair)
+        if pair_axis is link_axes[0]:
+            # The reference arc already begins at k.
             self._write_frame(
-                child, first_vector=axis.vector, tangent=tangent, axis=child_axes[1]
+                link, first_vector=pair_axis.vector, tangent=tangent, axis=link_axes[1]
             )
         else:
-            # The axis u of the pair is not k, so the reference arc leads from u to k. Its
-            # length is a (`axis.arc`), its tangent at u is t. Then k = cos(a) u + sin(a) t.
-            # At k the tangent of the arc back to u is sin(a) u - cos(a) t.
-            first_vector = axis.arc.cosine * axis.vector + axis.arc.sine * tangent
-            back_tangent = axis.arc.sine * axis.vector - axis.arc.cosine * tangent
-            self._write_frame(child, first_vector, back_tangent, axis)
+            # The reference arc ends at k. The arc from k to the axis of the pair is the
+            # same arc in the opposite direction, and has the same length.
+            length = pair_axis.arc
+            self._write_frame(
+                link,
+                first_vector=_end_of_arc(pair_axis.vector, tangent, length),
+                tangent=_tangent_of_return(pair_axis.vector, tangent, length),
+                axis=pair_axis,
+            )
 
     def _place_dyad(self, label: str, group: Group) -> None:
         r"""Write the frames of both links of a dyad.
@@ -653,32 +711,59 @@ class PositionFormulas:
             The vector i if it is known. Otherwise it is written as j x k.
         """
         formula_list = self._formula_list
-        label = formula_list.link_labels[link]
-        # The symbol of the first axis.
-        k = self._axes_by_link[link][0].vector
-        if k not in formula_list.formulas:
-            # If the right-hand side of a formula is a single symbol, this symbol is used
-            # instead, and no formula is written. Only axes always have a formula.
-            formula_list.write(k, first_vector, always=True)
-        # j points to the second axis. It is the tangent towards `axis`, rotated about k by
-        # minus its azimuth b: j = cos(b) tangent + sin(b) tangent x k. The tangent occurs
-        # twice, so it gets a symbol, unless the sine is zero.
-        if axis.azimuth.sine != 0.0:
-            tangent = formula_list.write_indexed(r"\mathbf{d}", label, tangent)
-        j = formula_list.write_indexed(
-            r"\mathbf{j}",
-            label,
-            axis.azimuth.cosine * tangent + axis.azimuth.sine * cross_product(tangent, k),
-        )
+        k = self._axes_by_link[link][0].vector  # the symbol of the first axis
+        self._write_axis(k, first_vector)
+        j = self._write_tangent_to_second_axis(link, tangent, axis.azimuth)
         if i is None:
-            i = formula_list.write_indexed(r"\mathbf{i}", label, cross_product(j, k))
+            i = formula_list.write_indexed(
+                r"\mathbf{i}", formula_list.link_labels[link], cross_product(j, k)
+            )
         self.link_frames[link] = [i, j, k]
         for link_axis in self._axes_by_link[link]:
-            # An axis at the arc a is cos(a) k + sin(a) times the tangent of its arc at k.
             if link_axis.vector not in formula_list.formulas:
-                along_k = link_axis.arc.cosine * k
-                across_k = link_axis.arc.sine * self._tangent_at_first_axis(link, link_axis)
-                formula_list.write(link_axis.vector, along_k + across_k, always=True)
+                tangent_to_axis = self._tangent_at_first_axis(link, link_axis)
+                self._write_axis(
+                    link_axis.vector, _end_of_arc(k, tangent_to_axis, link_axis.arc)
+                )
+
+    def _write_axis(self, vector: ExpressionNode, right_side: Expr) -> None:
+        """Write the formula of the unit vector along an axis, unless it has one.
+
+        The right side may be a single symbol. Formulas of other quantities are then left
+        out, and the symbol is used in their place. A formula of an axis is written all the
+        same (`always`).
+        """
+        if vector not in self._formula_list.formulas:
+            self._formula_list.write(vector, right_side, always=True)
+
+    def _write_tangent_to_second_axis(
+        self, link: int, tangent: Expr, azimuth: AngleExpression
+    ) -> Expr:
+        """Write the axis j of a link: the tangent of the arc from k to its second axis.
+
+        j is another tangent at k, rotated about k by minus its azimuth b:
+
+            j = cos(b) tangent + sin(b) tangent x k.
+
+        Parameters
+        ----------
+        link
+            Number of the link, whose first axis is k.
+        tangent
+            The unit tangent at k of the arc to any other axis of the link.
+        azimuth
+            Angle b about k from the second axis to that axis.
+        """
+        label = self._formula_list.link_labels[link]
+        k = self._axes_by_link[link][0].vector
+        # The tangent occurs twice, so it gets a symbol, unless the sine is zero.
+        if azimuth.sine != 0.0:
+            tangent = self._formula_list.write_indexed(r"\mathbf{d}", label, tangent)
+        return self._formula_list.write_indexed(
+            r"\mathbf{j}",
+            label,
+            azimuth.cosine * tangent + azimuth.sine * cross_product(tangent, k),
+        )
 
     # Directions at the axes of pairs
 
@@ -706,28 +791,27 @@ class PositionFormulas:
         EngineError
             If the arc is 0 or 180 degrees. It then has no tangent.
         """
-        # `axis.arc` is the arc from the first axis k of the link to the axis of the pair.
         axis = self._find_axis(link, pair)
+        # k is the first axis of the link, j the tangent at k of the arc to its second axis.
         _, j, k = self.link_frames[link]
-        if axis.vector is k:
-            # The reference arc leads from k to the second axis. Its tangent at k is j.
-            tangent: Expr = j
-        else:
-            # The reference arc leads back to k. An arc of 0 or 180 degrees is refused.
+        tangent: Expr = j
+        if axis.vector is not k:
+            # The first other axis is k, so the reference arc leads from the axis to k. It
+            # is the arc from k to the axis, in the opposite direction.
             if axis.arc.sine == 0.0:
                 raise self._refuse_link(link)
             tangent_at_k = self._tangent_at_first_axis(link, axis)
-            tangent = axis.arc.sine * k - axis.arc.cosine * tangent_at_k
+            tangent = _tangent_of_return(k, tangent_at_k, axis.arc)
         return self._formula_list.write(self._tangent_symbol(link, pair), tangent)
 
     def _write_zero_direction(self, pair: int) -> Expr:
-        """Write the zero direction of a pair, and return its symbol or expression.
+        """Write the direction from which the variable of a pair is counted (z).
 
-        A link has a reference arc at the pair, from the axis of the pair to the first other
-        axis of the link. The pair variable is counted from the first link. The zero
-        direction is the unit tangent of the reference arc of the second link when the
-        variable is zero: the tangent of the first link, rotated about the axis of the pair
-        by a constant angle.
+        The variable is the angle about the axis of the pair from z to a direction on the
+        second link. z is fixed on the first link: it is the unit tangent to its reference
+        arc, which leads from the axis of the pair to the first other axis of the link,
+        rotated by a constant angle. This angle, the zero of the pair, is a size in the
+        file, or 0. The symbol or expression of z is returned.
         """
         first_link, _ = self._mechanism.ends[pair]
         first_tangent = self._write_tangent(first_link, pair)

@@ -11,6 +11,7 @@ from spherekit.arrays import Floats
 from spherekit.errors import EngineError
 from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.load import LoadComponent, TorqueCallback, TorqueTable
+from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.load_kinds import (
     Damper,
     Friction,
@@ -190,11 +191,10 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
     """
     if isinstance(load, PairTorque):
         (component,) = load.components(mechanism)
-        return {"joint": load.pair, "biasprm": _find_affine_law(component, load.pair)}
+        return {"joint": load.pair, "biasprm": _find_torque_factors(component, load.pair)}
     components = load.components(mechanism)
-    # One component for each coordinate of the vector. All must be constant: without a pair,
-    # a component may depend on no variable, and its first factor is its magnitude.
-    vector = [_find_affine_law(component, pair="")[0] for component in components]
+    # The load has one component for each coordinate of its vector.
+    vector = [_find_constant(component) for component in components]
     zeros = [0.0] * 3
     gear = [*vector, *zeros] if isinstance(load, PointForce) else [*zeros, *vector]
     attributes: Attributes = {"site": load.name}
@@ -205,25 +205,60 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
     return attributes
 
 
-def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
-    """Return the factors of a magnitude c0 + c1 theta + c2 dtheta of a load at a pair.
+def _find_constant(component: LoadComponent) -> float:
+    """Return the magnitude of a component of a load, which must be constant.
+
+    Raises
+    ------
+    EngineError
+        If the magnitude depends on the motion or the time, or is not finite.
+    """
+    law = _require_motion_law(component, allowed_names=())
+    (constant,) = _require_affine_factors(law, variable_names=())
+    return constant
+
+
+def _find_torque_factors(component: LoadComponent, pair: str) -> Floats:
+    """Return the factors of a torque c0 + c1 theta + c2 dtheta at a pair.
+
+    Parameters
+    ----------
+    component
+        The torque, a component of a load.
+    pair
+        The R pair at which the torque acts. Its variable is theta.
+
+    Returns
+    -------
+    (3,) the torque c0 (N m), the factor c1 of the variable (N m/rad), and the factor c2 of
+    its rate (N m s/rad).
+
+    Raises
+    ------
+    EngineError
+        If the torque is another function.
+    """
+    variable_names = (f"theta_{pair}", f"dtheta_{pair}")
+    law = _require_motion_law(component, variable_names)
+    return _require_affine_factors(law, variable_names)
+
+
+def _require_motion_law(
+    component: LoadComponent, allowed_names: Sequence[str]
+) -> Expression:
+    """Return the magnitude of a component of a load as an expression of allowed variables.
 
     Parameters
     ----------
     component
         A component of a load.
-    pair
-        The pair whose variable and rate the magnitude may depend on, empty for none.
-
-    Returns
-    -------
-    (3,) the constant c0, the factor c1 of the variable (rad), and the factor c2 of the rate
-    (rad/s).
+    allowed_names
+        Names of the variables and rates that the magnitude may contain.
 
     Raises
     ------
     EngineError
-        If the magnitude is another function.
+        If the magnitude is a Python function, or depends on the time or other variables.
     """
     law = component.magnitude
     # No magnitude is a table of torques here: `convert_loads` leaves loads with such tables
@@ -233,29 +268,63 @@ def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
         raise EngineError("it is a Python function")
     if "t" in law.names:
         raise EngineError(f"MuJoCo has no loads that change in time: {law.text}")
-    names: Sequence[str] = (f"theta_{pair}", f"dtheta_{pair}") if pair else ()
-    if not law.names <= set(names):
+    if not law.names <= set(allowed_names):
         raise EngineError(f"it depends on other pairs: {law.text}")
-    variables = symbols(names)
-    factors = np.array([np.nan])  # remains if the function is not affine
-    # An `EngineError` says that the law has no expression or derivative, for example
-    # because it divides by zero. The factors then stay NaN, and the load is refused below.
+    return law
+
+
+def _require_affine_factors(law: Expression, variable_names: Sequence[str]) -> Floats:
+    """Return the factors of an affine function, or refuse a function that is not affine.
+
+    The parameters and the result are those of `_compute_affine_factors`.
+
+    Raises
+    ------
+    EngineError
+        If the function is not affine, or a factor is not finite.
+    """
+    factors = None
+    # `_compute_affine_factors` raises an `EngineError` if the function has no expression or
+    # derivative, for example because it divides by zero. The user gets the message below.
     with suppress(EngineError), np.errstate(all="ignore"):
-        # `convert_to_graph` takes two expressions for each angle, the full one and one
-        # without whole revolutions. Here they are the same.
-        named_expressions = {
-            name: (variable, variable)
-            for name, variable in zip(names, variables, strict=True)
-        }
-        magnitude = convert_to_graph(law, named_expressions)
-        slopes = [differentiate([magnitude], {variable: 1.0})[0] for variable in variables]
-        # The function is affine if its derivatives are constant.
-        if not any(map(has_variables, slopes)):
-            # At theta = dtheta = 0 the magnitude is c0, and the slopes are c1 and c2.
-            evaluate = array_function([magnitude, *slopes], variables)
-            factors = evaluate(np.zeros((len(names), 1)))[:, 0]
-    if not all_finite(factors):
+        factors = _compute_affine_factors(law, variable_names)
+    if factors is None or not all_finite(factors):
         raise EngineError(
             f"it is neither constant nor proportional to an angle or a rate: {law.text}"
         )
-    return np.append(factors, [0.0, 0.0])[:3]  # without a pair there is only c0
+    return factors
+
+
+def _compute_affine_factors(
+    law: Expression, variable_names: Sequence[str]
+) -> Floats | None:
+    """Return the factors of an affine function c0 + c1 x1 + c2 x2 + ...
+
+    Parameters
+    ----------
+    law
+        The function. It contains no other variables than x1, x2, ...
+    variable_names
+        Names of the variables x1, x2, ...
+
+    Returns
+    -------
+    (1 + variables,) the constant c0, then the factor of each variable. None if the function
+    is not affine.
+    """
+    variables = symbols(variable_names)
+    # `convert_to_graph` takes two expressions for each name: an angle, and the same angle
+    # without whole revolutions. Here they are the same.
+    expression_pair_by_name = {
+        name: (variable, variable)
+        for name, variable in zip(variable_names, variables, strict=True)
+    }
+    function = convert_to_graph(law, expression_pair_by_name)
+    slopes = [differentiate([function], {variable: 1.0})[0] for variable in variables]
+    # The function is affine if its derivatives are constant.
+    if any(map(has_variables, slopes)):
+        return None
+    # Where all variables are zero, the function is c0. The slopes are the other factors.
+    evaluate = array_function([function, *slopes], variables)
+    zeros = np.zeros((len(variables), 1))
+    return evaluate(zeros)[:, 0]

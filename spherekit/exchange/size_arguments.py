@@ -195,53 +195,107 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     """Return the file keys of the sizes that change no result of these formulas.
 
     Each size in turn is changed by `RELATIVE_STEP` in one configuration of each assembly
-    mode (way to assemble the mechanism). The rates, accelerations and loads of this
-    configuration are not zero, so that results that depend on motion are not all zero.
+    mode (way to assemble the mechanism).
 
     Formulas without a closed form take the pair variables as arguments, and contain a step
     of Newton's method that computes them. A size that changes only this step is not idle,
     so the variables after the step count as results too.
     """
-    sizes, modes = formulas.sizes, formulas.modes
-    if not sizes:
+    if not formulas.sizes:
         return []
     # `step` is empty in closed form.
-    outputs = [*formulas.outputs, *formulas.step]
-    # (motion, modes) arbitrary different values. The inputs are then replaced by inputs at
-    # which the modes are known.
-    motion = np.tile(0.3 + 0.1 * np.arange(len(formulas.motion)), (len(modes), 1)).T
-    inputs = np.array([mode.at for mode in modes]).T
-    motion[: len(inputs)] = inputs
-    # The values that select each mode: signs of dyads in closed form, or pair variables.
-    mode_values = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
-    evaluate = formulas.numpy_function(outputs)
+    evaluate = formulas.numpy_function([*formulas.outputs, *formulas.step])
+    motion = _choose_motion(formulas)
+    mode_values = _stack_mode_values(formulas)
     values_before = evaluate(motion, mode_values, formulas.size_values)
-    # The scale of a result is its largest value in the modes. A result that is zero in all
-    # of them, up to rounding, has no scale of its own. Angles and velocity coefficients
-    # have a smallest scale, so that their rounding errors do not count as changes.
-    units = [*formulas.results.values(), *("" for _ in formulas.step)]
-    floor = np.where([unit in KINEMATIC_UNITS for unit in units], MIN_KINEMATIC_SCALE, 0.0)
-    scale = np.maximum(np.max(np.abs(np.nan_to_num(values_before)), axis=1), floor)
     noise = _estimate_noise(evaluate, (motion, mode_values, formulas.size_values))
-    # A change of a result that is smaller than this can be rounding. The rounding error is
-    # estimated twice, by the scale of the result and by its noise; the larger one counts.
-    least_effect = np.maximum(MIN_RELATIVE_EFFECT * scale, MIN_EFFECT_OVER_NOISE * noise)
+    least_effect = _compute_least_effects(formulas, values_before, noise)
     idle_keys = []
-    for row, size in enumerate(sizes):
-        changed_design = formulas.size_values.copy()
-        changed_design[row] += RELATIVE_STEP * (abs(size.value) or 1.0)
-        values_after = evaluate(motion, mode_values, changed_design)
-        # A result that is NaN before and after has not changed. If it is NaN only once, it
-        # has.
-        change = np.where(
-            np.isnan(values_after) & np.isnan(values_before),
-            0.0,
-            np.abs(values_after - values_before),
-        )
-        effect = np.nan_to_num(change, nan=np.inf) > least_effect[:, None]
-        if not np.any(effect):
+    for row, size in enumerate(formulas.sizes):
+        changed_sizes = formulas.size_values.copy()
+        changed_sizes[row] += RELATIVE_STEP * (abs(size.value) or 1.0)
+        values_after = evaluate(motion, mode_values, changed_sizes)
+        if not _has_effect(values_before, values_after, least_effect):
             idle_keys.append(size.key)
     return idle_keys
+
+
+def _choose_motion(formulas: Formulas) -> Floats:
+    """Return arguments of formulas for one configuration of each assembly mode.
+
+    The configuration of a mode is the one at known inputs (`Mode.at`). Rates, accelerations
+    and other arguments get arbitrary different values that are not zero, so that results
+    that depend on motion are not all zero.
+
+    Returns
+    -------
+    (arguments, modes) the argument `motion` of the formulas: the inputs come first.
+    """
+    arbitrary_values = 0.3 + 0.1 * np.arange(len(formulas.motion))
+    motion = np.tile(arbitrary_values, (len(formulas.modes), 1)).T
+    inputs = np.array([mode.at for mode in formulas.modes]).T
+    motion[: len(inputs)] = inputs
+    return motion
+
+
+def _stack_mode_values(formulas: Formulas) -> Floats:
+    """Return the numbers that select each assembly mode in formulas, (values, modes).
+
+    They are the signs of the dyads in closed form, otherwise pair variables.
+    """
+    modes = formulas.modes
+    return np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
+
+
+def _compute_least_effects(
+    formulas: Formulas, values_before: Floats, noise: Floats
+) -> Floats:
+    """Return the smallest change of each result that cannot be rounding.
+
+    The rounding error is estimated twice: relative to the size of the result, and from its
+    noise. The larger estimate counts.
+
+    Parameters
+    ----------
+    formulas
+        The formulas.
+    values_before
+        (r, modes) their results, followed by the variables after the step of Newton's
+        method, if there is one.
+    noise
+        (r,) largest change of each result by rounding of the arguments.
+
+    Returns
+    -------
+    (r,) smallest change that counts as an effect, in the unit of the result.
+    """
+    units = [*formulas.results.values(), *("" for _ in formulas.step)]
+    # A result that is zero in all modes, up to rounding, has no size of its own. Angles and
+    # velocity coefficients have a smallest one, so that their rounding errors do not count
+    # as changes.
+    is_kinematic = [unit in KINEMATIC_UNITS for unit in units]
+    min_scale = np.where(is_kinematic, MIN_KINEMATIC_SCALE, 0.0)
+    largest_value = np.max(np.abs(np.nan_to_num(values_before)), axis=1)
+    scale = np.maximum(largest_value, min_scale)
+    return np.maximum(MIN_RELATIVE_EFFECT * scale, MIN_EFFECT_OVER_NOISE * noise)
+
+
+def _has_effect(values_before: Floats, values_after: Floats, least_effect: Floats) -> bool:
+    """Return whether any result has changed by more than rounding.
+
+    Parameters
+    ----------
+    values_before, values_after
+        (r, modes) the results before and after the change of a size. A result that is NaN
+        only before or only after has changed; one that is NaN both times has not.
+    least_effect
+        (r,) the smallest change of each result that is no rounding error.
+    """
+    is_nan_twice = np.isnan(values_after) & np.isnan(values_before)
+    change = np.where(is_nan_twice, 0.0, np.abs(values_after - values_before))
+    # The difference from a single NaN is NaN. It counts as infinitely large.
+    change = np.nan_to_num(change, nan=np.inf)
+    return bool(np.any(change > least_effect[:, None]))
 
 
 def _estimate_noise(
