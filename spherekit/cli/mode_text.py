@@ -143,8 +143,24 @@ def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) 
         return "nowhere"
     if entry["closes_everywhere"]:
         return "everywhere"
-    if overview["is_path"] and place_text.kind != "sample":
-        return place_text.named_spans(entry["closes"])
-    counts = mode["status"]
-    share = counts.get("OK", 0) / max(sum(counts.values()), 1)
-    return f"at {share:.0%} of the samples"
+    # Spans are named by an input or the time. If the samples are a grid, or have neither as
+    # their place, they are only counted.
+    has_input_or_time = overview["is_path"] and place_text.kind in ("input", "time")
+    if has_input_or_time:
+        spans_with_mode = entry["closes"]  # first and last place of each span
+        return place_text.named_spans(spans_with_mode)
+    return f"at {_share_of_valid_samples(mode):.0%} of the samples"
+
+
+def _share_of_valid_samples(mode: Any) -> float:
+    """Return the share (0 to 1) of samples of a mode that have the status OK.
+
+    Parameters
+    ----------
+    mode
+        The entry of the mode in ``assembly_modes`` of the summary. It has the number of
+        samples with each status.
+    """
+    sample_count_by_status = mode["status"]
+    sample_count = max(sum(sample_count_by_status.values()), 1)
+    return float(sample_count_by_status.get("OK", 0) / sample_count)

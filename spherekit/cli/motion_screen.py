@@ -188,10 +188,11 @@ def link_text(name: str) -> str:
 
 
 def ends_at_dead_centre(overview: Any, entry: Any) -> bool:
-    """Return whether an assembly mode has samples and ends on the path of the run.
+    """Return whether an assembly mode ends at a dead centre within the range of the run.
 
-    It ends at a dead centre (type II singularity) between two samples, so that its ranges
-    in the table are cut off at the last sample before.
+    A dead centre is a singularity of type II, beyond which the mode cannot be assembled. It
+    is in general between two samples. Ranges of angles in tables then end at the last
+    sample before it, so that they are lower bounds.
 
     Parameters
     ----------
@@ -200,8 +201,10 @@ def ends_at_dead_centre(overview: Any, entry: Any) -> bool:
     entry
         The entry of the mode in it.
     """
-    is_cut_off = bool(entry["closes"]) and "OUT_OF_REACH" in entry["statuses"]
-    return overview["is_path"] and is_cut_off
+    exists_somewhere = bool(entry["closes"])  # spans where the mode can be assembled
+    is_missing_somewhere = "OUT_OF_REACH" in entry["statuses"]
+    # Only samples along a path are successive configurations, between which a mode ends.
+    return overview["is_path"] and exists_somewhere and is_missing_somewhere
 
 
 def _range_text(motion: Any) -> str:
@@ -394,7 +397,7 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
     row_count = sum(len(entry["outputs"]) for entry in overview["modes"].values())
     if len(table.rows) == MAX_TABLE_ROWS and row_count > MAX_TABLE_ROWS:
         notes.append(f"Further rows are in summary.json: {row_count} modes and outputs.")
-    if step_text := PlaceText(overview).step_text:
+    if step_text := PlaceText(overview).coarse_step_text:
         notes.append(
             f"Samples are {step_text} apart, so extremes and places of rest between "
             "them can be missed."

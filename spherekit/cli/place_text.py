@@ -24,62 +24,74 @@ class PlaceText:
     value of the first input (rad), which is printed in degrees, as the time (s) or as the
     number of a sample.
 
-    Parameters
-    ----------
-    overview
-        The entry ``overview`` of the summary of a run.
-
     Attributes
     ----------
     kind
         What a place is: "input", "time" or "sample".
-    name, unit, heading
-        Name and unit of places, and the heading of a column of places.
+    name, unit
+        Name and printed unit of places. The name of an input is that of its pair.
     sample_step
-        Distance of two examined samples, in rad or s.
-    step_words
-        This distance as text, such as ``2 deg of input 21``; empty for numbers of samples.
-    step_text
-        The distance as text, such as ``10 deg``, if samples are so far apart that a place
-        between two of them is uncertain (`COARSE_STEP_DEG`). Otherwise empty.
-    between_decimals
-        Number of decimals (deg) of a place that is interpolated between samples.
+        Distance of two examined samples, in rad, in s, or as a difference of their numbers.
     """
 
     def __init__(self, overview: Any) -> None:
-        """Compute the distance of samples, on which the texts of places depend."""
+        """Read from the overview of a run what a place is, and the distance of samples.
+
+        Parameters
+        ----------
+        overview
+            The entry ``overview`` of the summary of a run.
+        """
         place = overview["place"]
         self.kind: str = place["kind"]
-        self.unit = {"rad": "deg"}.get(place["unit"], place["unit"])
         self.name: str = place["name"]
+        self.unit: str = "deg" if place["unit"] == "rad" else place["unit"]
+        first_place, last_place = overview["place_range"] or (0.0, 0.0)
+        interval_count = max(overview["examined_samples"] - 1, 1)
+        self.sample_step: float = abs(last_place - first_place) / interval_count
+
+    @property
+    def heading(self) -> str:
+        """The heading of a column of places."""
         if self.kind == "input":
-            self.heading = f"input {self.name} (deg)"
-        elif self.kind == "time":
-            self.heading = "t (s)"
-        else:
-            self.heading = "sample"
-        low, high = overview["place_range"] or (0.0, 0.0)
-        intervals = max(overview["examined_samples"] - 1, 1)
-        step = abs(high - low) / intervals
-        self.sample_step = step
-        if self.kind == "input":
-            step = math.degrees(step)
-        self.step_words = ""
-        if self.kind != "sample" and step:
-            unit = "deg" if self.kind == "input" else "s"
-            name = f" of input {self.name}" if self.kind == "input" else ""
-            self.step_words = f"{number_text(step, digits=3)} {unit}{name}"
-        self.step_text = ""
-        if self.kind == "input" and step >= COARSE_STEP_DEG:
-            self.step_text = f"{number_text(step, digits=3)} deg"
-        # Decimals of a place between samples that is an input (deg). Its error grows with
-        # the square of the step (deg), so that fewer are known with a larger step.
-        if step < 1.5:
-            self.between_decimals = 2
-        elif step < 5.0:
-            self.between_decimals = 1
-        else:
-            self.between_decimals = 0
+            return f"input {self.name} (deg)"
+        return "t (s)" if self.kind == "time" else "sample"
+
+    @property
+    def step_text(self) -> str:
+        """The distance of samples, such as ``2 deg of input 21``.
+
+        It is empty if places are numbers of samples, or if there is only one sample.
+        """
+        if not self.sample_step or self.kind == "sample":
+            return ""
+        if self.kind == "time":
+            return f"{number_text(self.sample_step, digits=3)} s"
+        step_deg = math.degrees(self.sample_step)
+        return f"{number_text(step_deg, digits=3)} deg of input {self.name}"
+
+    @property
+    def coarse_step_text(self) -> str:
+        """The distance of inputs, such as ``10 deg``, if it is large (`COARSE_STEP_DEG`).
+
+        A note then says that places between samples are uncertain. Otherwise it is empty.
+        """
+        step_deg = math.degrees(self.sample_step)
+        if self.kind != "input" or step_deg < COARSE_STEP_DEG:
+            return ""
+        return f"{number_text(step_deg, digits=3)} deg"
+
+    @property
+    def _interpolated_decimals(self) -> int:
+        """Number of decimals (deg) of an input that is interpolated between samples.
+
+        The error grows with the square of the step between samples, so fewer decimals are
+        known with a larger step.
+        """
+        step_deg = math.degrees(self.sample_step)
+        if step_deg < 1.5:
+            return 2
+        return 1 if step_deg < 5.0 else 0
 
     @property
     def named(self) -> str:
@@ -103,7 +115,7 @@ class PlaceText:
         """
         if self.kind == "input":
             if between_samples:
-                text = f"{math.degrees(place):.{self.between_decimals}f}"
+                text = f"{math.degrees(place):.{self._interpolated_decimals}f}"
                 return "0" if float(text) == 0.0 else text
             return angle_text(place)
         if self.kind == "time":

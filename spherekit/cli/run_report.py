@@ -301,9 +301,9 @@ def _describe_dead_centres(summary: Any) -> Lines:
             for end, step in zip(sorted(span), (-1, 1), strict=True):
                 if end in (first, last):
                     continue
-                # If samples are far apart (`step_text` is then not empty), the text has
-                # both of them, such as "between 30 and 40". Otherwise one is enough.
-                if place_text.step_text:
+                # If samples are far apart, the text has both of them, such as "between 30
+                # and 40". Otherwise one is enough.
+                if place_text.coarse_step_text:
                     neighbour = end + step * place_text.sample_step
                     bounds = sorted((end, neighbour))
                     texts.append(place_text.between(bounds[0], bounds[1]))
@@ -315,7 +315,7 @@ def _describe_dead_centres(summary: Any) -> Lines:
     if not modes_by_places:
         return [f"No mode has {TYPE_2_TEXT} in this range."]
     name = place_text.named  # of the input
-    where = f"at {name}" if place_text.step_text else f"near {name} ="
+    where = f"at {name}" if place_text.coarse_step_text else f"near {name} ="
     lines = [
         f"{'Mode' if len(numbers) == 1 else 'Modes'} {number_list(numbers)} "
         f"{'ends' if len(numbers) == 1 else 'end'} at dead centres (type II singularities) "
@@ -435,32 +435,52 @@ def _describe_simulation(simulation: Any) -> Lines:
             f"It ended at {end['t']:.6g} of {simulation['duration_s']:.6g} s: "
             f"{end['reason']}. The results until then are kept."
         )
-    if simulation["events"]:
-        times_by_event: dict[str, Lines] = {}
-        small_swings = 0
-        for event in simulation["event_list"]:
-            if event.get("swing_rad", math.inf) <= LEAST_SWING_RAD:
-                small_swings += 1
-                continue
-            text = EVENT_TEXTS.get(event["kind"], event["kind"])
-            text = text.format(pair=event["pair"] or "the input")
-            times_by_event.setdefault(text, []).append(number_text(event["t"], digits=4))
+    event_count = simulation["events"]
+    lines += _describe_events(event_count, simulation["event_list"])
+    kinds = {event["kind"] for event in simulation["event_list"]}
+    if not kinds & {"dead_centre", "type_2", "crossing"}:
+        lines.append(f"The motion meets no {TYPE_2_TEXT.removeprefix('a ')}.")
+    return lines
+
+
+def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
+    """Return lines on the events of a simulation, such as stops and dead centres.
+
+    An input that comes to rest in a damped oscillation stops at the end of each swing.
+    Stops after tiny swings (`LEAST_SWING_RAD`) are only counted, in a line of their own.
+
+    Parameters
+    ----------
+    event_count
+        Number of all events.
+    events
+        The events with their kinds and times. Stops also have the angle of the swing before
+        them.
+    """
+    times_by_event: dict[str, Lines] = {}
+    small_stop_count = 0
+    for event in events:
+        is_small_stop = event.get("swing_rad", math.inf) <= LEAST_SWING_RAD
+        if is_small_stop:
+            small_stop_count += 1
+            continue
+        text = EVENT_TEXTS.get(event["kind"], event["kind"])
+        text = text.format(pair=event["pair"] or "the input")
+        times_by_event.setdefault(text, []).append(number_text(event["t"], digits=4))
+    lines = []
+    if times_by_event:
+        listed_count = event_count - small_stop_count
         texts = [
             f"{text} at t (s) = {listing(times, MAX_LISTED_EVENTS)}"
             for text, times in times_by_event.items()
         ]
-        if texts:
-            count = simulation["events"] - small_swings
-            lines.append(f"{counted(count, 'event')}: {'; '.join(texts)}.")
-        if small_swings:
-            lines.append(
-                f"{counted(small_swings, 'further stop')} of all links end swings of the "
-                f"input below {math.degrees(LEAST_SWING_RAD):.5f} deg; the table of events "
-                "has them."
-            )
-    kinds = {event["kind"] for event in simulation["event_list"]}
-    if not kinds & {"dead_centre", "type_2", "crossing"}:
-        lines.append(f"The motion meets no {TYPE_2_TEXT.removeprefix('a ')}.")
+        lines.append(f"{counted(listed_count, 'event')}: {'; '.join(texts)}.")
+    if small_stop_count:
+        lines.append(
+            f"{counted(small_stop_count, 'further stop')} of all links end swings of the "
+            f"input below {math.degrees(LEAST_SWING_RAD):.5f} deg; the table of events "
+            "has them."
+        )
     return lines
 
 
@@ -639,7 +659,7 @@ def _table_accuracy(overview: Any) -> str:
         The overview of a run with at least one output.
     """
     # The distance of two samples as text. Empty if samples are only numbered.
-    sample_distance = PlaceText(overview).step_words
+    sample_distance = PlaceText(overview).step_text
     if not overview["is_path"]:
         apart = f", which are {sample_distance} apart" if sample_distance else ""
         return f"the table has the extremes of the samples{apart}"

@@ -130,33 +130,61 @@ def _column_widths(
     available_width
         Sum of the widths at most.
     """
-    cell_widths = [
-        max((len(row[number]) for row in rows), default=0)
-        for number in range(len(headings))
-    ]
-    # Headings take as few lines as possible, all columns the same number at most.
-    most_words = max((len(heading.split()) for heading in headings), default=1)
-    for line_count in range(1, most_words + 1):
-        widths = [
-            max(width, _width_for_lines(heading, line_count))
-            for heading, width in zip(headings, cell_widths, strict=True)
-        ]
+    # Headings are broken first, into as few lines as possible. A heading needs at most as
+    # many lines as it has words.
+    most_words = max([1, *(len(heading.split()) for heading in headings)])
+    widths: list[int] = []
+    for heading_lines in range(1, most_words + 1):
+        widths = _widths_with_whole_cells(headings, rows, heading_lines)
         if sum(widths) <= available_width:
             return widths
-    # Cells are broken too, those of the widest column first.
-    narrowest = [
-        max(len(word) for text in (heading, *cells, "-") for word in text.split())
-        for heading, *cells in zip(headings, *rows, strict=True)
-    ]
-    if sum(narrowest) > available_width:
+    # Even with one word of the headings per line the table is too wide. So cells are
+    # broken, too, those of the widest column first.
+    least_widths = _longest_words(headings, rows)
+    if sum(least_widths) > available_width:
         return None
     while sum(widths) > available_width:
-        excess = [width - least for width, least in zip(widths, narrowest, strict=True)]
-        widest = max(
-            range(len(widths)), key=lambda number: (excess[number] > 0, widths[number])
-        )
+        breakable_columns = [
+            number for number, width in enumerate(widths) if width > least_widths[number]
+        ]
+        widest = max(breakable_columns, key=lambda number: widths[number])
         widths[widest] -= 1
     return widths
+
+
+def _widths_with_whole_cells(
+    headings: Sequence[str], rows: Sequence[Sequence[str]], heading_lines: int
+) -> list[int]:
+    """Return the least width of each column in which only the heading is broken.
+
+    Parameters
+    ----------
+    headings
+        Text above each column.
+    rows
+        For each row the text of each cell.
+    heading_lines
+        Largest number of lines of a heading.
+    """
+    widths: list[int] = []
+    for number, heading in enumerate(headings):
+        width = _width_for_lines(heading, heading_lines)
+        widths.append(max([width, *(len(row[number]) for row in rows)]))
+    return widths
+
+
+def _longest_words(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[int]:
+    """Return the length of the longest word of each column, at least 1.
+
+    It is the least width of the column, because words are not broken.
+    """
+    lengths: list[int] = []
+    for number, heading in enumerate(headings):
+        words = heading.split()
+        for row in rows:
+            words += row[number].split()
+        lengths.append(max([1, *(len(word) for word in words)]))
+    return lengths
 
 
 def _width_for_lines(text: str, line_count: int) -> int:

@@ -161,7 +161,8 @@ def _closest_text(
 ) -> str:
     """Return in words which assembly modes come closest to a singularity, and where.
 
-    An example is "the closest configuration is in modes 0, 1 at input A = 160 deg".
+    Modes with the same inputs are listed together, for example "the closest configurations
+    are in modes 0, 1 at input A = 160 deg".
 
     Parameters
     ----------
@@ -177,12 +178,14 @@ def _closest_text(
         numbers = modes_by_place.setdefault(inputs_text(summary, inputs), [])
         if mode not in numbers:
             numbers.append(mode)
-    texts = [f"{modes_text(modes)} at {place}" for place, modes in modes_by_place.items()]
-    several = len(equally_near) > 1
-    verb = f"{noun}s are" if several else f"{noun} is"
-    if len(texts) == 2:
-        return f"the {verb} in {' and '.join(texts)}"
-    return f"the {verb} in {listing(texts, MAX_LISTED_PLACES)}"
+    places = [f"{modes_text(modes)} at {place}" for place, modes in modes_by_place.items()]
+    # Each mode of `equally_near` has its own configuration, also at the same inputs.
+    subject = f"the {noun} is" if len(equally_near) == 1 else f"the {noun}s are"
+    # Two places are joined by "and", more of them by commas.
+    place_text = (
+        " and ".join(places) if len(places) == 2 else listing(places, MAX_LISTED_PLACES)
+    )
+    return f"{subject} in {place_text}"
 
 
 class _NearestSample(NamedTuple):

@@ -136,21 +136,16 @@ def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
     OutputError
         The vertex closes in no such configuration.
     """
-    other_inputs = len(sectors_deg) - 4
-    magnitudes_deg = np.arange(1, 180)
-    longest: FoldRange | None = None
-    for other_signs in itertools.product((1, -1), repeat=other_inputs):
-        # The signs of all fold angles can be reversed, so the first one is a valley.
-        signs = (1, *other_signs)
-        fold_angles = np.radians(magnitudes_deg[:, None] * np.array(signs))
-        is_closed = _can_close(np.radians(np.asarray(sectors_deg, float)), fold_angles)
-        for closes, group in itertools.groupby(
-            zip(magnitudes_deg, is_closed, strict=True), key=lambda item: bool(item[1])
-        ):
-            magnitudes = [int(magnitude) for magnitude, _ in group]
-            fold_range = FoldRange(signs, magnitudes[0], magnitudes[-1])
-            if closes and (longest is None or _length(fold_range) > _length(longest)):
-                longest = fold_range
+    # A vertex of n creases moves with n - 3 degrees of freedom: so many creases are driven.
+    driven_count = len(sectors_deg) - 3
+    fold_ranges: list[FoldRange] = []
+    for signs in itertools.product((1, -1), repeat=driven_count):
+        # Reversing all fold angles mirrors the vertex. So the first crease is always a
+        # valley (+1), and the mirrored combinations are left out.
+        if signs[0] == 1:
+            fold_ranges += _list_fold_ranges(sectors_deg, signs)
+    # Of several longest ranges the first one is returned.
+    longest = max(fold_ranges, key=_length, default=None)
     if longest is None:
         angles = ", ".join(f"{angle:g}" for angle in sectors_deg)
         raise OutputError(
@@ -161,6 +156,36 @@ def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
     return longest
 
 
+def _list_fold_ranges(
+    sectors_deg: Sequence[float], signs: tuple[int, ...]
+) -> list[FoldRange]:
+    """Return the ranges of equal fold angles in which the vertex closes.
+
+    Parameters
+    ----------
+    sectors_deg
+        (n,) angles of the sectors, counter-clockwise, degrees.
+    signs
+        (n - 3,) sign of the fold angle of each driven crease: +1 for a valley, -1 for a
+        mountain.
+    """
+    sectors = np.radians(np.asarray(sectors_deg, float))
+    magnitudes_deg = np.arange(1, 180)
+    fold_angles = np.radians(magnitudes_deg[:, None] * np.array(signs))
+    is_closed = _can_close(sectors, fold_angles)
+    fold_ranges: list[FoldRange] = []
+    range_start: int | None = None
+    for magnitude, closes in zip(magnitudes_deg.tolist(), is_closed, strict=True):
+        if not closes:
+            range_start = None
+        elif range_start is None:
+            range_start = magnitude
+            fold_ranges.append(FoldRange(signs, range_start, magnitude))
+        else:
+            fold_ranges[-1] = FoldRange(signs, range_start, magnitude)
+    return fold_ranges
+
+
 def _length(fold_range: FoldRange) -> int:
     """Return the length of a range of fold angles, degrees."""
     return fold_range.high - fold_range.low
@@ -169,8 +194,15 @@ def _length(fold_range: FoldRange) -> int:
 def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
     """Return where the last three creases can close the vertex.
 
-    Crease ck joins the sectors s(k - 1) and sk, and c1 joins sn and s1. The creases
-    c1 ... c(n - 3) are driven. The last three are c(n - 2), c(n - 1) and cn.
+    Going around the vertex, sectors and creases alternate: c1, s1, c2, s2, ..., cn, sn. The
+    creases c1 ... c(n - 3) are driven, so the sectors from sn to s(n - 3) have a known
+    position relative to each other. The remaining sectors s(n - 2) and s(n - 1) are joined
+    by crease c(n - 1), and must span the arc between the creases c(n - 2) and cn:
+
+        c(n - 2)   s(n - 2)   c(n - 1)   s(n - 1)   cn
+
+    The three creases are the corners of a spherical triangle. Its cosine rule gives the
+    fold angle of c(n - 1).
 
     Parameters
     ----------
@@ -181,30 +213,48 @@ def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
 
     Returns
     -------
-    (t,) booleans: the fold angle of the middle one of the last three creases differs from 0
-    and 180 degrees by at least `FOLD_MARGIN_DEG`.
+    (t,) booleans: the fold angle of c(n - 1) differs from 0 and 180 degrees by at least
+    `FOLD_MARGIN_DEG`.
     """
-    # Walk from crease cn along the sectors sn, s1, ..., s(n - 3) to crease c(n - 2), over
-    # the driven creases between them. The axis z of a frame is the crease reached so far.
-    # Along a sector the frame turns about x by the sector's angle, and at a driven crease
-    # about z by the fold angle.
-    x_axis, _, z_axis = np.eye(3)
-    frames = np.broadcast_to(np.eye(3), (len(fold_angles), 3, 3))
-    walked_sectors = [sectors[-1], *sectors[:-3]]
-    for k, sector in enumerate(walked_sectors):
-        frames = frames @ rotation_about_axis(x_axis, [sector])
-        if k < fold_angles.shape[1]:
-            frames = frames @ rotation_about_axis(z_axis, fold_angles[:, k])
-    # The cosine of the angle between crease cn, the first z axis, and crease c(n - 2).
-    cos_distance = frames[:, 2, 2]
-    # Cosine rule of the spherical triangle of the last three creases. Its angle at the
-    # middle one is 180 degrees minus the fold angle. The sectors s(n - 2) and s(n - 1) are
-    # the sides that meet there.
-    a, b = sectors[-3], sectors[-2]
-    cos_middle = (cos_distance - np.cos(a) * np.cos(b)) / (np.sin(a) * np.sin(b))
+    *driven_sectors, side_a, side_b, last_sector = (
+        sectors  # s1 ... s(n - 3); the last three
+    )
+    cos_distance = _cos_end_creases([last_sector, *driven_sectors], fold_angles)
+    # The cosine rule gives the angle of the triangle at c(n - 1), between the sides
+    # s(n - 2) and s(n - 1). It is 180 degrees minus the fold angle.
+    cos_middle = (cos_distance - np.cos(side_a) * np.cos(side_b)) / (
+        np.sin(side_a) * np.sin(side_b)
+    )
     # The tolerance admits fold angles that equal the margin up to rounding.
     limit = np.cos(np.radians(FOLD_MARGIN_DEG)) + 1e-12
     return np.abs(cos_middle) <= limit
+
+
+def _cos_end_creases(sectors: Sequence[float], fold_angles: Floats) -> Floats:
+    """Return the cosine of the angle between the two end creases of a strip of sectors.
+
+    Parameters
+    ----------
+    sectors
+        (m,) angles of successive sectors, rad.
+    fold_angles
+        (t, m - 1) fold angles of the creases between them, rad, in t configurations.
+
+    Returns
+    -------
+    (t,) cosines.
+    """
+    # The axis z of a frame is the crease reached so far. Along a sector the frame turns
+    # about x by the angle of the sector, and at a crease about z by the fold angle.
+    x_axis, _, z_axis = np.eye(3)
+    first_sector, *later_sectors = sectors
+    frames = np.broadcast_to(np.eye(3), (len(fold_angles), 3, 3))
+    frames = frames @ rotation_about_axis(x_axis, [first_sector])
+    for sector, crease_angles in zip(later_sectors, fold_angles.T, strict=True):
+        frames = frames @ rotation_about_axis(z_axis, crease_angles)
+        frames = frames @ rotation_about_axis(x_axis, [sector])
+    # The first crease is the axis z of the axes in which the frames are given.
+    return frames[:, 2, 2]
 
 
 def _check_sectors(sectors_deg: Sequence[float]) -> None:

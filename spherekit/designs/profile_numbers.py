@@ -353,7 +353,7 @@ def make_contact_profiles(
     """Return the profiles (curves) of all contacts, two for each contact.
 
     Equations of designs use the profiles in this order
-    (`PairRotations.sides_with_columns`).
+    (`PairRotations.sides_with_symbols`).
 
     Parameters
     ----------

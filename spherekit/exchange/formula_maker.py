@@ -399,8 +399,8 @@ def _find_profile_tables(
     used_symbols = _list_symbols(expressions)
     return tuple(
         profile_table(profile, design_expressions.configuration_symbols)
-        for profile in design_expressions.structure.pairs.sides_with_columns
-        if used_symbols & {*profile.column_symbols, profile.last_derivative}
+        for profile in design_expressions.structure.pairs.sides_with_symbols
+        if used_symbols & {*profile.contact_symbols, profile.last_derivative}
     )
 
 

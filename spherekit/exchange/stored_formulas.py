@@ -114,7 +114,7 @@ def profile_table(
     padded_derivative = np.pad(last_derivative, ((0, 0), (0, 1), (0, 0)))
     coefficients = np.concatenate([series.coefficients, padded_derivative], axis=2)
     # The symbols of these nine functions in the formulas, d2k/ds2 last.
-    function_symbols: Any = (*profile.column_symbols, profile.last_derivative)
+    function_symbols: Any = (*profile.contact_symbols, profile.last_derivative)
     return SeriesTable(
         terms=function_symbols,
         variable=configuration_symbols[contact_profile.variable],

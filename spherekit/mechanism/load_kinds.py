@@ -238,11 +238,13 @@ class Spring(Load):
         Value of the variable (rad) at which the torque is zero.
     """
 
+    # The word for springs in mechanism files.
     kind = "spring"
-    # The base class inserts the fields and makes an expression of the text.
+    # The expression of the torque (N m). `components` of the base class inserts the values
+    # of the fields; theta_21 is the variable of a pair named 21.
     torque_template = "-{stiffness}*(theta_{pair} - {rest})"
-    # What the fields contain, for readers of files: the name of a pair, a number with this
-    # unit, and an angle.
+    # The entries of a spring in a mechanism file: the name of a pair, a number of the unit
+    # N m/rad that is not negative, and an angle. They are read and checked accordingly.
     field_kinds = MappingProxyType(
         {"pair": "pair", "stiffness": "N m/rad", "rest": "angle"}
     )

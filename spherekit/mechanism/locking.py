@@ -16,7 +16,6 @@ from spherekit.geometry.rotation import about_z
 from spherekit.mechanism.changed_axes import redescribe, rotate_profile
 from spherekit.mechanism.elements import (
     Angles,
-    LinkSizes,
     Pair,
     PoseGeometry,
     Profile,
@@ -359,7 +358,16 @@ def _join_link_sizes(
         for link, sizes in old_sizes.links.items()
         if link not in (merge.kept_link, merge.removed_link)
     }
-    frames = _frames_at_new_sizes(mechanism, locked, kept_sizes, merge)
+    # The links without kept sizes get new ones, which follow from the frames of their R
+    # pairs.
+    pairs_at_new_sizes = [
+        pair
+        for pair in mechanism.pairs
+        if pair != locked
+        and pair.kind.has_axis
+        and any(link not in kept_sizes for link in pair.links)
+    ]
+    frames = _frames_after_merge(mechanism, pairs_at_new_sizes, merge)
     new_sizes = sizes_from_frames(remaining_pairs, frames, kept_sizes)
     # A zero is the angle in the first link of a pair from which its variable is counted.
     # Pairs between two links that keep their sizes also keep their zeros.
@@ -367,25 +375,22 @@ def _join_link_sizes(
     return SizeGeometry(new_sizes.links, zeros)
 
 
-def _frames_at_new_sizes(
-    mechanism: Mechanism,
-    locked: Pair,
-    kept_sizes: Mapping[str, LinkSizes],
-    merge: _LinkMerge,
+def _frames_after_merge(
+    mechanism: Mechanism, pairs: Iterable[Pair], merge: _LinkMerge
 ) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """Return the frames of all pairs that have a link without sizes.
+    """Return the frames of R pairs in the axes that their links have after a merge.
+
+    Frames in the link that becomes a part of another one are rotated to the axes of the
+    joined link. All other frames stay the same.
 
     Parameters
     ----------
     mechanism
         The mechanism with all links.
-    locked
-        The locked pair, which is left out.
-    kept_sizes
-        Sizes of the links that keep them.
+    pairs
+        The R pairs whose frames are returned.
     merge
-        The two links that are joined. Frames in the removed link are returned in the axes
-        of the kept link.
+        The two links that are joined.
 
     Returns
     -------
@@ -395,10 +400,7 @@ def _frames_at_new_sizes(
     old_first_frames, old_second_frames = pair_frames(mechanism)
     first_frames = {}
     second_frames = {}
-    for pair in mechanism.pairs:
-        keeps_all_sizes = all(link in kept_sizes for link in pair.links)
-        if pair == locked or not pair.kind.has_axis or keeps_all_sizes:
-            continue
+    for pair in pairs:
         first_link, second_link = pair.links
         first_frames[pair.name] = merge.rotate_frame(
             old_first_frames[pair.name], first_link

@@ -73,6 +73,22 @@ class JointTransform:
     constants: tuple[Entries, ...]
     rotations: tuple[VariableRotation, ...]
 
+    @property
+    def axis_in_first_link(self) -> Entries:
+        """The axis (3,) of the first rotation Z_1, in the axes of the first link.
+
+        The columns of C_0 are the axes x, y, z of the frame in which Z_1 rotates about z.
+        """
+        return self.constants[0][:, 2]
+
+    @property
+    def axis_in_second_link(self) -> Entries:
+        """The axis (3,) of the last rotation Z_k, in the axes of the second link.
+
+        The rows of C_k are the axes x, y, z of the frame in which Z_k rotates about z.
+        """
+        return self.constants[-1][2]
+
     def reversed(self) -> "JointTransform":
         """Return the rotation from the second link to the first."""
         inverse_constants = tuple(constant.T for constant in reversed(self.constants))
@@ -86,6 +102,23 @@ class JointTransform:
             else:
                 inverse_rotations.append(rotation.T)  # a rotation matrix (3, 3)
         return JointTransform(inverse_constants, tuple(inverse_rotations))
+
+
+@dataclass(frozen=True)
+class ProfileCircle:
+    """A circular profile of a contact, about whose centre the contact point turns.
+
+    Attributes
+    ----------
+    axis
+        (3,) unit vector from the centre of the sphere to the centre of the circle, in the
+        axes of the link of the profile.
+    angle_per_length
+        Angle (rad) by which the contact point turns about this axis per unit of arc length.
+    """
+
+    axis: Entries
+    angle_per_length: float
 
 
 @dataclass(frozen=True)
@@ -110,10 +143,10 @@ class ProfileSide:
         Curvature k of the profile: a number for a circle, otherwise a symbol.
     slope
         Derivative dk/ds of the curvature: a number for a circle, otherwise a symbol.
-    column_symbols
+    contact_symbols
         The eight symbols. Empty for circles that are written as rotations.
     last_derivative
-        Symbol of d2k/ds2, the derivative of the last of the `column_symbols`; 0.0 if there
+        Symbol of d2k/ds2, the derivative of the last of the `contact_symbols`; 0.0 if there
         are none.
     """
 
@@ -121,8 +154,17 @@ class ProfileSide:
     chain: JointTransform
     curvature: Expr
     slope: Expr
-    column_symbols: tuple[ExpressionNode, ...] = ()
+    contact_symbols: tuple[ExpressionNode, ...] = ()
     last_derivative: Expr = 0.0
+
+    @property
+    def circle(self) -> ProfileCircle | None:
+        """The circle that is written as a rotation about its centre, or None."""
+        # The chain from the link to the contact frame has one rotation.
+        (rotation,) = self.chain.rotations
+        if not isinstance(rotation, AxisRotation):
+            return None
+        return ProfileCircle(self.chain.axis_in_first_link, rotation.scale)
 
     @cached_property
     def series(self) -> ProfileSeries:
@@ -132,7 +174,7 @@ class ProfileSide:
     @property
     def max_curvature_second(self) -> float:
         """The largest size of d2k/ds2 along the profile; 0 for a circle."""
-        return self.series.max_curvature_second if self.column_symbols else 0.0
+        return self.series.max_curvature_second if self.contact_symbols else 0.0
 
     @property
     def column_derivatives(self) -> list[Expr]:
@@ -140,7 +182,7 @@ class ProfileSide:
 
         The profile must have columns.
         """
-        tangent, normal, point = _moving_frame(self.column_symbols).T
+        tangent, normal, point = _moving_frame(self.contact_symbols).T
         # dt/ds = k n - p and dp/ds = t on the unit sphere.
         tangent_derivative = normal * self.curvature - point
         return [*tangent_derivative, *tangent, self.slope, self.last_derivative]
@@ -170,27 +212,21 @@ class PairRotations:
 
     def axes(self, pair: int) -> tuple[Entries, Entries]:
         """Return the axis (3,) of an R pair in the axes of its first and second link."""
-        # R_second = R_first C_0 Z C_1, where Z rotates about the z axis of a joint frame.
-        # C_0 has the axes of this frame in the first link as columns. C_1 has its axes in
-        # the second link as rows. `constants` is the tuple (C_0, C_1).
         chain = self.chains[pair]
-        return chain.constants[0][:, 2], chain.constants[-1][2]
+        return chain.axis_in_first_link, chain.axis_in_second_link
 
     @property
-    def sides_with_columns(self) -> tuple[ProfileSide, ...]:
-        """The profiles (sides of contacts) that are no circles.
+    def sides_with_symbols(self) -> tuple[ProfileSide, ...]:
+        """The profiles whose tangent, point and curvature at the contact are symbols.
 
-        A circle is written as a rotation about its centre. For another profile, symbols in
-        the expressions stand for the tangent, the point and the curvature at the contact
-        (`column_symbols`). They are called columns, because a compiled function gets a
-        column of values for each of them. These arguments come after the pair variables,
-        profile by profile in this order.
+        Compiled functions take the values of these symbols (`contact_symbols`) as further
+        arguments. They come after the pair variables, profile by profile in this order.
         """
         return tuple(
             side
             for both_sides in self.sides.values()
             for side in both_sides
-            if side.column_symbols
+            if side.contact_symbols
         )
 
 
@@ -360,7 +396,7 @@ def _profile_side(
             chain=chain,
             curvature=column_curvature,
             slope=column_slope,
-            column_symbols=tuple(columns),
+            contact_symbols=tuple(columns),
             last_derivative=last_derivative,
         )
     # The moving frame A of a curve with constant curvature k turns about n + k p, which is

@@ -17,8 +17,35 @@ import numpy as np
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
 from spherekit.symbolic.vector_algebra import Exprs, cross
-from spherekit.velocities.axis_rotations import AxisRotation, PairRotations, ProfileSide
+from spherekit.velocities.axis_rotations import PairRotations, ProfileCircle, ProfileSide
 from spherekit.velocities.pose_expressions import LinkOrientation, place_link
+
+
+@dataclass(frozen=True)
+class SlideChangeBound:
+    """Upper bound of the length of the derivative of `CarriedVector.slide`.
+
+    The derivative is by the variable, seen from the link. It is a sum of vectors. Some of
+    them have the length ``|k''|``, the second derivative of the curvature k of a profile.
+    There is no expression of k'', so its largest value along the profile is used.
+
+    Attributes
+    ----------
+    other_terms
+        Bound of the length of the sum of all terms without a k''.
+    profiles
+        The profiles whose k'' occurs in a term.
+    """
+
+    other_terms: Expr = 0.0
+    profiles: tuple[ProfileSide, ...] = ()
+
+    @property
+    def total(self) -> Expr:
+        """The bound: that of the terms without k'', plus the largest ``|k''|``."""
+        return self.other_terms + sum(
+            profile.max_curvature_second for profile in self.profiles
+        )
 
 
 @dataclass(frozen=True)
@@ -42,12 +69,9 @@ class CarriedVector:
         ground axes. None if the vector is fixed in the link.
     slide_length
         Length of `slide`, exactly.
-    known_slide_change
-        Bound of the length of the known terms in the derivative of `slide` with respect to
-        the variable, seen from the link. The other terms contain the second derivative of a
-        curvature, for which there is no expression.
-    sides
-        The profiles of a contact whose curvatures have these second derivatives.
+    slide_change_bound
+        Bound of the length of the derivative of `slide` by the variable. It bounds the
+        error of `slide` at a computed configuration.
     """
 
     vector: Exprs
@@ -55,19 +79,7 @@ class CarriedVector:
     length: Expr = 1.0
     slide: Exprs | None = None
     slide_length: Expr = 0.0
-    known_slide_change: Expr = 0.0
-    sides: tuple[ProfileSide, ...] = ()
-
-    @property
-    def slide_change_bound(self) -> Expr:
-        """Bound of the length of the derivative of `slide` by the variable.
-
-        It is used to bound the error of `slide` at a computed configuration. The unknown
-        second derivatives of curvatures are replaced by their largest values.
-        """
-        return self.known_slide_change + sum(
-            side.max_curvature_second for side in self.sides
-        )
+    slide_change_bound: SlideChangeBound = SlideChangeBound()
 
     def derivative(self, w: Exprs, rate: Expr) -> Exprs:
         """Return the time derivative (3,) of the vector in ground axes.
@@ -134,12 +146,12 @@ def carried_vectors(
         # The two variables of a sliding contact move it along the first and the second
         # profile. A rolling contact has a single variable, which moves it along both.
         along_sides = [
-            _vector_along_profile(sense, side, end, placed[end], variables)
-            for side, end, sense in zip(sides, ends, (1.0, -1.0), strict=True)
+            _vector_along_profile(sign, side, link, placed[link], variables)
+            for side, link, sign in zip(sides, ends, (1.0, -1.0), strict=True)
         ]
         if len(owned) == 2:
             vectors |= zip(owned, along_sides, strict=True)
-        elif about_centres and not any(side.column_symbols for side in sides):
+        elif about_centres and not any(side.contact_symbols for side in sides):
             first, second = (carried.vector for carried in along_sides)
             # The second vector turns relative to the first link at the rate first + second.
             vectors[owned[0]] = CarriedVector(
@@ -153,13 +165,13 @@ def carried_vectors(
                 sides[carrier], placed[ends[carrier]], variables
             )
             curvature = sides[carrier].curvature
-            # dp/ds = t and dt/ds = k n - p, whose length is sqrt(1 + k^2).
+            # The contact point slides along the tangent: dp/ds = t.
             contact_lines[pair] = CarriedVector(
                 point,
                 ends[carrier],
                 slide=tangent,
                 slide_length=1.0,
-                known_slide_change=root(1.0 + curvature * curvature),
+                slide_change_bound=SlideChangeBound(_tangent_change(curvature)),
             )
             vectors[owned[0]] = _rolling_vector(sides, curvature, contact_lines[pair])
     return [*vectors.values()], contact_lines
@@ -200,31 +212,37 @@ def _contact_frame(
     return place_link(side.chain, placed, variables).direction(np.eye(3)).T
 
 
+def _tangent_change(curvature: Expr) -> Expr:
+    """Return the length of dt/ds = k n - p, the derivative of the tangent of a profile."""
+    return root(1.0 + curvature * curvature)
+
+
 def _rolling_vector(
-    sides: tuple[ProfileSide, ProfileSide], curvature: Expr, contact_line: CarriedVector
+    sides: tuple[ProfileSide, ProfileSide],
+    carrier_curvature: Expr,
+    contact_line: CarriedVector,
 ) -> CarriedVector:
     """Return the vector (k1 - k2) p of a rolling contact, with its derivatives.
 
     The vector is the angular velocity of the second link relative to the first, per unit of
-    arc length s. k1 and k2 are the curvatures of both profiles, p is the contact point. The
-    first derivative of the vector by s is needed for accelerations, and the length of the
-    second one for error bounds. With the tangent t and the normal n, p' = t and
-    t' = k n - p. (Primes are derivatives by s, seen from the link that carries the vector.)
+    arc length s. k1 and k2 are the curvatures of both profiles, p is the contact point. One
+    of the two links carries the vector, and primes are derivatives by s as seen from this
+    link. With the tangent t, p' = t, so
 
         first derivative:  (k1 - k2) t + (k1 - k2)' p
-        second derivative: 2 (k1 - k2)' t + (k1 - k2) (k n - p) + (k1 - k2)'' p
+        second derivative: (k1 - k2) t' + 2 (k1 - k2)' t + (k1 - k2)'' p
 
-    There are no expressions of k1'' and k2''. `CarriedVector.known_slide_change` bounds the
-    two terms without them.
+    The first is the slide of the vector, which is needed for accelerations. The length of
+    the second is bounded by the sum of the lengths of its terms, for error bounds.
 
     Parameters
     ----------
     sides
         The two profiles, with the curvatures k1 and k2.
-    curvature
-        The curvature k of the profile on the link that carries `contact_line`.
+    carrier_curvature
+        The curvature, k1 or k2, of the profile on the link that carries the vector.
     contact_line
-        The contact point p, which slides on its link along the tangent.
+        The contact point p, which slides on this link along the tangent.
     """
     first, second = sides
     curvature_difference = first.curvature - second.curvature  # k1 - k2
@@ -239,37 +257,31 @@ def _rolling_vector(
             curvature_difference * curvature_difference
             + slope_difference * slope_difference
         ),
-        # The length of k n - p is sqrt(1 + k^2).
-        known_slide_change=2.0 * absolute(slope_difference)
-        + absolute(curvature_difference) * root(1.0 + curvature * curvature),
-        sides=sides,
+        slide_change_bound=SlideChangeBound(
+            other_terms=2.0 * absolute(slope_difference)
+            + absolute(curvature_difference) * _tangent_change(carrier_curvature),
+            profiles=sides,
+        ),
     )
 
 
 def _vector_along_profile(
-    sense: float,
+    sign: float,
     side: ProfileSide,
     link: int,
     placed: LinkOrientation,
     variables: Sequence[Expr],
 ) -> CarriedVector:
-    """Return the vector +-(n + k p) of a contact that moves along one profile.
+    """Return the vector of a contact that moves along one of its profiles.
 
     It is the angular velocity of the second link relative to the first, per unit of arc
-    length along this profile. n is the normal of the profile, k its curvature, p the
-    contact point and t the tangent. Primes are derivatives by the arc length, and k' is
-    called the slope of the profile.
-
-    - The derivative of n + k p is k' p, because n' = -k t and p' = t. It is needed for
-      accelerations.
-    - The second derivative is k' t + k'' p. Its length is needed for error bounds. There is
-      no expression of k'', so `CarriedVector.known_slide_change` is the length of the first
-      term alone, ``|k'|``.
+    length along this profile. With the normal n, the curvature k and the contact point p of
+    the profile it is n + k p, with the sign -1 for the profile of the second link.
 
     Parameters
     ----------
-    sense
-        +1 or -1, the sign of the vector.
+    sign
+        1.0 for the profile of the first link of the contact, -1.0 for that of the second.
     side
         The profile.
     link
@@ -279,23 +291,67 @@ def _vector_along_profile(
     variables
         Expressions of all variables. The arc length along the profile is one of them.
     """
-    # The chain leads from the link to the moving frame t, n, p. It consists of one rotation
-    # (about the centre of a circle, or a matrix of symbols) between two constant matrices.
-    (rotation,) = side.chain.rotations
-    if isinstance(rotation, AxisRotation):
-        # The profile is a circle. n + k p is fixed in the link: it points to the centre of
-        # the circle, and its length is the angle (`scale`) about the centre per arc length.
-        # Column 2 of the first constant is this centre in link axes.
-        axis = placed.direction(side.chain.constants[0][:, 2]) * (sense * rotation.scale)
-        return CarriedVector(axis, link, abs(rotation.scale))
-    _, normal, point = _contact_frame(side, placed, variables)
-    slope_size = absolute(side.slope)
+    if side.circle is not None:
+        return _vector_along_circle(sign, side.circle, link, placed)
+    contact_frame = _contact_frame(side, placed, variables)
+    return _vector_along_curve(sign, side, link, contact_frame)
+
+
+def _vector_along_circle(
+    sign: float, circle: ProfileCircle, link: int, placed: LinkOrientation
+) -> CarriedVector:
+    """Return the vector of a contact that moves along a circle, per unit of arc length.
+
+    The contact turns about the centre of the circle, which is fixed in the link. The length
+    of the vector is the angle about the centre per unit of arc length.
+
+    Parameters
+    ----------
+    sign
+        1.0 for the profile of the first link of the contact, -1.0 for that of the second.
+    circle
+        The profile.
+    link, placed
+        Number and orientation of the link that carries the profile.
+    """
+    vector = placed.direction(circle.axis) * (sign * circle.angle_per_length)
+    return CarriedVector(vector, link, length=abs(circle.angle_per_length))
+
+
+def _vector_along_curve(
+    sign: float, side: ProfileSide, link: int, contact_frame: Exprs
+) -> CarriedVector:
+    """Return the vector of a contact that moves along a profile, per unit of arc length.
+
+    With the tangent t, normal n, point p and curvature k of the profile, the vector is
+    n + k p. Primes are derivatives by the arc length, as seen from the link. Because
+    n' = -k t and p' = t,
+
+        first derivative:  k' p
+        second derivative: k' t + k'' p
+
+    The first is the slide of the vector, which is needed for accelerations. The length of
+    the second is bounded by ``|k'| + |k''|``, for error bounds.
+
+    Parameters
+    ----------
+    sign
+        1.0 for the profile of the first link of the contact, -1.0 for that of the second.
+        It is a factor of the vector and of its derivatives.
+    side
+        The profile.
+    link
+        Number of the link that carries the profile.
+    contact_frame
+        (3, 3) rows t, n and p in ground axes.
+    """
+    _, normal, point = contact_frame
+    slope_size = absolute(side.slope)  # |k'|
     return CarriedVector(
-        vector=(normal + point * side.curvature) * sense,
+        vector=(normal + point * side.curvature) * sign,
         link=link,
         length=root(1.0 + side.curvature * side.curvature),
-        slide=point * (sense * side.slope),
+        slide=point * (sign * side.slope),
         slide_length=slope_size,
-        known_slide_change=slope_size,
-        sides=(side,),
+        slide_change_bound=SlideChangeBound(other_terms=slope_size, profiles=(side,)),
     )

@@ -34,10 +34,9 @@ class MotionRates:
     Attributes
     ----------
     scaled_speeds
-        The rate of each input, divided by D, the determinant of the velocity equations. For
-        each input, Cramer's rule without its division gives D times the rates of all
-        variables while this input moves at the rate 1. These are multiplied by the scaled
-        speed of the input. Their sum over all inputs is the rate of a variable.
+        The rate of each input, divided by the determinant D of the velocity equations.
+        They are factors of the homogeneous rates `CoordinateRates.tau`, which are D times
+        the rates of all variables per unit rate of each input.
     variable_rates
         The rate of each pair variable.
     w
@@ -112,13 +111,11 @@ class CoordinateRates(VelocityEquations):
         }
         scale: Expr = 1.0
         for group in self.structure.groups:
-            variable_count = len(self.vectors)
-            solved_rates = [rate_by_variable.get(v, 0.0) for v in range(variable_count)]
-            # Rates that are not solved yet count as zero here.
-            known_velocities = self.pair_velocities(solved_rates)
-            # Known velocities have the factor `scale`, so offsets get it too.
-            for pair, offset in (offsets or {}).items():
-                known_velocities[pair] = known_velocities[pair] - offset * scale
+            # `rate_by_variable` has the rates of the driven pairs and of earlier groups,
+            # all multiplied by `scale`.
+            known_velocities = self._known_velocities(
+                rate_by_variable, offsets or {}, scale
+            )
             group_rates, group_scale = group.solve_rates(self.vectors, known_velocities)
             # The rates of earlier groups are multiplied by the determinant of this group,
             # so that all rates have the same scale and nothing is divided.
@@ -127,6 +124,32 @@ class CoordinateRates(VelocityEquations):
             } | group_rates
             scale = scale * group_scale
         return [rate_by_variable[v] for v in range(len(self.vectors))], scale
+
+    def _known_velocities(
+        self,
+        rate_by_variable: Mapping[int, Expr],
+        offsets: Mapping[int, Exprs],
+        scale: Expr,
+    ) -> list[Exprs]:
+        """Return the known part (3,) of the relative angular velocity of each pair.
+
+        It is the sum over the variables whose rates are known, minus the offset of the
+        pair. The variables of later groups do not contribute to it.
+
+        Parameters
+        ----------
+        rate_by_variable
+            The known rates, by variable, multiplied by `scale`.
+        offsets
+            Offset vectors (3,) by the number of the pair. They are not multiplied yet.
+        scale
+            Factor of the rates, which the result has too.
+        """
+        rates = [rate_by_variable.get(v, 0.0) for v in range(len(self.vectors))]
+        velocities = self.pair_velocities(rates)
+        for pair, offset in offsets.items():
+            velocities[pair] = velocities[pair] - offset * scale
+        return velocities
 
     @cached_property
     def _rates_and_scales(self) -> list[tuple[list[Expr], Expr]]:

@@ -223,8 +223,8 @@ class DesignExpressions:
         """Symbols of the profile columns, which are arguments after the configuration."""
         return [
             symbol
-            for side in self.structure.pairs.sides_with_columns
-            for symbol in (*side.column_symbols, side.last_derivative)
+            for side in self.structure.pairs.sides_with_symbols
+            for symbol in (*side.contact_symbols, side.last_derivative)
         ]
 
     def differentiate_by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
@@ -261,7 +261,7 @@ class DesignExpressions:
         # inputs and sizes instead, and the loops are always closed.
         if self.has_closed_form:
             return [differentiate(items, {size: 1.0}) for size in self.size_symbols]
-        sides = self.structure.pairs.sides_with_columns
+        sides = self.structure.pairs.sides_with_symbols
         nodes = set(iterate_nodes(items))
         if any(side.last_derivative in nodes for side in sides):
             raise EngineError(
@@ -273,7 +273,7 @@ class DesignExpressions:
             self._differentiate_by_variable(items, v)
             for v in range(len(self.configuration_symbols))
         ]
-        columns = (symbol for side in sides for symbol in side.column_symbols)
+        columns = (symbol for side in sides for symbol in side.contact_symbols)
         rates = self.coordinate_rates
         derivatives: list[list[Expr]] = []
         for size in (*self.size_symbols, *columns):
@@ -296,9 +296,9 @@ class DesignExpressions:
         tangent, point and curvature at the contact) change with it.
         """
         rates: dict[ExpressionNode, Expr] = {self.configuration_symbols[variable]: 1.0}
-        for side in self.structure.pairs.sides_with_columns:
+        for side in self.structure.pairs.sides_with_symbols:
             if side.track.variable == variable:
-                rates |= zip(side.column_symbols, side.column_derivatives, strict=True)
+                rates |= zip(side.contact_symbols, side.column_derivatives, strict=True)
         return differentiate(items, rates)
 
     @cached_property
@@ -746,12 +746,12 @@ class DesignExpressions:
             )
         # A side is one of the two profiles of a contact. The rate of a column is its
         # derivative by the arc length times the rate of the arc length.
-        for side in self.structure.pairs.sides_with_columns:
+        for side in self.structure.pairs.sides_with_symbols:
             # The arc length at which the contact is on this profile is a pair variable.
             arc_length = self.configuration_symbols[side.track.variable]
             speed = rates[arc_length]
             column_rates = (x * speed for x in side.column_derivatives)
-            rates |= zip(side.column_symbols, column_rates, strict=True)
+            rates |= zip(side.contact_symbols, column_rates, strict=True)
         return rates
 
     def generalized_force(self, moving: int) -> Expr:

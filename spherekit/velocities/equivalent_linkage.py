@@ -131,40 +131,60 @@ class EquivalentLinkage:
         symbol_by_index
             Symbols that replace some of the `numbers`, by the index of the number.
         """
-        # All numbers in order, some of them as symbols.
-        numbers = iter(symbol_by_index.get(k, x) for k, x in enumerate(self.numbers))
-        # For each R pair its constant rotations in the first and in the second link.
-        constants_by_pair: list[tuple[Entries, Entries]] = []
-        for index, constant_rotations in enumerate(self.constant_rotations):
-            # Each rotation has the next three numbers as its Euler angles.
-            rotations = [
-                _rotation_from_euler(next(numbers), next(numbers), next(numbers))
-                for _ in constant_rotations
-            ]
-            if index in self.sliding:
-                # A sliding contact rotates its second link relative to its first by
-                # first Z between Z second, with two variable rotations Z. Two R pairs
-                # replace it: "first Z" leads to the link between the centres, whose axes
-                # are those of this first pair, and "between Z second" to the second link.
-                first, between, second = rotations
-                constants_by_pair += [(first, np.eye(3)), (between, second)]
-            else:
-                first, second = rotations
-                constants_by_pair.append((first, second))
-        # Each R pair has one variable, of the same number.
-        chains = [
-            JointTransform(constants, (AxisRotation(pair),))
-            for pair, constants in enumerate(constants_by_pair)
-        ]
-        followers: dict[int, list[Expr]] = {}
-        if self.train is not None:
-            # The remaining numbers are a ratio for each input and an offset. The angle of a
-            # follower is the sum of the ratios times the input angles, and the offset.
-            rows = np.array([*numbers], dtype=object)
-            rows = rows.reshape(len(self.train.followers), -1)
-            followers = dict(zip(self.train.followers, rows.tolist(), strict=True))
+        numbers = [symbol_by_index.get(k, x) for k, x in enumerate(self.numbers)]
+        rotation_count = sum(len(rotations) for rotations in self.constant_rotations)
+        euler_angle_count = 3 * rotation_count
+        transforms = self._pair_transforms(numbers[:euler_angle_count])
+        followers = self._follower_factors(numbers[euler_angle_count:])
         # A linkage of R pairs has no profiles of contacts (`sides`).
-        return PairRotations(tuple(chains), sides={}, followers=followers)
+        return PairRotations(tuple(transforms), sides={}, followers=followers)
+
+    def _pair_transforms(self, euler_angles: Sequence[Expr]) -> list[JointTransform]:
+        """Return the rotation from the first to the second link of each R pair.
+
+        Parameters
+        ----------
+        euler_angles
+            Three angles (rad), numbers or symbols, for each of the constant rotations.
+        """
+        transforms: list[JointTransform] = []
+
+        def add_r_pair(before_turn: Entries, after_turn: Entries) -> None:
+            """Add an R pair with the rotations before and after that by its variable."""
+            variable = len(transforms)  # each R pair has one variable, of the same number
+            transforms.append(
+                JointTransform((before_turn, after_turn), (AxisRotation(variable),))
+            )
+
+        start = 0
+        for index, constant_rotations in enumerate(self.constant_rotations):
+            rotations: list[Exprs] = []
+            for _ in constant_rotations:
+                rotations.append(_rotation_from_euler(*euler_angles[start : start + 3]))
+                start += 3
+            if index in self.sliding:
+                # Two R pairs at the centres of the circles replace a sliding contact. The
+                # link between them has the axes of the frame of the first pair.
+                first_link_to_centre, between_centres, centre_to_second_link = rotations
+                add_r_pair(first_link_to_centre, np.eye(3))
+                add_r_pair(between_centres, centre_to_second_link)
+            else:
+                first_link_to_pair, pair_to_second_link = rotations
+                add_r_pair(first_link_to_pair, pair_to_second_link)
+        return transforms
+
+    def _follower_factors(self, train_numbers: Sequence[Expr]) -> dict[int, list[Expr]]:
+        """Return the factors of each pair that wheels drive (a follower), by its number.
+
+        The angle of a follower is a linear function of the input angles. There is one
+        factor for each input, and then the constant (rad). `train_numbers` are those of all
+        followers, one after another.
+        """
+        if self.train is None:
+            return {}
+        rows = np.array([*train_numbers], dtype=object)
+        rows = rows.reshape(len(self.train.followers), -1)
+        return dict(zip(self.train.followers, rows.tolist(), strict=True))
 
 
 def find_equivalent_linkage(

@@ -49,6 +49,12 @@ Smaller parts count as rounding errors. Larger: mechanisms whose equations are n
 dependent are refused. Smaller: equations that repeat each other can be chosen together.
 """
 
+MIN_DIRECTION_SIZE = MIN_INDEPENDENCE
+"""Length of the shortest direction relative to which the size of an equation is judged.
+
+The direction is the normal of two axes, which is short if these are nearly parallel.
+"""
+
 
 class EquationChoice(NamedTuple):
     """Says which component of the vector equation of a loop is one of the equations solved.
@@ -227,8 +233,9 @@ class GroupEquations:
 
         Returns
         -------
-        For each equation the coefficients (unknowns,), divided by the size of the whole
-        equation. Equations whose coefficients are rounding errors are left out.
+        For each equation the coefficients (unknowns,), divided by the norm of the
+        coefficients of all variables. Equations whose coefficients are rounding errors are
+        left out.
         """
         row_by_equation: dict[EquationChoice, Floats] = {}
         for loop_index, loop in enumerate(self.loops):
@@ -242,11 +249,8 @@ class GroupEquations:
             for equation, direction in directions.items():
                 # The coefficients of all variables in this component of the equation.
                 row = loop_vectors @ direction
-                row_size = float(np.linalg.norm(row))
-                direction_size = float(np.linalg.norm(direction))
-                # An equation whose coefficients are rounding errors says nothing: the
-                # private axes are parallel, or all axes of the loop lie in one plane.
-                if row_size > MIN_INDEPENDENCE * max(direction_size, MIN_INDEPENDENCE):
+                if not _is_rounding_error(row, direction):
+                    row_size = float(np.linalg.norm(row))
                     row_by_equation[equation] = row[self.unknowns] / row_size
         return row_by_equation
 
@@ -428,6 +432,25 @@ class GroupEquations:
             LoopEquation(direction, loop_vectors[loop_index], known_parts[loop_index])
             for loop_index, direction in directions
         ]
+
+
+def _is_rounding_error(coefficients: Floats, direction: Floats) -> bool:
+    """Return whether all coefficients of a scalar velocity equation are rounding errors.
+
+    The equation then determines nothing. This is so if the direction is perpendicular to
+    two parallel axes, or if it is normal to the plane of all axes of the loop.
+
+    Parameters
+    ----------
+    coefficients
+        (variables,) components of the vectors of the variables along the direction.
+    direction
+        (3,) direction of the component of the loop's vector equation, of any length.
+    """
+    row_size = float(np.linalg.norm(coefficients))
+    direction_size = float(np.linalg.norm(direction))
+    smallest_size = MIN_INDEPENDENCE * max(direction_size, MIN_DIRECTION_SIZE)
+    return not row_size > smallest_size
 
 
 def _solve_private_rates(

@@ -200,9 +200,7 @@ class InputMoments:
             moment_i = sum over k of M_ik q''_k + h_i.
 
         M is the inertia matrix, q'' are the accelerations of the inputs, and h_i is the
-        moment at constant rates. Two other methods return these as expressions without
-        division by D, the determinant of the velocity equations: `matrix` is M D^2, and
-        `velocity_moments` are h D. Both are also divided by a `unit` of inertia.
+        moment at constant rates of the inputs.
 
         Parameters
         ----------
@@ -211,18 +209,21 @@ class InputMoments:
         speeds, accelerations
             Rates and accelerations of all inputs.
         """
+        # `matrix` and `velocity_moments` contain no division by the determinant D of the
+        # velocity equations: they are M D^2 and h D, per `unit` of inertia. The moment is
+        # therefore (M D^2 (q'' / D) + h D) / D, times the unit.
+        velocity_moment = self._velocity_moments_at(speeds)[input_index]
+        inverse_determinant = 1.0 / self._coordinate_rates.scale
+        scaled_accelerations = [x * inverse_determinant for x in accelerations]  # q'' / D
+        acceleration_moment = dot(self.matrix[input_index], scaled_accelerations)
+        scaled_moment = acceleration_moment + velocity_moment
+        return scaled_moment * inverse_determinant * self.unit
+
+    def _velocity_moments_at(self, speeds: Sequence[Expr]) -> list[Expr]:
+        """Return the inertia moments of all inputs, times D, at constant rates of them."""
         coordinate_rates = self._coordinate_rates
-        # The motion of all links at constant rates of the inputs.
         motion_rates = coordinate_rates.motion_rates(speeds)
         bias_accelerations = coordinate_rates.bias_accelerations(
             motion_rates.variable_rates, motion_rates.w
         )
-        velocity_moments = self.velocity_moments(
-            bias_accelerations, motion_rates.scaled_speeds
-        )
-        # moment_i = (M D^2 (q'' / D) + h D) / D, times the unit of inertia.
-        inverse_scale = 1.0 / coordinate_rates.scale  # 1 / D
-        scaled_accelerations = [x * inverse_scale for x in accelerations]
-        inertia_moment = dot(self.matrix[input_index], scaled_accelerations)
-        total = inertia_moment + velocity_moments[input_index]
-        return total * inverse_scale * self.unit
+        return self.velocity_moments(bias_accelerations, motion_rates.scaled_speeds)

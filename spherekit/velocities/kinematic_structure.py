@@ -17,9 +17,9 @@ from spherekit.positions.motion_cache import assembly_by_count_or_rank, position
 from spherekit.symbolic.expression_graph import ADVICE_WITHOUT_EXPRESSIONS, Expr, dot
 from spherekit.symbolic.vector_algebra import constants, cross
 from spherekit.velocities.axis_rotations import (
-    AxisRotation,
     Entries,
     PairRotations,
+    ProfileSide,
     pair_rotations,
 )
 from spherekit.velocities.carried_vectors import root
@@ -179,74 +179,96 @@ class KinematicStructure:
         The equation of a loop is a vector equation: a sum of axes times rates is zero. Two
         variables that occur in no other loop, the private ones, can be eliminated at once:
         the component of the equation along the normal of both axes does not contain them.
-        A loop has two private variables or, if it has no two such variables, none. If both
-        axes coincide in a link, and so at all configurations, there is no normal. Only the
-        sum or the difference of both rates then follows from the equations.
+        If both axes coincide in a link, and so at all configurations, there is no normal.
+        Only the sum or the difference of both rates then follows from the equations.
         """
         for group in self.groups:
             for private_variables in group.private_variables:
+                # Variables are eliminated from a loop in pairs, or not at all.
                 if not private_variables:
                     continue
                 first, second = private_variables
-                # The axes (3,) by the numbers of the links in which they are fixed. There
-                # are none for a contact profile that is no circle.
-                first_axes = self.fixed_vectors(first)
-                second_axes = self.fixed_vectors(second)
-                for link in first_axes.keys() & second_axes.keys():
-                    normal = cross(
-                        constants(first_axes[link]), constants(second_axes[link])
+                if self._have_coincident_axes(first, second):
+                    names = self.mechanism.variable_names
+                    raise EngineError(
+                        f"{self.mechanism.name}: the axes of {names[first]} and "
+                        f"{names[second]} coincide in a link, so these two cannot "
+                        "be distinguished",
+                        ADVICE_WITHOUT_EXPRESSIONS,
                     )
-                    sine = root(dot(normal, normal))
-                    # The sine of axes that depend on symbols is no number.
-                    if isinstance(sine, float) and sine < MIN_AXIS_SINE:
-                        names = self.mechanism.variable_names
-                        raise EngineError(
-                            f"{self.mechanism.name}: the axes of {names[first]} and "
-                            f"{names[second]} coincide in a link, so these two cannot "
-                            "be distinguished",
-                            ADVICE_WITHOUT_EXPRESSIONS,
-                        )
+
+    def _have_coincident_axes(self, first_variable: int, second_variable: int) -> bool:
+        """Return whether two variables turn about the same axis of a common link.
+
+        Axes that contain symbols for sizes of the mechanism count as different.
+        """
+        first_axes = self.fixed_vectors(first_variable)
+        second_axes = self.fixed_vectors(second_variable)
+        common_links = first_axes.keys() & second_axes.keys()
+        for link in common_links:
+            normal = cross(constants(first_axes[link]), constants(second_axes[link]))
+            sine = root(dot(normal, normal))
+            if isinstance(sine, float) and sine < MIN_AXIS_SINE:
+                return True
+        return False
 
     def fixed_vectors(self, variable: int) -> dict[int, Entries]:
         """Return the vector (3,) of a variable in each link in which it is fixed.
 
         The vector of a variable is the relative angular velocity of the links of its pair,
-        per unit rate of the variable. That of an R pair is its axis, which is fixed in both
-        links. A sliding contact has two variables, the arc lengths of the contact point
-        along both profiles. If a profile is a circle, the vector of its variable is a
-        multiple of the axis of the circle, which is fixed in the link of the circle. Other
-        vectors are fixed in no link.
+        per unit rate of the variable. There are three cases:
+
+        - R pair: the vector is the axis of the pair. It is fixed in both links.
+        - Sliding contact: one variable for each profile, the arc length of the contact
+          point along it. The vector is fixed in the link of the profile if the profile is a
+          circle, and in no link otherwise.
+        - Rolling contact: one variable. Its vector is fixed in no link.
 
         Returns
         -------
         By the number of the link, the vector in the axes of this link.
         """
         pair = self.mechanism.variable_owners[variable]
-        ends = self.mechanism.ends[pair]
-        # The two profiles of a contact, None for an R pair.
-        sides = self.pairs.sides.get(pair)
-        if sides is None:
-            return dict(zip(ends, self.pairs.axes(pair), strict=True))
+        first_link, second_link = self.mechanism.ends[pair]
+        if pair not in self.pairs.sides:
+            first_axis, second_axis = self.pairs.axes(pair)
+            return {first_link: first_axis, second_link: second_axis}
+        first_side, second_side = self.pairs.sides[pair]
         pair_variables = self.mechanism.variables_of(pair)
-        index = pair_variables.index(variable)
-        # The rotation from the link of the profile to the frame at the contact. It has
-        # three factors: a constant matrix, whose columns are the axes of the frame of the
-        # circle in link axes, the third one being the axis of the circle; a rotation about
-        # this axis that depends on the variable; and another constant matrix.
-        chain = sides[index].chain
-        (rotation,) = chain.rotations
-        # The vector of a rolling contact, which has one variable, is fixed in no link, nor
-        # is that of a profile other than a circle, which is no rotation about an axis.
         is_rolling = len(pair_variables) == 1
-        if is_rolling or not isinstance(rotation, AxisRotation):
+        if is_rolling:
             return {}
-        # `scale` is the angle about the axis per unit of arc length. The angular velocity
-        # of a pair is that of its second link relative to the first. It consists of that of
-        # the contact frame relative to the first link, and that of the second link relative
-        # to the contact frame. So the vector of the second circle has the opposite sign.
-        sense = (1.0, -1.0)[index]
-        circle_axis = chain.constants[0][:, 2]
-        return {ends[index]: circle_axis * (sense * rotation.scale)}
+        if variable == pair_variables[0]:
+            return _vector_about_circle(first_side, first_link, 1.0)
+        return _vector_about_circle(second_side, second_link, -1.0)
+
+
+def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int, Entries]:
+    """Return the vector of the arc length along one profile of a sliding contact.
+
+    The frame (tangent, normal, point) at the contact rotates about the centre of a circular
+    profile. The vector of the pair is the angular velocity of its second link relative to
+    its first. It is that of the contact frame relative to the first link, minus that of the
+    contact frame relative to the second link.
+
+    Parameters
+    ----------
+    side
+        The profile.
+    link
+        Number of the link of the profile.
+    sign
+        1.0 for the profile of the first link, -1.0 for that of the second.
+
+    Returns
+    -------
+    The vector (3,) in link axes, by the number of the link. Empty if the profile is not
+    written as a circle, because the vector is then fixed in no link.
+    """
+    circle = side.circle
+    if circle is None:
+        return {}
+    return {link: circle.axis * (sign * circle.angle_per_length)}
 
 
 def _compute_vectors(mechanism: Mechanism, values: Floats) -> Floats:

@@ -45,8 +45,9 @@ class PoleQuantity:
     changes_sign
         Whether it changes its sign if the direction of the pole is reversed.
     sufficient_needs
-        An analysis declares in the sets of `Needs` of which poles it reads which
-        quantities. The quantity of a pole is computed if one of these sets has the pole.
+        Names of sets of poles. Each analysis lists the poles that it reads, in the sets of
+        its `Needs`. The quantity is computed for the poles that an analysis has listed in
+        at least one of the sets named here.
     is_derivative
         Whether it is a derivative by the input, so that `Needs` has to have
         ``derivatives=True``.

@@ -98,9 +98,9 @@ class PlannedPoles:
             "first" takes the first two great circles of each pole. All other routes take
             those with the smallest errors at each row.
         axis_separations
-            (n,) for poles of bodies that are the common axis of several pairs: angle (rad)
-            by which the rounding of these axes can turn the pole. It is a part of the
-            errors of all poles that are computed from this one.
+            (n,) by pole, an additional error (rad) of a pole that is the axis of a pair. It
+            is given for poles that are the axis of several pairs at once, if the rounded
+            axes of these pairs differ.
         """
         self.plan = plan
         self.motion = motion
@@ -112,22 +112,35 @@ class PlannedPoles:
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for step in plan.steps:
                 if isinstance(step, PrimaryPole):
-                    self.directions[step.pole] = self._pair_axis(step.pair)
                     separation = axis_separations.get(step.pole, np.zeros(n))
-                    # A separation is infinite or NaN if the bodies do not move relative to
-                    # each other.
-                    self.errors[step.pole] = np.fmin(
-                        EPS + separation, MAX_DIRECTION_ERROR_RAD
-                    )
+                    self._add_pair_axis(step, separation)
                 elif isinstance(step, LinePole):
-                    circles = self._choose_great_circles(step.pole, step.via, step.contacts)
-                    normals = circles.first_normal, circles.second_normal
-                    self._circle_normals[step.pole] = normals
-                    self.directions[step.pole] = _unit_vectors(cross_columns(*normals))
-                    self.errors[step.pole] = circles.error
+                    self._add_intersection(step)
                 else:
                     # A part of the mechanism whose poles do not follow one by one.
                     self._solve_block(step)
+
+    def _add_pair_axis(self, step: PrimaryPole, separation: Floats) -> None:
+        """Add a pole that is the axis of a pair, with its error.
+
+        Parameters
+        ----------
+        step
+            The pole and the pair.
+        separation
+            (n,) additional error (rad). It is infinite or NaN if the bodies do not move
+            relative to each other.
+        """
+        self.directions[step.pole] = self._pair_axis(step.pair)
+        self.errors[step.pole] = np.fmin(EPS + separation, MAX_DIRECTION_ERROR_RAD)
+
+    def _add_intersection(self, step: LinePole) -> None:
+        """Add a pole that is the intersection of two great circles, with its error."""
+        circles = self._choose_great_circles(step.pole, step.via, step.contacts)
+        normals = circles.first_normal, circles.second_normal
+        self._circle_normals[step.pole] = normals
+        self.directions[step.pole] = _unit_vectors(cross_columns(*normals))
+        self.errors[step.pole] = circles.error
 
     def _pair_axis(self, pair: int) -> Floats:
         """Return the unit axis (3, n) of a pair in ground axes."""

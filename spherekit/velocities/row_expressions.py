@@ -219,7 +219,7 @@ class RowExpressions(VelocityEquations):
         turn = self.link_turns[carried.link] * self.opening_rad + self.tilt_rad
         shift = variable_shift * self.opening_rad
         axis_error = carried.length * turn + carried.slide_length * shift
-        slide_error = carried.slide_length * turn + carried.slide_change_bound * shift
+        slide_error = carried.slide_length * turn + carried.slide_change_bound.total * shift
         return axis_error, slide_error
 
     def turns_along_paths(self, variable_changes: Sequence[Expr]) -> list[Expr]:

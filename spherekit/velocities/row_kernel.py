@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -109,7 +109,7 @@ class ColumnFunction:
             outputs += expressions
         self.width = len(outputs)
         self._profiles = profiles
-        column_symbols = [x for profile in profiles for x in profile.column_symbols]
+        column_symbols = [x for profile in profiles for x in profile.contact_symbols]
         self.function = expression_function(
             outputs, [*variables, *column_symbols], compiled
         )
@@ -117,6 +117,65 @@ class ColumnFunction:
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return the output (width, n), in `out` if given, at values (variables, n)."""
         return self.function(append_profile_columns(values, self._profiles), out)
+
+
+class SingleRowOutputs(NamedTuple):
+    """The outputs of the function for single rows, as expressions or as numbers.
+
+    All except the variables are evaluated at the variables before a step of Newton's
+    method.
+
+    Attributes
+    ----------
+    variables
+        The pair variables (rad). If they do not follow from the inputs in closed form, they
+        are those after a step of Newton's method.
+    kantorovich_number
+        The number h in Kantorovich's theorem. If it is at most 1/2, Newton's method
+        converges, and there is exactly one solution near.
+    uncertainty_sum
+        Sum of the uncertainties: error bounds and condition numbers relative to the largest
+        allowed ones. If it is at most 1, none exceeds its limit.
+    residual
+        The closure residual (rad).
+    axis_sum
+        (3,) sum of the vectors of all variables (for R pairs their axes). Of the two
+        opposite directions of a pole, the one with a positive scalar product with this sum
+        is chosen at the start of a motion.
+    columns
+        All columns of the kernel: velocities and poles, with error bounds.
+    """
+
+    variables: Sequence[Any]
+    kantorovich_number: Any
+    uncertainty_sum: Any
+    residual: Any
+    axis_sum: Sequence[Any]
+    columns: Sequence[Any]
+
+    def flat_list(self) -> list[Any]:
+        """Return all outputs one after another, in the order of the fields."""
+        return [
+            *self.variables,
+            self.kantorovich_number,
+            self.uncertainty_sum,
+            self.residual,
+            *self.axis_sum,
+            *self.columns,
+        ]
+
+    @staticmethod
+    def from_flat_list(numbers: Sequence[Any], variable_count: int) -> "SingleRowOutputs":
+        """Return the outputs from a list in which they follow one another."""
+        first = variable_count  # index of the first output after the variables
+        return SingleRowOutputs(
+            variables=numbers[:first],
+            kantorovich_number=numbers[first],
+            uncertainty_sum=numbers[first + 1],
+            residual=numbers[first + 2],
+            axis_sum=numbers[first + 3 : first + 6],
+            columns=numbers[first + 6 :],
+        )
 
 
 @dataclass(frozen=True)
@@ -237,7 +296,7 @@ class RowKernel:
         )
         # Contact profiles that are described by columns. There is no closed form of the
         # variables with them.
-        self.profiles = self._rows.pairs.sides_with_columns
+        self.profiles = self._rows.pairs.sides_with_symbols
         self._closed_form = (
             None if self.profiles else make_closed_form(mechanism, motion.assembly)
         )
@@ -260,43 +319,38 @@ class RowKernel:
     def _scalar_function(self) -> FloatFunction:
         """Function that takes and returns plain numbers, for single rows.
 
-        In closed form, all variables follow from the inputs of the mechanism and one sign
-        for each dyad (two links and three R pairs), which are then the arguments. Otherwise
-        the arguments are all variables. The outputs are, in this order:
-
-        1. the variables; without a closed form those after a step of Newton's method,
-        2. the number in Kantorovich's theorem: if it is at most 1/2, Newton's method
-           converges, and there is exactly one solution near,
-        3. the sum of the uncertainties, which are error bounds and condition numbers
-           relative to the largest allowed ones: if it is at most 1, none exceeds its limit,
-        4. the closure residual (rad),
-        5. the sum (3,) of the vectors of all variables (for R pairs their axes). Of the two
-           opposite directions of a pole, the one with a positive scalar product with this
-           sum is chosen at the start of a motion,
-        6. all columns: velocities and poles, with error bounds.
-
-        Outputs 2 to 6 are computed at the variables before the step.
+        If all variables follow in closed form from the inputs of the mechanism and one sign
+        for each dyad (two links and three R pairs), these are the arguments. Otherwise the
+        arguments are all variables. The outputs are the list of `SingleRowOutputs`.
         """
-        rows = self._rows
-        columns = [
-            rows.kantorovich_number,
-            sum(self._uncertainties, 0.0),
-            rows.residual,
-            *vector_sum(rows.vectors),
-            *self._columns,
-        ]
+        other_outputs = self._single_row_expressions().flat_list()
         if self._closed_form is None:
-            # Inputs keep their values in a step of Newton's method.
-            passive = dict(zip(self.passive_variables, rows.newton_step, strict=True))
-            after_step = [passive.get(v, x) for v, x in enumerate(self._variables)]
-            return float_function([*after_step, *columns], self._variables)
+            after_step = self._variables_after_newton_step()
+            return float_function([*after_step, *other_outputs], self._variables)
         closed_form = self._closed_form
-        # In the columns, the symbol of each variable is replaced by its closed form.
+        # The symbol of each variable is replaced by its closed form.
         form_by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
         return float_function(
-            [*closed_form.variables, *substitute(columns, form_by_variable)],
+            [*closed_form.variables, *substitute(other_outputs, form_by_variable)],
             closed_form.arguments,
         )
+
+    def _single_row_expressions(self) -> SingleRowOutputs:
+        """Return the outputs for single rows, without the variables, as expressions."""
+        rows = self._rows
+        return SingleRowOutputs(
+            variables=[],
+            kantorovich_number=rows.kantorovich_number,
+            uncertainty_sum=sum(self._uncertainties, 0.0),
+            residual=rows.residual,
+            axis_sum=[*vector_sum(rows.vectors)],
+            columns=self._columns,
+        )
+
+    def _variables_after_newton_step(self) -> list[Expr]:
+        """Return all variables after a step of Newton's method, which keeps the inputs."""
+        passive = dict(zip(self.passive_variables, self._rows.newton_step, strict=True))
+        return [passive.get(v, symbol) for v, symbol in enumerate(self._variables)]
 
     def evaluate_row(self, values: Sequence[float]) -> EvaluatedRow | None:
         """Return a single row, or None if it cannot be certified.
@@ -313,34 +367,29 @@ class RowKernel:
             Otherwise variables near a closed configuration. Newton's method closes their
             loops as long as Kantorovich's theorem says that exactly one solution is near.
         """
-        count = len(self._variables)
         for _ in range(MAX_NEWTON_STEPS):
             try:
                 numbers = self._scalar_function(values)
             except (ArithmeticError, ValueError):
                 return None
-            # The outputs in their order, with the `count` variables first.
-            computed_variables = numbers[:count]
-            kantorovich_number, uncertainty_sum, residual = numbers[count : count + 3]
-            # The sum of the vectors of all pairs (the axes of R pairs), by which the signs
-            # of pole directions are chosen.
-            axis_sum = numbers[count + 3 : count + 6]
-            columns = numbers[count + 6 :]
+            outputs = SingleRowOutputs.from_flat_list(numbers, len(self._variables))
             # "not <=" also refuses NaN.
-            if not kantorovich_number <= MAX_KANTOROVICH_NUMBER:
+            if not outputs.kantorovich_number <= MAX_KANTOROVICH_NUMBER:
                 return None
-            if residual <= self.closure_rounding_rad:
-                if not uncertainty_sum <= 1.0:
+            if outputs.residual <= self.closure_rounding_rad:
+                if not outputs.uncertainty_sum <= 1.0:
                     return None
                 # A closed form has computed the variables of this row. Otherwise they are
                 # `values`, because the computed ones are those after a Newton step.
-                variables = computed_variables if self.has_closed_form else values
-                return EvaluatedRow(variables, residual, axis_sum, columns)
+                variables = outputs.variables if self.has_closed_form else values
+                return EvaluatedRow(
+                    variables, outputs.residual, outputs.axis_sum, outputs.columns
+                )
             # The loops are open. Newton's method does not apply to a closed form, whose
             # arguments are signs and inputs.
             if self.has_closed_form:
                 return None
-            values = computed_variables
+            values = outputs.variables
         return None
 
     def _make_function(
@@ -371,15 +420,28 @@ class RowKernel:
         }
         for k, columns in enumerate(self.input_columns):
             parts["velocities", k] = columns.velocity_components
-            largest_errors: list[Expr] = []
-            for name in REPORTED_ERRORS:
-                # By pole, the list of the columns of this quantity. An error bound has one
-                # column.
-                columns_by_pole = columns.column_indices[name]
-                errors = [self._columns[index] for (index,) in columns_by_pole.values()]
-                largest_errors.append(largest(errors))
-            parts["errors", k] = largest_errors
+            parts["errors", k] = [
+                largest(self._error_bounds_of_poles(columns, name))
+                for name in REPORTED_ERRORS
+            ]
         return parts
+
+    def _error_bounds_of_poles(self, columns: InputColumns, error_name: str) -> list[Expr]:
+        """Return the expression of one kind of error bound for each pole.
+
+        Parameters
+        ----------
+        columns
+            The poles while one input moves.
+        error_name
+            The kind of error bound, one of `REPORTED_ERRORS`.
+        """
+        error_bounds: list[Expr] = []
+        for column_indices in columns.column_indices[error_name].values():
+            # A direction has three columns, an error bound only one.
+            (index,) = column_indices
+            error_bounds.append(self._columns[index])
+        return error_bounds
 
     @cached_property
     def row_quality(self) -> ColumnFunction:

@@ -332,14 +332,15 @@ class RowVelocities:
             return []
         jacobians = self.motion.linearisation.jacobian[rows]
         passive = jacobians[:, :, list(self.motion.passive_variables)]
-        best_condition_numbers = inverse_sizes(passive) * np.linalg.norm(
+        # The condition numbers by the exact inverse. They are the least ones that any order
+        # can give, and infinite at a singular configuration, where no order helps.
+        least_condition_numbers = inverse_sizes(passive) * np.linalg.norm(
             passive, axis=(1, 2)
         )
-        # The product of the norms of the Jacobian and of its exact inverse. Near a singular
-        # configuration it is large itself. Another order only helps if it is much smaller
-        # than the condition number by the present order.
-        is_regular = condition_numbers[rows] <= MAX_AMPLIFICATION * best_condition_numbers
-        needs_order = ~(is_regular | np.isinf(best_condition_numbers))
+        is_singular = np.isinf(least_condition_numbers)
+        largest_allowed = MAX_AMPLIFICATION * least_condition_numbers
+        has_good_order = condition_numbers[rows] <= largest_allowed  # False for NaN
+        needs_order = ~has_good_order & ~is_singular
         rows = rows[needs_order]
         return [
             (order, rows[indices])
@@ -596,13 +597,17 @@ class RowVelocities:
                 error[written_rows] = bounds[name][has_rates] if name in bounds else np.nan
 
     def separations_of_common_axes(self) -> dict[Pole, Floats]:
-        """Return by which angle the rounding of common axes can turn poles of the plan.
+        """Return the errors of poles that are the common axis of several pairs.
+
+        Links that turn about one line, through several pairs in series, have this line as
+        their pole (the axis of their relative rotation). If the rounded axes of the pairs
+        differ in their last digits, the direction of the pole is not exactly known.
 
         Returns
         -------
-        (n,) angles (rad) for each pole that is the common axis of several pairs, if the
-        axes of these pairs differ by rounding. If the velocity equations are singular at
-        all rows, the angles are unknown, and the result is empty.
+        (n,) largest angle (rad) between the pole and its exact direction, for each such
+        pole. If the velocity equations are singular at all rows, the angles are unknown,
+        and the result is empty.
         """
         if not self._has_rates:
             return {}
@@ -612,10 +617,11 @@ class RowVelocities:
         }
 
     def _separation_of_axes(self, links: Pole) -> Floats:
-        """Return by which angle (n,) the rounding of common axes can turn a pole.
+        """Return the angle (n,) by which a pole can differ from its exact direction.
 
-        The pole has the direction of the relative angular velocity v of its links. A change
-        of v turns it by at most the size of this change, divided by that of v.
+        The pole is the common axis of several pairs, whose rounded axes differ. It has the
+        direction of the relative angular velocity v of its links. A change of v turns it by
+        at most the size of this change, divided by that of v.
         """
         # v is a sum of rates times axes. Each axis changes by at most `SAME_AXIS_SINE`, the
         # largest sine between axes that count as equal, and `rate_size` is the sum of all
