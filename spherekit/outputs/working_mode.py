@@ -41,6 +41,11 @@ class RateFraction:
     numerator: Floats
     denominator: Floats
 
+    def __add__(self, other: "RateFraction") -> "RateFraction":
+        """Return the sum over the common denominator."""
+        numerator = self.numerator * other.denominator + other.numerator * self.denominator
+        return RateFraction(numerator, self.denominator * other.denominator)
+
     def __sub__(self, other: "RateFraction") -> "RateFraction":
         """Return the difference over the common denominator."""
         numerator = self.numerator * other.denominator - other.numerator * self.denominator
@@ -136,38 +141,14 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
     are placed. Many quantities depend on the signs of some dyads only. They are computed
     once for all modes of the same poses in which these signs are equal.
 
-    When a method runs for the first time with some arguments, the dyads whose signs it
-    reads are recorded. It must read the signs of the same dyads in all modes. The key of a
-    stored result is the name of the method, its arguments (which must be hashable) and the
-    signs that it has read.
+    The arguments of the method must be hashable, and it must read the signs of the same
+    dyads in all modes.
     """
-    name = method.__name__
 
     @wraps(method)
     def shared_method(mode: "WorkingMode", *arguments: Hashable) -> Result:
-        """Return the result of the decorated `method` for a mode, computed or stored."""
-        # For each quantity (the method with its arguments), the dyads whose signs it reads.
-        sign_dependencies = mode.chain.sign_dependencies
-        quantity = (name, *arguments)
-
-        def make_key() -> tuple[Hashable, ...]:
-            """Return the key of the result: the quantity with the signs that it reads."""
-            return (quantity, *(mode.signs[dyad] for dyad in sign_dependencies[quantity]))
-
-        key = make_key() if quantity in sign_dependencies else None
-        if key is None or key not in mode.shared_results:
-            # A copy of the mode, with the same store, records the signs that are read.
-            # NumPy must not warn of NaN, which is the result at poses out of reach.
-            recording_mode = replace(mode, read_signs=set())
-            with np.errstate(all="ignore"):
-                result = method(recording_mode, *arguments)
-            sign_dependencies[quantity] = frozenset(recording_mode.read_signs)
-            key = make_key()
-            mode.shared_results[key] = result
-        # Another decorated method may be calling this one on `mode`. Its own result then
-        # depends on the same signs.
-        mode.read_signs.update(sign_dependencies[quantity])
-        return mode.shared_results[key]  # type: ignore[no-any-return]
+        """Return the result of the decorated method for a mode, computed or stored."""
+        return mode.find_or_compute(method, arguments)
 
     return shared_method
 
@@ -199,9 +180,9 @@ class WorkingMode:
     closing_link
         State of the closing link if there is one, otherwise None.
     shared_results
-        Results of all modes of the same poses, see `_shared_between_modes`.
-    read_signs
-        Numbers of the dyads whose signs were read.
+        Results of all modes of the same poses, by the keys of `_make_result_key`.
+    recorded_dyads
+        Numbers of the dyads whose signs were read since this object was made.
     """
 
     chain: DyadChain
@@ -212,7 +193,67 @@ class WorkingMode:
     measure: "Callable[[WorkingMode], Floats] | None" = None
     closing_link: ClosingLinkState | None = None
     shared_results: dict[Hashable, Any] = field(default_factory=dict)
-    read_signs: set[int] = field(default_factory=set)
+    recorded_dyads: set[int] = field(default_factory=set)
+
+    def find_or_compute(
+        self, method: Callable[..., Result], arguments: tuple[Hashable, ...]
+    ) -> Result:
+        """Return the result of a method, from another mode if that has computed it.
+
+        A stored result is valid for all modes with the same signs of those dyads that the
+        method reads.
+
+        Parameters
+        ----------
+        method
+            A method of this class.
+        arguments
+            Its arguments.
+        """
+        quantity = (method.__name__, *arguments)
+        # By quantity, the numbers of the dyads whose signs it reads. These are known as
+        # soon as the quantity has been computed for some mode.
+        dyads_by_quantity = self.chain.sign_dependencies
+        is_stored = (
+            quantity in dyads_by_quantity
+            and self._make_result_key(quantity) in self.shared_results
+        )
+        if not is_stored:
+            result, dyads = self._compute_and_record(method, arguments)
+            dyads_by_quantity[quantity] = dyads
+            self.shared_results[self._make_result_key(quantity)] = result
+        # If this quantity is needed to compute another one, the other one depends on the
+        # same signs.
+        self.recorded_dyads.update(dyads_by_quantity[quantity])
+        return self.shared_results[self._make_result_key(quantity)]  # type: ignore[no-any-return]
+
+    def _make_result_key(self, quantity: tuple[Hashable, ...]) -> tuple[Hashable, ...]:
+        """Return the key of a result: the quantity, and this mode's signs that it reads.
+
+        `quantity` is the name of a method with its arguments.
+        """
+        dyads = self.chain.sign_dependencies[quantity]
+        return (quantity, *(self.signs[dyad] for dyad in dyads))
+
+    def _compute_and_record(
+        self, method: Callable[..., Result], arguments: tuple[Hashable, ...]
+    ) -> tuple[Result, frozenset[int]]:
+        """Return the result of a method, and the dyads whose signs it has read.
+
+        Parameters
+        ----------
+        method
+            A method of this class.
+        arguments
+            Its arguments.
+        """
+        # This copy of the mode has an empty record of dyads, but uses the same stored
+        # results.
+        recording_mode = replace(self, recorded_dyads=set())
+        # NumPy must not warn of NaN, which is the result at poses out of reach.
+        with np.errstate(all="ignore"):
+            result = method(recording_mode, *arguments)
+        return result, frozenset(recording_mode.recorded_dyads)
 
     @property
     def inputs(self) -> Floats:
@@ -316,27 +357,29 @@ class WorkingMode:
 
         The shape is (3, n), or (3, 1) if the axis is the same at all poses.
         """
+        # Links are placed one after another. If two pairs of a link have one axis line, and
+        # one of them joins it to a link placed before, the axis is known from there.
+        source = self.chain.axis_source(pair, link)
+        axis = self._placed_axis(source.pair, source.link)
+        is_opposite = source.sense < 0.0
+        return -axis if is_opposite else axis
+
+    def _placed_axis(self, pair: int, link: int) -> Floats:
+        """Return the axis of a pair in base axes, from the placement of one of its links.
+
+        The shape is (3, n), or (3, 1) if the axis is the same at all poses.
+        """
         chain = self.chain
-        # The orientations of links are computed one after another. The axis may be needed
-        # before the orientation of its link is known. For example, two pairs of the link
-        # have the same axis line, and one of them joins it to an earlier link. The axis is
-        # then taken from this pair in the earlier link. `source` is the pair and link from
-        # which the axis is taken. `source.sense` is negative if both axes point in opposite
-        # directions.
-        source = chain.axis_source(pair, link)
-        dyad = chain.dyad_of_link.get(source.link)
-        # The poses are those of one link, the posed link. `posed_axes` has the axes of this
-        # link that the poses determine directly. All other links belong to dyads (two links
-        # joined by a middle pair). The axis of the middle pair is computed first, as one of
-        # two intersections, and the orientations of both links follow from it.
-        if source.link == chain.posed_link and source.pair in self.posed_axes:
-            axis = self.posed_axes[source.pair]
-        elif dyad is not None and source.pair == chain.dyads[dyad].middle_pair:
-            axis, _ = self.signed_middle_axis(dyad)
-        else:
-            # A vector fixed in the link, whose orientation is known.
-            axis = self.vector(source.link, chain.axis_in(source.pair, source.link))
-        return -axis if source.sense < 0.0 else axis
+        # Some axes of the posed link are given with the poses.
+        if link == chain.posed_link and pair in self.posed_axes:
+            return self.posed_axes[pair]
+        # The middle axis of a dyad is found before the orientations of its two links.
+        dyad_number = chain.dyad_of_link.get(link)
+        if dyad_number is not None and pair == chain.dyads[dyad_number].middle_pair:
+            axis, _ = self.signed_middle_axis(dyad_number)
+            return axis
+        # All other axes are vectors fixed in a link of known orientation.
+        return self.vector(link, chain.axis_in(pair, link))
 
     def vector(self, link: int, vector: Floats) -> Floats:
         """Return a vector (3,) of a link in base axes, (3, n), or (3, 1) of the base."""
@@ -384,7 +427,7 @@ class WorkingMode:
         """
         triangle = self._triangle(dyad_number)
         # Modes with equal signs of this dyad share the result.
-        self.read_signs.add(dyad_number)
+        self.recorded_dyads.add(dyad_number)
         # The side of the plane through a and c on which b is, 1 or -1.
         side = self.signs[dyad_number] * self.chain.dyads[dyad_number].positive_mode_side
         axis = triangle.common_part + side * triangle.signed_part
@@ -448,8 +491,8 @@ class WorkingMode:
         first_link, second_link = self.chain.ends[pair]
         # Each vector in base axes (3, n), and its components (3,) in the frame of the pair
         # in its link. z of this frame is the axis of the pair.
-        first_vector, first_components = self._vector_off_axis(pair, first_link)
-        second_vector, second_components = self._vector_off_axis(pair, second_link)
+        first_vector, first_components = self._find_vector_off_axis(pair, first_link)
+        second_vector, second_components = self._find_vector_off_axis(pair, second_link)
         # Cosine and sine of the angle between the vectors, times their distances from the
         # axis. The components along the axis drop out.
         cosine = dot_columns(first_vector, second_vector)
@@ -472,7 +515,7 @@ class WorkingMode:
             cosine * zero_cosine + sine * zero_sine,
         )
 
-    def _vector_off_axis(self, pair: int, link: int) -> tuple[Floats, Floats]:
+    def _find_vector_off_axis(self, pair: int, link: int) -> tuple[Floats, Floats]:
         """Return a vector of a link that is not parallel to the axis of a pair.
 
         The pair angle is measured between such a vector of its first link and one of its
@@ -487,24 +530,30 @@ class WorkingMode:
             (3,) the same vector in the frame of the pair in this link.
         """
         chain = self.chain
-        frame = chain.frame_in(pair, link)  # (3, 3); column 2 is the axis of the pair
-        # The orientation of the base is known, and that of the posed link is given by the
-        # poses. Any vector of these links is known in base axes: here column 0 (x) of the
-        # frame, which is at right angles to the axis.
+        pair_frame = chain.frame_in(pair, link)  # (3, 3); columns are its x, y and z axis
+        # The orientations of the base and of the posed link are known, so any vector of
+        # them is known. x of the frame is at right angles to the axis of the pair, z.
         if link in (chain.base, chain.posed_link):
-            return self.vector(link, frame[:, 0]), np.array([1.0, 0.0, 0.0])
-        # Any other link belongs to a dyad: two links that are joined by a middle pair. An
-        # outer pair joins each of them to a link whose orientation is known already, its
-        # support. So the link has a middle and an outer pair, whose axes are known in base
-        # axes. The vector is the axis of the middle pair, or of the outer pair if the
-        # middle one is parallel to the axis of `pair`.
-        other_pair = chain.dyads[chain.dyad_of_link[link]].middle_pair
-        if pair == other_pair or chain.is_coaxial(pair, other_pair, link):
-            other_pair, _ = chain.support_of(link)
-        # Columns of `frame` are its unit vectors in link axes. So this product has the
-        # components of the axis along them.
-        components = chain.axis_in(other_pair, link) @ frame
+            return self.vector(link, pair_frame[:, 0]), np.array([1.0, 0.0, 0.0])
+        # Of a link of a dyad, the axes of its pairs are known first.
+        other_pair = self._choose_pair_off_axis(pair, link)
+        axis_in_link = chain.axis_in(other_pair, link)
+        # Scalar products with the columns of the frame.
+        components = axis_in_link @ pair_frame
         return self.axis(other_pair, link), components
+
+    def _choose_pair_off_axis(self, pair: int, link: int) -> int:
+        """Return a pair of a dyad's link whose axis is not parallel to that of a pair.
+
+        The link has the middle pair of its dyad, and an outer pair that joins it to a link
+        placed before. The middle pair is chosen unless its axis is parallel.
+        """
+        chain = self.chain
+        middle_pair = chain.dyads[chain.dyad_of_link[link]].middle_pair
+        if pair != middle_pair and not chain.is_coaxial(pair, middle_pair, link):
+            return middle_pair
+        outer_pair, _support = chain.support_of(link)
+        return outer_pair
 
     @_shared_between_modes
     def input_angle(self, pair: int) -> Floats:
@@ -518,11 +567,11 @@ class WorkingMode:
         The result is a fraction ``numerator . w / denominator`` with the angular velocity w
         of the output.
 
-        The pair belongs to a dyad, which joins two links placed before, its supports. The
-        relative angular velocity of the supports is a sum of three vectors along the axes
-        of the dyad, whose lengths are the rates of its pairs. By Cramer's rule, one rate is
-        the scalar product of this velocity and the vector product of the other two axes,
-        divided by the triple product of all three.
+        The pair belongs to a dyad, two links between two links placed before, its supports.
+        The relative angular velocity of the supports is a sum of three vectors along the
+        axes of the dyad, whose lengths are the rates of its pairs. By Cramer's rule, one
+        rate is the scalar product of this velocity and the vector product of the other two
+        axes, divided by the triple product of all three.
 
         Notes
         -----
@@ -541,27 +590,35 @@ class WorkingMode:
         A and C are the rates of the links of the dyad relative to their supports, B is that
         of the far link relative to the near link.
         """
-        dyad_number = self.chain.dyad_of_pair[pair]
-        dyad = self.chain.dyads[dyad_number]
+        chain = self.chain
+        dyad_number = chain.dyad_of_pair[pair]
+        dyad = chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
         # The sign of the triple product t is that of the working mode.
         b, triple_product = self.signed_middle_axis(dyad_number)
-        other_axes = {
-            dyad.near_pair: (b, c),
-            dyad.middle_pair: (c, a),
-            dyad.far_pair: (b, a),
-        }[pair]
-        normal = cross_columns(*other_axes)
+        # 1. The vector product of the other two axes, at right angles to both.
+        if pair == dyad.near_pair:
+            normal = cross_columns(b, c)
+        elif pair == dyad.middle_pair:
+            normal = cross_columns(c, a)
+        else:
+            normal = cross_columns(b, a)
+        # 2. The component of w_far - w_near along it. Rotations about the other two axes
+        # have no such component, so their rates need not be computed.
         other_pairs = [number for number in dyad.pairs if number != pair]
-        far_rate = self.angular_velocity_along(normal, dyad.far_support, other_pairs)
-        near_rate = self.angular_velocity_along(normal, dyad.near_support, other_pairs)
-        rate = far_rate - near_rate
-        # The formulas give the rate of this link relative to the other link of the pair.
-        link = dyad.near_link if pair == dyad.near_pair else dyad.far_link
-        # The variable of a pair is counted from its first to its second link.
-        is_second_link = self.chain.ends[pair][1] == link
-        sign = -triple_product if is_second_link else triple_product
-        return RateFraction(rate.numerator, rate.denominator * sign)
+        far_component = self.angular_velocity_along(normal, dyad.far_support, other_pairs)
+        near_component = self.angular_velocity_along(normal, dyad.near_support, other_pairs)
+        component = far_component - near_component
+        # 3. The formulas divide by -t. They count the rates A, B, C as those of this link,
+        # relative to the other link of the pair.
+        counted_link = dyad.near_link if pair == dyad.near_pair else dyad.far_link
+        # The variable of a pair is that of its second link relative to its first one. If
+        # the link is the first one, the rate has the opposite sign.
+        if chain.ends[pair][1] == counted_link:
+            divisor = -triple_product
+        else:
+            divisor = triple_product
+        return RateFraction(component.numerator, component.denominator * divisor)
 
     def angular_velocity_along(
         self, vector: Floats, link: int, normal_pairs: Sequence[int] = ()
@@ -592,24 +649,29 @@ class WorkingMode:
         # The posed link moves as the output does: vector . w.
         if link == chain.posed_link:
             return RateFraction(vector, np.ones(1))
-        pair, support = chain.support_of(link)
-        if any(
-            link in chain.ends[normal_pair] and chain.is_coaxial(pair, normal_pair, link)
-            for normal_pair in normal_pairs
-        ):
-            # The outer pair turns the link about an axis at right angles to the vector.
-            return self.angular_velocity_along(vector, support, [pair])
-        pair_rate = self.pair_rate(pair)
-        component = dot_columns(vector, self.axis(pair, link))
-        # The result is the part of the support plus that of the pair. Fractions have a
-        # method for the difference only, so the part of the pair is subtracted with the
-        # opposite sign. A rate is that of the second link of a pair relative to the first.
-        is_second_link = chain.ends[pair][1] == link
-        subtracted_component = -component if is_second_link else component
-        subtracted_rate = RateFraction(
-            pair_rate.numerator * subtracted_component, pair_rate.denominator
+        outer_pair, support = chain.support_of(link)
+        if self._is_on_one_axis(outer_pair, normal_pairs, link):
+            # The axis of the outer pair is at right angles to the vector, too. The link
+            # and its support have the same angular velocity along the vector.
+            return self.angular_velocity_along(vector, support, [outer_pair])
+        support_part = self.angular_velocity_along(vector, support)
+        # The rate of the second link of the pair relative to the first one.
+        pair_rate = self.pair_rate(outer_pair)
+        axis_component = dot_columns(vector, self.axis(outer_pair, link))
+        pair_part = RateFraction(
+            pair_rate.numerator * axis_component, pair_rate.denominator
         )
-        return self.angular_velocity_along(vector, support) - subtracted_rate
+        is_second_link = chain.ends[outer_pair][1] == link
+        return support_part + pair_part if is_second_link else support_part - pair_part
+
+    def _is_on_one_axis(self, pair: int, other_pairs: Sequence[int], link: int) -> bool:
+        """Return whether a pair of a link is coaxial with one of several other pairs.
+
+        Only those of the other pairs that this link has are compared.
+        """
+        chain = self.chain
+        pairs_of_link = [number for number in other_pairs if link in chain.ends[number]]
+        return any(chain.is_coaxial(pair, number, link) for number in pairs_of_link)
 
     @_shared_between_modes
     def input_rate(self, pair: int) -> RateFraction:
@@ -669,28 +731,36 @@ class WorkingMode:
 
         `output_speed` is the speed of the output per unit rate of the input `pair`, an
         outer pair of a dyad. The border of a workspace is searched where its square is
-        zero. This needs numbers on both sides, also where the dyad does not reach.
+        zero. This needs numbers on both sides, also where a dyad does not reach the pose.
+        """
+        square = self.output_speed(pair) ** 2
+        is_out_of_reach = np.isnan(square)
+        return np.where(is_out_of_reach, self._continue_speed_square(pair), square)
 
-        If the dyad is between the base and the output's link, the speed is
+    def _continue_speed_square(self, pair: int) -> Floats:
+        """Return values (n,) for the square of the output speed at poses out of reach.
+
+        If the dyad of the input is between the base and the output's link, the speed is
         ``|b . (a x c)| / sin(arc)``, with the axes a, b, c of the dyad and the arc of that
         link of the dyad which the input does not join. The square of the triple product is
-        a function of a and c alone. It is negative where the dyad does not reach, so that
-        there is no b. It passes through 0 smoothly. For other dyads the same continuation
-        is used, but it may have a kink.
+        a function of a and c alone. It passes through 0 smoothly, and is negative where
+        the dyad does not reach. For other dyads the same function is used. The squared
+        speed may then have a kink at 0.
+
+        Positive values and NaN are replaced by 0. The dyad of the input reaches such a pose
+        or has no outer axes, so that another dyad is out of reach.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
-        square = self.output_speed(pair) ** 2
         dyad = self.chain.dyads[dyad_number]
-        other_arc = dyad.arcs[1 if pair == dyad.near_pair else 0]
+        near_arc, far_arc = dyad.arcs
+        other_arc = far_arc if pair == dyad.near_pair else near_arc
         triangle = self._triangle(dyad_number)
         # |a + c|^2 and |a - c|^2 stand for a . c. They lose no digits near 0 and pi.
         triple_product_square = triple_square(
             *dyad.half_arcs, triangle.sum_square, triangle.difference_square
         )
-        # The speed is NaN if any dyad does not reach. If it is another dyad, the square of
-        # the triple product of this one is positive or NaN. `fmin` then returns 0.
-        continuation = np.fmin(triple_product_square / np.sin(other_arc) ** 2, 0.0)
-        return np.where(np.isnan(square), continuation, square)
+        # Unlike `minimum`, `fmin` returns the other number if one is NaN.
+        return np.fmin(triple_product_square / np.sin(other_arc) ** 2, 0.0)
 
     def axes(self, count: int) -> Floats:
         """Return the axes (n, count, 3) of the first `count` pairs in base axes.
