@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.errors import CountError
 from spherekit.geometry.triangle import frame_from, frame_toward, perpendicular
 from spherekit.geometry.vectors import cross_columns, dot_columns
@@ -189,16 +189,15 @@ class DyadsWithClosingLink:
         (3, 3, n). Index 0 is the axis of the output link, index 1 its component in the
         axes of the base.
         """
-        # Axes of a frame that is fixed in the link. Its z axis is the direction.
-        x_in_base, y_in_base = _turned_axes(directions, turns)
-        z_in_base = directions
-        # Each axis of the link is a sum of these, with constant components. Row a of
-        # `pointer_frame` is frame axis a in the link, so column j has the components of
-        # link axis j.
+        # The pointer frame is fixed in the link. Its z axis is the direction.
+        frame_x, frame_y = _turned_axes(directions, turns)  # (3, n), in the base
+        frame_z = directions
+        # Each axis of the link is a sum of the frame axes. Its components along them are
+        # constant: a column of `pointer_frame`, whose rows are x, y and z of the frame.
         link_axes = []
-        for x_part, y_part, z_part in self.pointer_frame.T:
-            link_axis = x_part * x_in_base + y_part * y_in_base + z_part * z_in_base
-            link_axes.append(link_axis)
+        for link_axis_number in range(3):
+            x, y, z = self.pointer_frame[:, link_axis_number]
+            link_axes.append(x * frame_x + y * frame_y + z * frame_z)
         return np.array(link_axes)
 
     def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
@@ -373,44 +372,50 @@ class DyadsWithClosingLink:
         The turns in (-pi, pi] with their directions, and for each the sign of the slope of
         f by the turn.
         """
-        # Each bracket has the index of its direction, the two turns at its ends, and f
-        # there.
         brackets = self._bracket_roots(directions, signs)
+        turn, is_root = self._refine_brackets(brackets, directions, signs)
+        row, turn = _merge_equal_turns(brackets.row[is_root], wrap(turn[is_root]))
+        root_directions = directions[:, row]
+        mode = self.place_dyads(root_directions, turn, signs)
+        slope = self.slope(mode, root_directions)
+        return TurnSolutions(row, turn, sense=np.where(slope < 0.0, -1.0, 1.0))
 
-        def residual(turn: Floats, brackets_of_turns: Indices) -> Floats:
-            """Return the residual f (k,) of the closing link at turns (k,) of the output.
+    def _refine_brackets(
+        self, brackets: TurnBrackets, directions: Floats, signs: Signs
+    ) -> tuple[Floats, Bools]:
+        """Return the turn in each bracket at which the residual f changes its sign.
 
-            The index (k,) of its bracket gives the direction of the output at each turn.
-            """
-            turn_directions = directions[:, brackets.row[brackets_of_turns]]
-            return self.residual(self.place_dyads(turn_directions, turn, signs))
+        Parameters
+        ----------
+        brackets
+            k intervals of the turn. f has different signs at the ends of each.
+        directions
+            (3, n) directions of the output.
+        signs
+            The sign of each dyad, 1 or -1.
 
-        zeros, _ = find_bracketed_zeros(
-            residual,
+        Returns
+        -------
+        turn
+            (k,) turns (rad).
+        is_root
+            (k,) whether f is 0 there. Otherwise f changes its sign by a jump.
+        """
+
+        def compute_residual(turns: Floats, bracket_numbers: Indices) -> Floats:
+            """Return f (m,) at turns (m,), each with the direction of its bracket (m,)."""
+            turn_directions = directions[:, brackets.row[bracket_numbers]]
+            return self.residual(self.place_dyads(turn_directions, turns, signs))
+
+        turn, _ = find_bracketed_zeros(
+            compute_residual,
             low=brackets.low,
             high=brackets.high,
             values_at_low=brackets.low_residual,
             values_at_high=brackets.high_residual,
         )
-        # f can also change its sign by a jump, which is no root.
-        is_root = np.abs(residual(zeros, np.arange(len(zeros)))) < CLOSING_RESIDUAL
-        # For each root the index of its direction, and the turn.
-        row = brackets.row[is_root]
-        turns = wrap(zeros[is_root])
-        # Sorted by direction, then by turn. A root that was bracketed twice is kept once:
-        # a root is new if its direction differs from that before, or if its turn does. The
-        # first root is new because the index before it counts as -1.
-        order = np.lexsort((turns, row))
-        row = row[order]
-        turns = turns[order]
-        is_new = np.diff(row, prepend=-1) > 0
-        is_new |= np.diff(turns, prepend=0.0) > SAME_TURN_RAD
-        row = row[is_new]
-        turns = turns[is_new]
-        root_directions = directions[:, row]
-        mode = self.place_dyads(root_directions, turns, signs)
-        slope = self.slope(mode, root_directions)
-        return TurnSolutions(row, turns, sense=np.where(slope < 0.0, -1.0, 1.0))
+        residual = compute_residual(turn, np.arange(len(turn)))
+        return turn, np.abs(residual) < CLOSING_RESIDUAL
 
     def _bracket_roots(self, directions: Floats, signs: Signs) -> TurnBrackets:
         """Return intervals of the turn in which the residual f changes its sign.
@@ -564,6 +569,29 @@ def find_closing_link(
                 )
             )
     return min(candidates, key=_count_dependences, default=None)
+
+
+def _merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
+    """Return the different turns of each direction, ordered by direction and turn.
+
+    The same turn occurs twice if a root was bracketed twice.
+
+    Parameters
+    ----------
+    row
+        (k,) number of the direction to which a turn belongs.
+    turn
+        (k,) turns (rad) in (-pi, pi].
+    """
+    order = np.lexsort((turn, row))
+    row = row[order]
+    turn = turn[order]
+    # A turn is kept if it differs from the one before. The first one has none before.
+    is_kept = np.ones(len(turn), dtype=bool)
+    has_next_direction = row[1:] > row[:-1]
+    is_next_turn = turn[1:] - turn[:-1] > SAME_TURN_RAD
+    is_kept[1:] = has_next_direction | is_next_turn
+    return row[is_kept], turn[is_kept]
 
 
 def _count_dependences(candidate: DyadsWithClosingLink) -> int:

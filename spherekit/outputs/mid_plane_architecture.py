@@ -566,39 +566,55 @@ class MidPlaneArchitecture:
         SolveError
             If no path can begin at the start or shortly before it.
         """
-
-        def follow_from(lead: float) -> FollowedRotation:
-            """Return the rotation, followed from an angle `lead` (rad) before the start.
-
-            A path cannot begin at a singular configuration, but can pass through it.
-            """
-            # The normal of the mid-plane turns by half the angle of the end effector. Both
-            # vectors are needed in the same axes. `frame` leads from the mirror axes, in
-            # which the normal is given, to the axes of the base.
-            axis_in_mirror_axes = self.frame.T @ axis
-            rotation = rotation_about_axis(axis_in_mirror_axes, [-0.5 * lead])
-            # (1, 3) normal of the mid-plane at the beginning of the path.
-            normals = rotation @ start
-            # The orientations of all links there, and the pair variables (rad).
-            link_orientations = self.place(normals, modes)
-            (start_values,), _residuals = self.values(link_orientations)
-            # The angles of the result are negative (from -lead on) before the start.
-            return follow_rotation(
-                self.mechanism,
-                start_values,
-                axis,
-                angle,
-                output=self.output.name,
-                lead=lead,
-            )
-
         try:
-            return follow_from(0.0)
+            return self._follow_rotation_from(0.0, start, axis, angle, modes)
         except SolveError as error:
             try:
-                return follow_from(SINGULAR_START_LEAD_RAD)
+                return self._follow_rotation_from(
+                    SINGULAR_START_LEAD_RAD, start, axis, angle, modes
+                )
             except SolveError:
                 raise error from None  # the error at the start itself tells more
+
+    def _follow_rotation_from(
+        self, lead: float, start: Floats, axis: Floats, angle: float, modes: Floats
+    ) -> FollowedRotation:
+        """Return a rotation of the end effector, followed from a pose before its start.
+
+        Parameters
+        ----------
+        lead
+            Angle (rad) of the end effector by which the path begins before the start.
+        start
+            (3,) unit normal of the mid-plane at the start, in mirror axes.
+        axis
+            (3,) unit vector of the axis of the rotation, in the axes of the base.
+        angle
+            Angle (rad) of the rotation after the start.
+        modes
+            (legs,) signs, 1 or -1, which choose the elbow of each leg.
+
+        Returns
+        -------
+        The rotation. Its angles begin at -lead and are 0 at the start.
+        """
+        # 1. Turn the mid-plane back from the start, by half the angle of the end effector.
+        # `frame` is the rotation from mirror axes to the axes of the base.
+        axis_in_mirror_axes = self.frame.T @ axis
+        rotation = rotation_about_axis(axis_in_mirror_axes, [-0.5 * lead])  # (1, 3, 3)
+        first_normals = rotation @ start  # (1, 3)
+        # 2. Compute the pair variables (rad) of this pose.
+        link_orientations = self.place(first_normals, modes)
+        (first_values,), _residuals = self.values(link_orientations)
+        # 3. Follow the rotation from there.
+        return follow_rotation(
+            self.mechanism,
+            first_values,
+            axis,
+            angle,
+            output=self.output.name,
+            lead=lead,
+        )
 
 
 def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int) -> Floats:

@@ -119,10 +119,8 @@ class LegSpan(NamedTuple):
 class AngleLimit:
     """A limit of an angle that depends on the pose of an output.
 
-    Two methods return margins, which are positive inside and negative beyond the limit.
-    `left()` returns the angle that is left to the limit, for reports. `column()` returns a
-    difference of cosines, from which the border of a workspace is computed. It is a smooth
-    function of the pose, also where the angle is not: at 0 and pi.
+    How far a pose is from the limit is measured in two ways: by the angle, for reports
+    (`left`), and by its cosine, for computations (`column`).
 
     Attributes
     ----------
@@ -135,10 +133,8 @@ class AngleLimit:
     cosine
         Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
-        Factor from the limited angle to the reported one, usually 1.0. It is 0.5 for limits
-        of the distance b from a singularity. The limited angle is then 2 b, and reports
-        state b. The reason is that a measure of the singularity is sin b. The cosine
-        1 - 2 sin^2 b of 2 b is a polynomial of this measure, and therefore smooth.
+        Reported angle per limited angle, usually 1.0. It is 0.5 if the limited angle is
+        twice the angle that the user knows.
     """
 
     name: str
@@ -150,7 +146,9 @@ class AngleLimit:
     def column(self, rows: ModeAtPoses) -> Floats:
         """Return the margin (n,) as a difference of cosines, negative beyond the limit.
 
-        It is one column of a table of margins, which has a column for each limit.
+        The border of a workspace is computed from it. Unlike the angle it is a smooth
+        function of the pose, also at the angles 0 and pi. It is one column of a table of
+        margins, which has a column for each limit.
         """
         # The cosine falls as the angle grows. So this difference is positive if the angle
         # is larger than the limit.
@@ -207,17 +205,20 @@ class Constraints:
 
 
 class LimitedOutput(Protocol):
-    """Interface of an output of a mechanism, from which its limits are computed."""
+    """Interface of an output of a mechanism, from which its limits are computed.
+
+    Legs carry the output. A leg is two links in series, with three R pairs: one at the
+    base, one between both links, and one at the output link. Wheels can drive these links.
+    """
 
     mechanism: Mechanism
     """The whole mechanism."""
 
     @property
     def carrying(self) -> Mechanism:
-        """The part of the mechanism that carries the output.
+        """The mechanism without wheels, in which the pairs in `spans` have their numbers.
 
-        Wheels that drive it are left out, because its configuration at a pose does not
-        depend on them. The pairs in `spans` have their numbers in this mechanism.
+        The wheels are left out because the legs can be placed at a pose without them.
         """
 
     @property
@@ -227,8 +228,8 @@ class LimitedOutput(Protocol):
     def name_of(self, pair: int) -> str:
         """Return the name of a pair.
 
-        A virtual pair joins the output to virtual links that hold it in its pose. Its
-        number is larger than those of all pairs, and its name is that of the output.
+        A pair number may be that of a virtual pair, which is added to the mechanism in
+        order to hold the output in a pose. Its name is then that of the output.
         """
 
 
@@ -282,22 +283,35 @@ def find_least_margin(
     limiting
         (n,) number of this limit, -1 if it is not known.
     """
-    # (n, limits) margins of all limits: the angle that is left (`left`), for the report,
-    # and the difference of cosines (`column`).
-    angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)
-    cosine_margins = np.stack([bound.column(rows) for bound in bounds], axis=1)
-    # The least margin of each pose, of those that are not NaN, and the first limit with it.
-    margin = np.fmin.reduce(angle_margins, axis=1)
-    is_least = angle_margins == margin[:, None]
-    limiting = np.argmax(is_least, axis=1)
-    # The arc cosine amplifies rounding errors at 0 and pi. The cosines decide whether a
-    # pose is inside.
-    least_cosine_margin = np.fmin.reduce(cosine_margins, axis=1)
-    margin[(margin < 0.0) & (least_cosine_margin >= 0.0)] = 0.0
+    angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)  # (n, limits)
+    margin, limiting = _select_least(angle_margins)
+    # The arc cosine amplifies rounding errors at 0 and pi, so the sign of the angle is not
+    # certain there. The cosines decide whether a pose is inside.
+    is_inside = _find_least_cosine_margin(bounds, rows) >= 0.0
+    margin[(margin < 0.0) & is_inside] = 0.0
     # If one of the margins is NaN, it could be smaller than the minimum of the others. Only
     # a negative minimum is still sure to mean that the pose is outside.
     is_unknown = np.isnan(angle_margins).any(axis=1) & ~(margin < 0.0)
     return np.where(is_unknown, np.nan, margin), np.where(is_unknown, -1, limiting)
+
+
+def _select_least(angle_margins: Floats) -> tuple[Floats, Indices]:
+    """Return the least margin (n,) of each row of margins (n, limits), and its column (n,).
+
+    NaN is ignored. If several columns have the least margin, the first one is returned.
+    """
+    least_margin = np.fmin.reduce(angle_margins, axis=1)
+    is_least = angle_margins == least_margin[:, None]
+    return least_margin, np.argmax(is_least, axis=1)
+
+
+def _find_least_cosine_margin(bounds: Sequence[AngleLimit], rows: ModeAtPoses) -> Floats:
+    """Return the least margin (n,) of all limits, as a difference of cosines.
+
+    It is negative if the pose is beyond a limit. NaN is ignored.
+    """
+    cosine_margins = np.stack([bound.column(rows) for bound in bounds], axis=1)
+    return np.fmin.reduce(cosine_margins, axis=1)
 
 
 _NO_LIMIT = AngleLimit(
@@ -643,7 +657,7 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
             # above 1, so that the margin passes smoothly through the limit of the reach.
             return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)
 
-        # The limit is on twice the angle, so the margin counts half (unit 0.5).
+        # The limited angle is 2 b, and b is reported (unit 0.5).
         title = f"type I of {name} at least {_format_degrees(near)} away"
         bounds.append(
             AngleLimit(title, 2.0 * near, at_least=True, cosine=type_1_cosine, unit=0.5)

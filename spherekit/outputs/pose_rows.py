@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Integers
 from spherekit.mechanism.load_kinds import JointLimit
-from spherekit.outputs.dyad_chain import invert_jacobian, reciprocal_vectors
+from spherekit.outputs.dyad_chain import reciprocal_vectors
 
 
 def turns_of(rates: Floats, directions: Floats | None) -> Floats:
@@ -30,11 +30,15 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     (k, 3, inputs) angular velocities in the axes of the rates. They are not finite in
     singular configurations, where the determinant of the rates is zero.
     """
-    # `invert_jacobian` inverts angular velocities (3, inputs), which are columns. The
-    # same arithmetic inverts the rates (inputs, 3), if rows and columns are exchanged
-    # before and after it.
-    with np.errstate(over="ignore", invalid="ignore"):
-        angular_velocities = invert_jacobian(np.swapaxes(rates, 1, 2), directions).rates
+    # The reciprocal vectors of the rates are the columns of the inverse. The angular
+    # velocity of input i is reciprocal vector i. It changes input i at the rate 1, because
+    # its scalar product with the rates of this input is 1. It is at right angles to the
+    # rates of all other inputs, and to the direction, which is the third vector if there
+    # are two inputs.
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        scaled_reciprocals, volume = reciprocal_vectors(rates, directions)
+        angular_velocities = scaled_reciprocals / volume[:, None, None]
+    # From (k, inputs, 3) to (k, 3, inputs).
     return np.swapaxes(angular_velocities, 1, 2)
 
 
