@@ -359,34 +359,47 @@ def _convert_rows(
     AnalysisError
         If rows are no poses. The message lists these rows.
     """
-    # Rows that are no poses become NaN. `fault` says what is wrong with them. In most
-    # forms this is a direction or quaternion of length 0.
-    fault = f"has {NO_DIRECTION}"
+    # Each form has its own fault, in words. Rows that are no poses become NaN.
     if form == MATRIX_TERMS:
+        poses = _read_rotation_matrices(rows)
         fault = "is not a rotation matrix"
-        # R R^T must be the identity matrix, and the determinant positive.
-        poses = rows.reshape(-1, 3, 3)
-        products = poses @ np.swapaxes(poses, 1, 2)
-        deviation = np.abs(products - np.eye(3)).max(axis=(1, 2))
-        is_rotation = (deviation < ROTATION_TOLERANCE) & (np.linalg.det(poses) > 0.0)
-        poses[~is_rotation] = np.nan
+    elif form == MID_PLANE_TERMS:
+        normals = CONVERSION_OF_FORM[form](rows)
+        poses = _find_directions_at_mid_planes(solver, normals)
+        fault = "is not a mid-plane: phi and gamma are too large"
     else:
         poses = CONVERSION_OF_FORM[form](rows)
-    if form == MID_PLANE_TERMS:
-        # The base and the output link are mirror images of each other in the mid-plane. So
-        # far `poses` are the normals of mid-planes with the angles phi and gamma. A normal
-        # is NaN if sin^2(phi / 2) + sin^2(gamma / 2) > 1. The pose is the direction of the
-        # output at this mid-plane.
-        architecture = solver.form
-        assert architecture is not None and solver.output.direction is not None
-        fault = "is not a mid-plane: phi and gamma are too large"
-        poses = architecture.orientations(poses) @ np.array(solver.output.direction)
+        fault = f"has {NO_DIRECTION}"
     faulty_rows = np.unique(np.nonzero(np.isnan(poses))[0])
     if len(faulty_rows):
         faulty_locations = (locations[row] for row in faulty_rows)
         listed = listing(faulty_locations, MAX_LISTED_FAULTS)
         raise AnalysisError(f"{where}: {listed} {fault}")
     return poses
+
+
+def _read_rotation_matrices(rows: Floats) -> Floats:
+    """Return matrices (n, 3, 3) from rows (n, 9) of elements, NaN if no rotation matrix."""
+    matrices = rows.reshape(-1, 3, 3)
+    # R R^T must be the identity matrix, and the determinant positive.
+    products = matrices @ np.swapaxes(matrices, 1, 2)
+    deviation = np.abs(products - np.eye(3)).max(axis=(1, 2))
+    is_rotation = (deviation < ROTATION_TOLERANCE) & (np.linalg.det(matrices) > 0.0)
+    matrices[~is_rotation] = np.nan
+    return matrices
+
+
+def _find_directions_at_mid_planes(solver: OutputKinematics, normals: Floats) -> Floats:
+    """Return the directions (n, 3) of the output at mid-planes with normals (n, 3).
+
+    The mechanism has legs between the base and the output link, which are mirror images of
+    each other in the mid-plane. The axes of the normals are the mirror axes, which are
+    fixed in the base. The result is in the axes of the base. It is NaN for a normal that is
+    NaN.
+    """
+    architecture = solver.form
+    assert architecture is not None and solver.output.direction is not None
+    return architecture.orientations(normals) @ np.array(solver.output.direction)
 
 
 def _check_pose_count(count: int, where: str) -> None:

@@ -1,11 +1,12 @@
 """Pointing outputs of mechanisms in the mid-plane architecture, in closed form."""
 
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Floats, Indices
 from spherekit.geometry.vectors import cross
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.joint import revolute
@@ -16,6 +17,25 @@ from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.outputs.output_kinematics import ClosedKinematics
 from spherekit.outputs.pose_constraints import LegSpan, ModeAtPoses
 from spherekit.positions.pair_states import measure_pair_angles
+
+
+@dataclass(frozen=True)
+class InputMidPlanes:
+    """The mid-planes of a mechanism at n values of its inputs.
+
+    Attributes
+    ----------
+    normals
+        (n, 3) unit normals in mirror axes. They point from the home direction (a constant
+        direction of the base) to its mirror image, the direction of the output. NaN where
+        the inputs determine no mid-plane.
+    driven_signs
+        (n, 2) signs, 1.0 or -1.0, of the two driven legs: those of n . (base axis x elbow)
+        with the normal n. They are 0.0 if the output points in its home direction.
+    """
+
+    normals: Floats
+    driven_signs: Floats
 
 
 class MidPlaneKinematics(ClosedKinematics):
@@ -95,38 +115,20 @@ class MidPlaneKinematics(ClosedKinematics):
 
         Base and output link mirror each other in the mid-plane. An elbow is the axis
         between the two links of a leg, and all elbows lie in this plane. The inputs
-        determine the elbows of both driven legs, and thereby the mid-plane. There is no
-        pose if both elbows are parallel.
-
-        A mode has a sign for each leg: that of n . (base axis x elbow) with the normal n of
-        the mid-plane. The inputs determine the signs of the driven legs, and all signs of
-        the other legs are possible. A mid-plane has two opposite normals, and the signs are
-        reversed with n. Here n points from the home direction m (a constant direction of
-        the base) to its mirror image, the direction of the output. So n . m < 0.
+        determine the elbows of both driven legs, and thereby the mid-plane. Each other leg
+        can have two elbows. There is no pose if both driven elbows are parallel.
         """
         form = self.form  # the mid-plane architecture of the mechanism
-        plane = form.plane
-        # `plane` returns normals with n_z >= 0, and the signs of the driven legs for these
-        # normals. If n . m > 0, the normal and the signs are multiplied by -1.
-        # If n . m = 0, m is in the mid-plane and is its own mirror image. The vector from m
-        # to its image, which gives the normal, is then 0. Signs multiplied by 0 fit no
-        # mode, so these inputs get no pose.
-        upward_normals = plane.normals(inputs)
-        sense = -np.sign(upward_normals @ form.home)[:, None]
-        normals = sense * upward_normals
-        driven_signs = sense * plane.modes(inputs)
-        # Combinations of a row of inputs with a mode whose driven legs have the signs of
-        # the row.
-        modes = np.array(self.modes)
-        is_mode = driven_signs[:, None] == modes[:, plane.driven]
-        row, mode = np.nonzero(np.all(is_mode, axis=2))
+        mid_planes = self._find_mid_planes(inputs)
+        row, mode = self._list_modes(mid_planes)
+        signs = np.array(self.modes)[mode]
         # The residuals are zero up to rounding in every mechanism with this architecture,
         # which was tested before.
-        values, _residuals = form.values(form.place(normals[row], modes[mode]))
+        values, _residuals = form.values(form.place(mid_planes.normals[row], signs))
         is_closed = np.isfinite(values).all(axis=1)
         row = row[is_closed]
         mode = mode[is_closed]
-        orientations = form.orientations(normals[row])
+        orientations = form.orientations(mid_planes.normals[row])
         # `complete` is whether all configurations were found. The closed form gives all.
         return PoseSolutions(
             row=row,
@@ -137,6 +139,38 @@ class MidPlaneKinematics(ClosedKinematics):
             signs=tuple(self.modes[number] for number in mode),
             complete=np.ones(len(inputs), dtype=bool),
         )
+
+    def _find_mid_planes(self, inputs: Floats) -> InputMidPlanes:
+        """Return the mid-planes at inputs (n, 2) rad, with the signs of the driven legs."""
+        plane = self.form.plane
+        # These normals have n_z >= 0. The sign of a leg is that of n . (base axis x elbow),
+        # so it is reversed together with the normal.
+        upward_normals = plane.normals(inputs)
+        upward_signs = plane.modes(inputs)
+        # 1.0 or -1.0, so that the normal points away from the home direction. It is 0.0
+        # if the home direction is in the mid-plane: the output then points home, and the
+        # normal does not follow from its direction. Signs of 0 fit no mode.
+        sense = -np.sign(upward_normals @ self.form.home)[:, None]
+        return InputMidPlanes(
+            normals=sense * upward_normals, driven_signs=sense * upward_signs
+        )
+
+    def _list_modes(self, mid_planes: InputMidPlanes) -> tuple[Indices, Indices]:
+        """Return all pairs of a mid-plane and a mode that fit together.
+
+        A mode has a sign for each leg. It fits if the driven legs have the signs that the
+        inputs determine. The signs of the other legs are free.
+
+        Returns
+        -------
+        row, mode
+            Numbers (k,) of the mid-plane and of the mode in `modes`.
+        """
+        driven_signs_of_modes = np.array(self.modes)[:, self.form.plane.driven]
+        # Axes: mid-plane, mode, driven leg.
+        is_equal = mid_planes.driven_signs[:, None] == driven_signs_of_modes
+        row, mode = np.nonzero(np.all(is_equal, axis=2))
+        return row, mode
 
 
 class _MidPlaneMode:
@@ -186,56 +220,48 @@ class _MidPlaneMode:
     @property
     def type_1(self) -> Floats:
         """(n, inputs) measures of type I, see `Inverse`."""
-        _, type_1 = self._rates_and_type_1
-        return type_1
+        return self._input_rates.type_1
 
     @property
     def rates(self) -> Floats:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output."""
-        rates, _ = self._rates_and_type_1
-        return rates
+        return self._input_rates.rates
 
     @cached_property
-    def _rates_and_type_1(self) -> tuple[Floats, Floats]:
-        """Rates of the inputs per unit angular velocity of the output, and type I measures.
+    def _input_rates(self) -> InputRates:
+        """Rates of the inputs for any angular velocity of the output, in base axes.
 
-        Rates are (rows, inputs, 3), measures (rows, inputs). Base and output mirror each
-        other in the mid-plane, whose normal is n. The elbow, the axis between the two links
-        of a driven leg, is in this plane, because both links have the same arc. Let p be
-        the direction of the output, and m its home direction, whose mirror image is p. For
-        the angular velocity w of the output, the rate of the input is numerator . w over
-        denominator, with
+        The elbow e is the axis between the two links of a driven leg. It is in the
+        mid-plane with the normal n. The derivative of e . n = 0 by time is the equation
 
-            numerator = elbow x p,   denominator = n . (base axis x elbow) ``|p - m|``.
+            e' . n + e . n' = 0.
 
-        It follows from the derivative of elbow . n = 0:
+        The input rotates the elbow about the base axis, so e' is the rate of the input
+        times (base axis x e). The normal is n = (p - m) / ``|p - m|`` with the direction p
+        of the output and its constant home direction m. For the angular velocity w of the
+        output, p' = w x p. This gives
 
-            elbow' . n + elbow . n' = 0
+            rate = (e x p) . w / (n . (base axis x e) ``|p - m|``).
 
-        - elbow' is the rate of the input times (base axis x elbow).
-        - n = (p - m) / ``|p - m|``, with p' = w x p and constant m. The derivative of the
-          length only changes n along itself, at right angles to the elbow. So
-          elbow . n' = elbow . (w x p) / ``|p - m|`` = -(elbow x p) . w / ``|p - m|``.
+        (The derivative of the length ``|p - m|`` changes n along itself only, which does
+        not count, since e . n = 0.)
 
-        `InputRates` computes these quotients. It also returns the measure of type I: the
-        size of the denominator over the length of the numerator. If it is 0, the input can
-        move while the output rests. There are two such cases. The leg is at the limit of
-        its reach: n, base axis and elbow are in one plane. Or the output points in its home
-        direction: p = m.
+        The denominator is 0 at a singularity of type I, where the input can move while the
+        output rests. The leg is then at the limit of its reach, or the output points in its
+        home direction.
         """
+        driven = self.driven
         # The triple products are n . (base axis x elbow).
         elbows, triple_products = self._elbows
-        numerators = cross(elbows[:, self.driven], self.directions[:, None])
-        # Elbows and directions are in mirror axes: x halves the angle between the base axes
-        # of the two driven legs, and z is normal to both. The result is rotated to the axes
-        # of the base. Denominators are scalars and need no rotation. The sense of a pair is
-        # -1.0 if its variable decreases while the elbow turns about the base axis in the
-        # positive sense.
-        senses = self.form.plane.senses[self.driven]
-        numerators = (numerators @ self.form.frame.T) * senses[:, None]
-        denominators = triple_products[:, self.driven] * self.home_distance[:, None]
-        fractions = InputRates(numerators, denominators)
-        return fractions.rates, fractions.type_1
+        numerators = cross(elbows[:, driven], self.directions[:, None])
+        denominators = triple_products[:, driven] * self.home_distance[:, None]
+        # The elbows and directions are in mirror axes, from which `frame` leads to the axes
+        # of the base.
+        numerators_in_base = numerators @ self.form.frame.T
+        # The sense is -1.0 if the variable of the pair decreases while the elbow rotates
+        # about the base axis in the positive sense.
+        senses = self.form.plane.senses[driven]
+        return InputRates(numerators_in_base * senses[:, None], denominators)
 
     @property
     def type_1_square(self) -> Floats:

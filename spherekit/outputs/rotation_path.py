@@ -256,6 +256,30 @@ class TrackedPath:
     leaps: tuple[float, ...]
 
 
+def _measure_conditioning(deviation: TargetDeviation) -> Floats:
+    """Return how well each configuration is determined by the orientation of its link.
+
+    Returns
+    -------
+    (n,) reciprocal condition numbers, with Frobenius norms, of the matrix that gives the
+    loop equations and the angular velocity of the output link from the rates of the
+    variables. They are 0 if a motion of the mechanism does not turn the output link.
+    """
+    norm = np.linalg.norm(deviation.system, axis=(1, 2))
+    inverse_norm = np.linalg.norm(deviation.system_inverse, axis=(1, 2))
+    return 1.0 / (norm * inverse_norm)
+
+
+def _measure_isolation(deviation: TargetDeviation) -> Floats:
+    """Return numbers (n,), positive if no other configuration nearby is as near the target.
+
+    Two numbers must be positive for this: the least second derivative of the squared angle
+    to the target over all motions, and the reciprocal condition number of the loops. Only
+    the signs matter, so the result is the smaller one of them.
+    """
+    return np.minimum(deviation.least_eigenvalue, deviation.loop_conditioning)
+
+
 @dataclass(frozen=True)
 class RotationPath:
     """The configurations nearest to an orientation that turns about a fixed axis.
@@ -340,35 +364,20 @@ class RotationPath:
             The nearest configurations at these angles, with equations, derivatives and
             errors that compare the output link with its target.
         """
-        # The first and second derivatives of the variables by theta, and whether the output
-        # link turns exactly with the target (`follows`).
-        rates = deviation.rates(self.axis)
-        # `system` (n, equations + 3, variables) has the derivatives of the loop equations,
-        # and three rows for the angular velocity of the output link. Its reciprocal
-        # condition number is computed with Frobenius norms.
-        norm = np.linalg.norm(deviation.system, axis=(1, 2))
-        inverse_norm = np.linalg.norm(deviation.system_inverse, axis=(1, 2))
-        condition = 1.0 / (norm * inverse_norm)
-        # The nearest configuration is isolated if two numbers are positive: the least
-        # second derivative of the squared angle to the target over all motions, and the
-        # reciprocal condition number of the loops. Only signs matter: both are positive if
-        # the smaller one is.
-        stability = np.minimum(deviation.least_eigenvalue, deviation.loop_conditioning)
-        # The error is the largest of the closure residual and the remaining rotation to the
-        # target. If the target cannot be reached (`exact` is False), the gradient of the
-        # squared angle to it replaces this rotation. It is zero at the nearest
-        # configuration.
+        rates = deviation.rates(self.axis)  # by theta
+        has_rates = all_finite(rates.first, 1)
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         return PathNodes(
             theta=theta,
             values=deviation.values,
             first=rates.first,
             second=rates.second,
+            # Whether the output link turns exactly with the target.
             follows=rates.follows,
-            is_valid=all_finite(rates.first, 1) & is_nearest,
+            is_valid=has_rates & is_nearest,
             system=deviation.system,
-            condition=condition,
-            stability=stability,
+            condition=_measure_conditioning(deviation),
+            stability=_measure_isolation(deviation),
             # The smallest angular velocity of the output link for rates of unit length. It
             # is 0 at a limit of its reach.
             reach=deviation.output_singular_value,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.conventions import Names
 from spherekit.errors import PlanError
 from spherekit.geometry.tilt_torsion import azimuth_tilt, from_euler_zyz
@@ -241,10 +242,7 @@ def _add_to_sizes(
     its coordinates: Euler angles about z, y and z of an orientation, or azimuth, tilt and
     turn of a direction.
 
-    A pair has a frame in each of its two links. The columns are unit vectors in link axes:
-    x, from which the angle is counted, y, and the pair axis z. Frames of the virtual pairs
-    are added to those of the other pairs. New sizes of the links are computed from all
-    frames.
+    New sizes of the links are computed from the frames of all pairs.
 
     Parameters
     ----------
@@ -260,20 +258,10 @@ def _add_to_sizes(
     """
     # The frames (3, 3) by the name of the pair, in the first and in the second links.
     first_frames, second_frames = pair_frames(mechanism)
-    # The first and the third pair have the axes of their links as frame. They rotate about
-    # z. The second pair rotates about y of both virtual links. Its frame has the columns z
-    # (from which its angle counts), x, and y (its axis).
-    tilt_frame = np.eye(3)[:, [2, 0, 1]]
-    # In the output link, the axis of the last pair is the direction. The frame of the pair
-    # is therefore a rotation whose z axis is the direction: Z(azimuth) Y(tilt) Z(0). (The
-    # last angle decides where the turn about the direction is zero.)
-    pointing_angles = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
-    pointing_frame = from_euler_zyz(pointing_angles)[0]
-    names = [pair.name for pair in virtual_pairs]
-    virtual_first_frames = (np.eye(3), tilt_frame, np.eye(3))
-    virtual_second_frames = (np.eye(3), tilt_frame, pointing_frame)
-    first_frames.update(zip(names, virtual_first_frames, strict=True))
-    second_frames.update(zip(names, virtual_second_frames, strict=True))
+    virtual_frames = _make_virtual_frames(direction)
+    for pair, frames in zip(virtual_pairs, virtual_frames, strict=True):
+        first_frames[pair.name] = frames.in_first_link
+        second_frames[pair.name] = frames.in_second_link
     # Only links with a virtual pair get new sizes. All others keep theirs.
     changed_links = {link for pair in virtual_pairs for link in pair.links}
     unchanged_sizes = {
@@ -283,4 +271,40 @@ def _add_to_sizes(
         (*mechanism.pairs, *virtual_pairs),
         frames=(first_frames, second_frames),
         known_sizes=unchanged_sizes,
+    )
+
+
+@dataclass(frozen=True)
+class VirtualPairFrames:
+    """The frames of a virtual pair in its two links.
+
+    A frame is a (3, 3) matrix. Its columns are the unit vectors x, from which the pair
+    angle is counted, y, and z, the pair axis. Their components are in the axes of the link.
+    """
+
+    in_first_link: Floats
+    in_second_link: Floats
+
+
+def _make_virtual_frames(direction: Vector) -> tuple[VirtualPairFrames, ...]:
+    """Return the frames of the three virtual pairs, from the base to the output link.
+
+    Parameters
+    ----------
+    direction
+        Direction of the output in the axes of its link.
+    """
+    z_frame = np.eye(3)  # the axes of the link: the pair rotates about z
+    # The pair rotates about the y axis of both links, and its angle counts from their z.
+    x, y, z = np.eye(3)
+    y_frame = np.stack([z, x, y], axis=1)
+    # A frame whose z axis is the direction: Z(azimuth) Y(tilt) Z(0). The last angle decides
+    # where the turn about the direction is zero.
+    azimuth_and_tilt = azimuth_tilt(np.array([direction]))
+    pointing_angles = np.append(azimuth_and_tilt, [[0.0]], axis=1)
+    direction_frame = from_euler_zyz(pointing_angles)[0]
+    return (
+        VirtualPairFrames(in_first_link=z_frame, in_second_link=z_frame),
+        VirtualPairFrames(in_first_link=y_frame, in_second_link=y_frame),
+        VirtualPairFrames(in_first_link=z_frame, in_second_link=direction_frame),
     )

@@ -183,18 +183,40 @@ def _find_input_revolutions(
     (inputs,) rad, with the smallest sum of absolute values. None if no inputs up to
     `MAX_INPUT_REVOLUTIONS` away roll the lengths; inputs farther away are not recognised.
     """
-    # After one period of an input (rad), all wheels are in the same phase again. All whole
-    # revolutions up to half a period in both directions are tried, which covers all phases.
-    # Inputs that roll no wheel remain as they are.
-    rolls_wheels = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
-    half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)
-    most_revolutions = np.where(
-        rolls_wheels, np.minimum(MAX_INPUT_REVOLUTIONS, half_period), 0
-    )
-    tried_revolutions = [range(-k, k + 1) for k in most_revolutions.astype(int).tolist()]
-    inputs = q + TURN * np.array(list(product(*tried_revolutions)), dtype=float)
+    inputs = _list_inputs_of_one_period(gear_phases, q)
     misfit = max_abs(gear_phases.rolled_lengths(inputs) - lengths, axis=1)
     possible_inputs = inputs[misfit < SAME_ROLLED_LENGTH_RAD]
     if not len(possible_inputs):
         return None
     return possible_inputs[np.argmin(np.sum(np.abs(possible_inputs), axis=1))]
+
+
+def _list_inputs_of_one_period(gear_phases: GearPhases, q: Floats) -> Floats:
+    """Return inputs that differ from q by whole revolutions, over one period of the wheels.
+
+    After one period of an input, all wheels are in their first positions again. Inputs
+    farther away would repeat these positions.
+
+    Parameters
+    ----------
+    gear_phases
+        The ratios by which rolled lengths follow from the inputs, and the periods.
+    q
+        (inputs,) values of the inputs (rad).
+
+    Returns
+    -------
+    (n, inputs) rad: all combinations of whole revolutions of each input, up to half a
+    period in both directions, but at most `MAX_INPUT_REVOLUTIONS`. Inputs that roll no
+    wheel remain as they are.
+    """
+    rolls_wheels = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
+    half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)  # in revolutions
+    most_revolutions = np.where(
+        rolls_wheels, np.minimum(MAX_INPUT_REVOLUTIONS, half_period), 0
+    )
+    revolutions_of_inputs = [
+        range(-most, most + 1) for most in most_revolutions.astype(int).tolist()
+    ]
+    combinations = np.array(list(product(*revolutions_of_inputs)), dtype=float)
+    return q + TURN * combinations

@@ -1,8 +1,9 @@
 """Conversion of parsed text, such as the torque of a load, to a graph of nodes."""
 
 import operator
-from collections.abc import Callable, Mapping
-from functools import reduce
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial, reduce
 
 from spherekit.errors import EngineError
 from spherekit.mechanism.load_expression import Expression, fold
@@ -13,6 +14,24 @@ PERIODIC_FUNCTIONS = ("sin", "cos", "tan")
 
 PRESERVES_WHOLE_REVOLUTIONS = ("+", "-", "negative")
 """Operations whose result changes by whole revolutions if their arguments do."""
+
+
+@dataclass(frozen=True)
+class AngleForms:
+    """A part of an expression in two forms, which differ by whole revolutions if at all.
+
+    Attributes
+    ----------
+    full
+        The value, which may be an angle of many revolutions.
+    reduced
+        The value less whole revolutions. Sines, cosines and tangents are computed from it,
+        because an angle of many revolutions has fewer exact digits. It is the full value if
+        the value is no angle.
+    """
+
+    full: Expr
+    reduced: Expr
 
 
 def convert_to_graph(
@@ -69,52 +88,70 @@ def convert_to_graph(
         "min": lambda *items: -1.0 * reduce(form_maximum, (-1.0 * item for item in items)),
     }
 
-    def convert_operation(
-        name: str, operands: list[tuple[Expr, Expr]]
-    ) -> tuple[Expr, Expr]:
-        """Return the full and the reduced value of an operation.
-
-        A reduced value differs from the full value by a number of whole revolutions. An
-        angle of many revolutions has fewer exact digits than a reduced angle. Sines,
-        cosines and tangents are the same at both, so they are computed from the reduced
-        values of their operands. All other operations compute their full value from full
-        values.
+    def convert_operation(name: str, operands: list[AngleForms]) -> AngleForms:
+        """Return an operation of the expression as a node, in its full and reduced form.
 
         Parameters
         ----------
         name
             Name of the operation, such as "+" or "sin".
         operands
-            Full and reduced value of each operand.
+            The operands in both forms.
         """
-        full_operands, reduced_operands = zip(*operands, strict=True)
-        # Operands are numbers or nodes of the graph. A denominator that is the number 0 is
-        # an error. A node, which may be zero at some values of its variables, differs from
-        # 0.0 in this comparison.
-        # In the message an expression without text is called a load.
-        if name == "/" and full_operands[1] == 0.0:
-            subject = f'"{expression.text}"' if expression.text else "a load"
-            raise EngineError(f"{subject} divides by an expression that is zero everywhere")
-        is_periodic = name in PERIODIC_FUNCTIONS
-        arguments = reduced_operands if is_periodic else full_operands
-        # All operations that are not in `operations`, such as "sin", are functions by name.
-        if name in operations:
-            full_result = operations[name](*arguments)
+        full_operands = [operand.full for operand in operands]
+        reduced_operands = [operand.reduced for operand in operands]
+        _check_denominator(name, full_operands, expression.text)
+        # Operations without an entry in `operations`, such as "sin", are named functions.
+        operation: Callable[..., Expr] = operations.get(name) or partial(function, name)
+        if name in PERIODIC_FUNCTIONS:
+            result = operation(*reduced_operands)
         else:
-            full_result = function(name, *arguments)
-        # Sums of reduced values differ from the full result by whole revolutions. So do
-        # products of an angle x and an integer number k: k (x - n turns) is k x, less k n
-        # turns. (Numbers are not reduced.)
-        is_integer_multiple = name == "*" and any(
-            isinstance(x, float) and x % 1.0 == 0.0 for x in full_operands
-        )
-        if name in PRESERVES_WHOLE_REVOLUTIONS or is_integer_multiple:
-            return full_result, operations[name](*reduced_operands)
-        # The reduced value of any other result is the full value.
-        return full_result, full_result
+            result = operation(*full_operands)
+        if _keeps_whole_revolutions(name, full_operands):
+            return AngleForms(full=result, reduced=operation(*reduced_operands))
+        return AngleForms(full=result, reduced=result)
 
-    # Both values of a number are the number itself.
-    full_value, _ = fold(
-        expression.root, lambda x: (x, x), nodes_by_name.__getitem__, convert_operation
+    converted = fold(
+        expression.root,
+        convert_number=lambda number: AngleForms(full=number, reduced=number),
+        convert_name=lambda name: AngleForms(*nodes_by_name[name]),
+        convert_call=convert_operation,
     )
-    return full_value
+    return converted.full
+
+
+def _check_denominator(name: str, operands: Sequence[Expr], text: str) -> None:
+    """Raise an error if an operation divides by the number 0.
+
+    A node of the graph, which may be zero for some values of its variables, is no error.
+
+    Parameters
+    ----------
+    name
+        Name of the operation.
+    operands
+        Its operands: numbers and nodes.
+    text
+        The whole expression, for the message. It is empty for a load that was not given as
+        text.
+    """
+    if name == "/" and operands[1] == 0.0:
+        subject = f'"{text}"' if text else "a load"
+        raise EngineError(f"{subject} divides by an expression that is zero everywhere")
+
+
+def _keeps_whole_revolutions(name: str, operands: Sequence[Expr]) -> bool:
+    """Return whether whole revolutions of the operands change a result by whole ones.
+
+    Sums do. So does the product of an angle and an integer number: k (x - n turns) is k x
+    less k n turns.
+
+    Parameters
+    ----------
+    name
+        Name of the operation that has the result.
+    operands
+        Its operands: numbers and nodes.
+    """
+    has_integer_factor = any(isinstance(x, float) and x % 1.0 == 0.0 for x in operands)
+    return name in PRESERVES_WHOLE_REVOLUTIONS or (name == "*" and has_integer_factor)

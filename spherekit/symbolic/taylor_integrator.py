@@ -254,12 +254,9 @@ class Integrator:
     def step(self, max_length: float) -> tuple[StepEnd, float]:
         """Take one step, and return why it ended and its length (s).
 
-        A step also ends at a switch, where the equations change abruptly. The callback of
-        the switch has noted it in `seen_events` and has set a parameter to its new sign. It
-        decides whether the integration can continue ("switch") or must end ("event").
-
-        Whenever the result is "event", the event that ends the integration is the last one
-        of `seen_events`.
+        A step also ends at a switch, where the equations change abruptly. The integration
+        can continue after it, or must end. If it must end ("event"), the last element of
+        `seen_events` is the event that ends it.
 
         Parameters
         ----------
@@ -271,16 +268,21 @@ class Integrator:
         code = int(outcome)
         if code in self._step_end_of_outcome:
             return self._step_end_of_outcome[code], length
-        # heyoka returns the index n of a terminal event if the integration may continue,
-        # and -n - 1 if it must end.
+        # heyoka returns the number n of the event among those that end a step, or -n - 1 if
+        # the integration must end.
         if code >= 0:
             return "switch", length
-        # A switch is noted already, by its callback. Other events that end the integration
-        # have no callback and are noted here.
-        index = self._terminal_indices[-code - 1]
+        self._note_ending_event(self._terminal_indices[-code - 1])
+        return "event", length
+
+    def _note_ending_event(self, index: int) -> None:
+        """Append the event that ends the integration to `seen_events`, once.
+
+        heyoka calls the callback of a switch within the step. This has appended the switch
+        already. Other events that end the integration have no callback.
+        """
         if self.events[index].kind != "switch":
             self.seen_events.append((index, self.time))
-        return "event", length
 
     @property
     def coefficients(self) -> Floats:
