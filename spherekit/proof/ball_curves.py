@@ -409,37 +409,86 @@ def _make_spline(spline_path: SplinePath) -> Path:
         return np.searchsorted(inner_knots, parameter_floats, side="right")
 
     def evaluate_polynomials(parameter: Array, interval: Indices) -> Array:
-        """Return points and derivatives (n, 2, 3) by the polynomials of intervals (n,).
+        """Return projected points and their derivatives (n, 2, 3) in given intervals.
 
-        Between two knots (an interval) the spline is a polynomial. All numbers are balls,
-        which are numbers with a bound of their error.
+        Between two knots, in an interval, the spline is a polynomial. The polynomial of the
+        interval (n,) of each parameter (n,) is evaluated, and projected onto the sphere.
+        All numbers are balls, which are numbers with a bound of their error.
         """
         # In interval i the spline depends on the control points i to i + degree and on the
         # knots i + 1 to i + 2 degree. The first axis counts these points and knots, the
-        # second the parameters: the shapes are (degree + 1, n, 3) and (2 degree, n, 1).
+        # second the parameters: the shapes are (degree + 1, n, 3) and (2 degree, n).
         point_numbers = interval + np.arange(degree + 1)[:, None]
         knot_numbers = interval + np.arange(1, 2 * degree + 1)[:, None]
-        points = control_points[point_numbers]
-        knots = exact_balls(spline_knots[knot_numbers, None])  # balls with the error 0
-        # De Boor's algorithm: each level replaces the points by interpolations between
-        # neighbours, until one point is left. The new point k of a level is between the
-        # points k and k + 1, at the place of the parameter between two knots: row
-        # k + level of `knots` (`low`) and row k + degree (`high`). The slope of the last
-        # level, times the degree, is the derivative of the spline.
-        for level in range(degree):
-            low = knots[level:degree]
-            high = knots[degree : 2 * degree - level]
-            slope = np.diff(points, axis=0) / (high - low)
-            points = points[:-1] + (parameter[:, None] - low) * slope
-        (spline_point,) = points
-        (derivative,) = degree * slope
-        # Projection: the part of the derivative across the radius, over the radius.
-        size = vector_lengths(spline_point)[:, None]
-        point = spline_point / size
-        radial_rate = np.sum(point * derivative, axis=1, keepdims=True)
-        return np.stack([point, (derivative - radial_rate * point) / size], axis=1)
+        spline_point, derivative = _evaluate_de_boor(
+            control_points[point_numbers],
+            exact_balls(spline_knots[knot_numbers]),
+            parameter,
+        )
+        return _project_to_sphere(spline_point, derivative)
 
     return path
+
+
+def _evaluate_de_boor(
+    control_points: Array, knots: Array, parameter: Array
+) -> tuple[Array, Array]:
+    """Return a spline in space and its derivative at n parameters, by de Boor's algorithm.
+
+    All numbers are balls, which are numbers with a bound of their error, or power series.
+
+    Parameters
+    ----------
+    control_points
+        (degree + 1, n, 3) the control points on which the spline depends at each parameter.
+    knots
+        (2 degree, n) the knots on which it depends there, in rising order.
+    parameter
+        (n,) parameters. The polynomial is that of the interval between the knots number
+        degree - 1 and degree.
+
+    Returns
+    -------
+    Points (n, 3) and derivatives by the parameter (n, 3).
+    """
+    degree = len(control_points) - 1
+    points = list(control_points)
+    # Each level replaces the points by interpolations between neighbours. There is one
+    # point less on each level, until one is left.
+    for level in range(degree):
+        interpolated_points = []
+        for k in range(degree - level):
+            # The line with point k at the knot `low` and point k + 1 at the knot `high`.
+            low = knots[k + level][:, None]
+            high = knots[k + degree][:, None]
+            slope = (points[k + 1] - points[k]) / (high - low)
+            interpolated_points.append(points[k] + (parameter[:, None] - low) * slope)
+        points = interpolated_points
+    (spline_point,) = points
+    # `slope` is the only one of the last level.
+    return spline_point, degree * slope
+
+
+def _project_to_sphere(space_point: Array, space_rate: Array) -> Array:
+    """Return points of a curve in space, projected onto the unit sphere from its centre.
+
+    All numbers are balls, which are numbers with a bound of their error, or power series.
+
+    Parameters
+    ----------
+    space_point, space_rate
+        (n, 3) points of the curve, and their derivatives by its parameter.
+
+    Returns
+    -------
+    (n, 2, 3) the projected points, and their derivatives.
+    """
+    radius = vector_lengths(space_point)[:, None]
+    point = space_point / radius
+    # The projected point moves by the part of the rate across the radius, over the radius.
+    radial_rate = np.sum(point * space_rate, axis=1, keepdims=True)
+    rate = (space_rate - radial_rate * point) / radius
+    return np.stack([point, rate], axis=1)
 
 
 def vector_lengths(vectors: Array) -> Array:

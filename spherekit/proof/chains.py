@@ -105,23 +105,42 @@ class Chain:
         It would then represent parts of the curve twice, and modes would be counted twice.
         """
         start = self.pieces[0].centre
-        # The first pair of pieces begins at the start. In a closed chain the last pair, the
-        # last piece and the first, ends there. These are no repetitions.
-        inner_pairs = self.successive_pieces[1:]
+        successive_pieces = self.successive_pieces
+        # The part of the curve between the first two centres begins at the start. In a
+        # closed chain, the part between the last centre and the first ends there. These are
+        # no repetitions, so only the parts between are tested.
         if self.closed:
-            inner_pairs = inner_pairs[:-1]
-        # A piece is a box around an arc of the curve. Coordinate 0 in the box is along the
-        # arc, the others are across it, up to `radius`. The start is repeated if it is
-        # between the centre of a piece and that of the next one.
-        for piece, next_piece in inner_pairs:
-            coordinates = piece.coordinates(start)
-            next_centre = piece.coordinates(next_piece.centre)[0]
-            # Coordinates are rounded, and centres are not exactly on the curve, so the box
-            # is enlarged by 1e-9 rad. If it were smaller, the start could be missed.
-            is_near_axis = np.all(np.abs(coordinates[1:]) <= piece.radius + 1e-9)
-            if is_near_axis and -1e-9 <= coordinates[0] <= next_centre + 1e-9:
-                return True
-        return False
+            tested_pieces = successive_pieces[1:-1]
+        else:
+            tested_pieces = successive_pieces[1:]
+        return any(
+            _may_be_between(start, piece, next_piece) for piece, next_piece in tested_pieces
+        )
+
+
+def _may_be_between(
+    configuration: Floats, piece: CertifiedArc, next_piece: CertifiedArc
+) -> bool:
+    """Return whether a curve may pass a configuration between the centres of two arcs.
+
+    Parameters
+    ----------
+    configuration
+        (v,) values of all variables (rad).
+    piece
+        An arc of the curve, alone in a box about it. The tangent of the arc at its centre
+        is the axis of the box.
+    next_piece
+        The next arc, whose centre is in this box.
+    """
+    # Coordinates in the box: the first is along the axis, 0 at the centre of the arc. The
+    # others are across it, where the box ends at `radius`.
+    along, *across = piece.coordinates(configuration)
+    next_centre_along = piece.coordinates(next_piece.centre)[0]
+    # Coordinates are rounded, and centres are not exactly on the curve, so the box is
+    # enlarged by 1e-9 rad. If it were smaller, the configuration could be missed.
+    is_near_axis = np.all(np.abs(across) <= piece.radius + 1e-9)
+    return bool(is_near_axis and -1e-9 <= along <= next_centre_along + 1e-9)
 
 
 def find_chain(

@@ -207,21 +207,25 @@ class CurveSearch:
 
         A saddle is a place where curves cross or narrowly miss each other. Near it a curve
         cannot be followed, so the boxes there stay undecided: they are neither proven to
-        contain no configurations, nor inside the box of a known curve. Known curves that
-        pass a new saddle are cut there.
+        contain no configurations, nor inside the box of a known curve.
+
+        A known curve that passes a new saddle is divided there. Four branches of curves
+        leave a saddle. In the end, those are added that leave the range of the input so
+        near to the saddle that no curve has been followed along them.
         """
-        centres = undecided.centres
-        radii = undecided.radii
         for _ in range(MAX_SADDLES):
-            new_saddle = self._add_saddle_near(centres)
+            new_saddle = self._add_saddle_near(undecided.centres)
             if new_saddle is None:
                 break
             self._cut_chains([new_saddle])
-            is_open = ~boxes_covered(self.crossings.saddles, centres, radii)
-            centres = centres[is_open]
-            radii = radii[is_open]
+            undecided = self._drop_boxes_in_saddles(undecided)
         self._add_chains_of_short_arms()
-        return BoxSet(centres, radii)
+        return undecided
+
+    def _drop_boxes_in_saddles(self, boxes: BoxSet) -> BoxSet:
+        """Return the boxes that are not inside the box of a saddle."""
+        is_outside = ~boxes_covered(self.crossings.saddles, boxes.centres, boxes.radii)
+        return BoxSet(boxes.centres[is_outside], boxes.radii[is_outside])
 
     def _add_saddle_near(self, positions: Floats) -> Saddle | None:
         """Add the first saddle that is found near one of n positions, and return it.
@@ -280,35 +284,38 @@ class CurveSearch:
     def _cut_chains(self, saddles: Sequence[Saddle]) -> None:
         """Replace chains that pass new saddles by chains that end at these saddles.
 
-        A chain is a curve as a row of certified arcs (`pieces`). A saddle is a place where
-        curves cross or narrowly miss each other. It may divide a curve into several parts,
-        so the curve is followed again from every arc of the old chain that is in the range
-        of the input. Each part then ends on an arm: a branch of a curve that leaves a
-        saddle. If an arc of the old chain is finally on no new chain and in no saddle,
-        `has_lost_piece` is set.
+        A chain is a known curve, as a row of certified arcs (`pieces`). A saddle is a place
+        where curves cross or narrowly miss each other. It may divide a curve into several
+        parts. A chain that passes a saddle is therefore forgotten, and the parts of its
+        curve are followed again.
         """
         untouched_chains: list[Chain] = []
         cut_chains: list[Chain] = []
         for chain in self.chains:
-            passes_saddle = any(
-                saddle.may_contain(piece.centre, piece.centre_error)
-                for saddle in saddles
-                for piece in chain.pieces
-            )
-            if passes_saddle:
+            if _may_pass_saddle(chain, saddles):
                 cut_chains.append(chain)
             else:
                 untouched_chains.append(chain)
-        # From now on, the cut chains are no longer known.
         self._set_chains(untouched_chains)
         for chain in cut_chains:
-            pieces = self._pieces_in_range(chain)
-            for piece in pieces:
-                # This does nothing if the arc is on a new chain already, or in a saddle.
-                self._add_curve(piece.centre)
-            self.has_lost_piece |= not all(
-                self._is_known(piece.centre, piece.centre_error) for piece in pieces
-            )
+            self._follow_parts(chain)
+
+    def _follow_parts(self, old_chain: Chain) -> None:
+        """Add the parts, between saddles, of a curve whose old chain has been forgotten.
+
+        A chain is a curve as a row of certified arcs. Near a saddle curves cross or nearly
+        do. Each part of the curve ends at a saddle or outside the range of the input, so a
+        part is followed from every arc of the old chain, unless the arc is on a part that
+        has been added already. If the curve could not be followed from an arc outside all
+        saddles, `has_lost_piece` is set.
+        """
+        pieces = self._pieces_in_range(old_chain)
+        for piece in pieces:
+            # This does nothing if a known chain or saddle contains the position.
+            self._add_curve(piece.centre)
+        self.has_lost_piece |= not all(
+            self._is_known(piece.centre, piece.centre_error) for piece in pieces
+        )
 
     def _pieces_in_range(self, chain: Chain) -> list[CertifiedArc]:
         """Return the arcs of a chain whose centre is in the range of the input.
@@ -401,19 +408,33 @@ class CurveSearch:
         """Add a chain of one arc for each arm that leaves the range near its saddle.
 
         At a saddle two curves cross or nearly do, and four branches leave it, its arms.
-        Modes are counted by chains, one for each arm. A short arm reaches the end of the
-        range of the input before the border of the saddle's box. No chain has been followed
-        along it, because curves are searched only in the range and outside of these boxes.
-        Its chain is one arc at the border of the box, which is outside of the range.
+        Modes are counted by chains, one for each arm. A chain is a curve as a row of
+        certified arcs. An arm without a chain may be short: it leaves the range of the
+        input inside the box of the saddle, where no curve can be followed.
         """
         for use in self._list_arm_uses():
-            piece = None if use.chain_ends else self._find_piece_on_arm(use)
-            if piece is None:
+            if use.chain_ends > 0:
                 continue
-            # The side of the range on which the arc is. The input is the last variable.
-            side = self.side(piece.centre[-1], 0.0)
-            if use.leads_out(side):
-                self._set_chains([*self.chains, Chain((piece,), closed=False)])
+            chain = self._find_chain_outside_range(use)
+            if chain is not None:
+                self._set_chains([*self.chains, chain])
+
+    def _find_chain_outside_range(self, use: ArmUse) -> Chain | None:
+        """Return the chain of one arc on an arm, if the arm has left the range there.
+
+        An arm is a branch of a curve that leaves a saddle. The arc is near the border of
+        the box of the saddle. The result is None if no arc is proven there, if the arc is
+        in the range of the input, or if the arm may lead back to the range.
+        """
+        piece = self._find_piece_on_arm(use)
+        if piece is None:
+            return None
+        # 1 if the arc is above the range, -1 below, 0 within. The input is the last
+        # variable.
+        side_of_range = self.side(piece.centre[-1], 0.0)
+        if not use.leads_out(side_of_range):
+            return None
+        return Chain((piece,), closed=False)
 
     def _find_piece_on_arm(self, use: ArmUse) -> CertifiedArc | None:
         """Return a certified arc on an arm, near the border of the box of its saddle.
@@ -481,6 +502,15 @@ class CurveSearch:
         if any(chain.may_repeat_start() for chain in self.chains):
             problems.append("a curve may have been gone round twice")
         return problems
+
+
+def _may_pass_saddle(chain: Chain, saddles: Sequence[Saddle]) -> bool:
+    """Return whether the centre of an arc of a chain may be in the box of a saddle."""
+    return any(
+        saddle.may_contain(piece.centre, piece.centre_error)
+        for saddle in saddles
+        for piece in chain.pieces
+    )
 
 
 def _within_one_turn(angles: Floats) -> Floats:

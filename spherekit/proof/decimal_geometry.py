@@ -76,28 +76,47 @@ class CircleContact:
     def contact_directions(
         self, first_centre: Vector, second_centre: Vector
     ) -> tuple[Vector, Vector]:
-        """Return the unit tangents at the centres of two circles, towards their contact.
+        """Return the directions from the centres of two circles to their contact.
 
-        The great circle through both centres passes through the contact. From the first
-        centre towards the contact, and on along this circle, the contact is reached after
-        the first radius, and the second centre after `centre_arc`. The arc from the second
-        centre on to the contact is therefore the second radius times `sense`. If it is
-        negative (external contact), the contact is behind, between both centres.
+        They are unit tangents of the sphere at the centres. The contact is on the great
+        circle through both centres.
 
         Parameters
         ----------
         first_centre, second_centre
             (3,) unit vectors in any common axes, which are the axes of the result, too.
         """
-        sine, cosine = self.centre_arc.sin_cos()
-        # A point at the arc x on the great circle is cos(x) c + sin(x) d, with the first
-        # centre c and the direction d there. The second centre is the point at
-        # `centre_arc`, which gives d.
-        direction_at_first = (second_centre - cosine * first_centre) / sine
-        # The derivative by x there, -sin(x) c + cos(x) d, is the direction at the second
-        # centre. In external contact the contact is behind it.
-        direction_at_second = (cosine * second_centre - first_centre) / sine
-        return direction_at_first, self.sense * direction_at_second
+        # Both tangents are in the sense in which the great circle leads from the first
+        # centre to the contact. At the first centre the contact is therefore ahead. At the
+        # second centre it is ahead in internal contact (sense 1). In external contact
+        # (sense -1) it is behind, between both centres.
+        tangent_at_first, tangent_at_second = _great_circle_tangents(
+            first_centre, second_centre, self.centre_arc
+        )
+        return tangent_at_first, self.sense * tangent_at_second
+
+
+def _great_circle_tangents(
+    first: Vector, second: Vector, arc: Ball
+) -> tuple[Vector, Vector]:
+    """Return the unit tangents of a great circle at two of its points.
+
+    Parameters
+    ----------
+    first, second
+        (3,) the points, as unit vectors.
+    arc
+        Arc (rad) from the first point to the second. The tangents are in the sense in which
+        arcs are positive. If the arc is negative, they point from the second point towards
+        the first one.
+    """
+    sine, cosine = arc.sin_cos()
+    # At an arc x from the first point c is the point cos(x) c + sin(x) d, where d is the
+    # tangent at c. The second point, at x = `arc`, gives d. The tangent at x is the
+    # derivative -sin(x) c + cos(x) d.
+    tangent_at_first = (second - cosine * first) / sine
+    tangent_at_second = (cosine * second - first) / sine
+    return tangent_at_first, tangent_at_second
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ Numbers may be infinite or NaN where a test fails. Callers let NumPy divide by z
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -179,13 +180,12 @@ class ChartRoots:
         return ChartRoots(self.z[chosen], self.inverse[chosen], self.row[chosen])
 
     def derivatives(self, polynomials: Sequence[Complexes], order: int = 0) -> Complexes:
-        """Return the derivatives of polynomials by the stored z at all n points.
+        """Return all derivatives of polynomials by the stored z, of one order, at n points.
 
         The stored z of an unknown is e^(i angle) or its inverse, whichever has a magnitude
         of at most 1: large numbers and infinity do not occur. If the inverse is stored, the
         polynomial in e^(i angle) = 1 / z is multiplied by the highest power of z. For
-        example, c_0 + c_1 / z becomes c_0 z + c_1. The coefficients then belong to the
-        powers of z in reverse order (see `_powers`).
+        example, c_0 + c_1 / z becomes c_0 z + c_1.
 
         Parameters
         ----------
@@ -204,25 +204,48 @@ class ChartRoots:
         and (n, polynomials, k, k, ...) second derivatives. The dots are the kept axes.
         """
         n, count = self.z.shape
-        # One array (n, ...) for each polynomial and each unknown or pair of unknowns.
-        parts = []
-        for coefficients in polynomials:
-            # `variables` are the unknowns by which one derivative is taken. For order 2
-            # they are (0, 0), (0, 1), and so on; (0, 0) is the second derivative by unknown
-            # 0. For order 0 there is one empty tuple.
-            for variables in np.ndindex(*[count] * order):
-                # (n, ..., size_1, ..., size_k) coefficients at the given variables of each
-                # point. `row` has the number of the set of given values of each point.
-                part = coefficients[self.row]
-                # The axes of coefficients are summed with the powers of the unknowns, the
-                # last axis (last unknown) first. n: point, p: power.
-                for column in reversed(range(count)):
-                    powers = self._powers(column, part.shape[-1], variables.count(column))
-                    part = np.einsum("n...p,np->n...", part, powers)
-                parts.append(part)
-        stacked = np.stack(parts, axis=1)
-        shape = (n, len(polynomials), *[count] * order, *stacked.shape[2:])
-        return stacked.reshape(shape)
+        # The unknowns of each derivative. Order 2: (0, 0), (0, 1), and so on. Order 1:
+        # (0,), (1,), and so on. Order 0: one empty tuple.
+        all_unknowns = list(product(range(count), repeat=order))
+        # One array (n, ...) for each polynomial and each derivative.
+        arrays = [
+            self._differentiate(coefficients, unknowns)
+            for coefficients in polynomials
+            for unknowns in all_unknowns
+        ]
+        stacked = np.stack(arrays, axis=1)
+        kept_shape = stacked.shape[2:]
+        return stacked.reshape(n, len(polynomials), *[count] * order, *kept_shape)
+
+    def _differentiate(
+        self, coefficients: Complexes, unknowns: tuple[int, ...]
+    ) -> Complexes:
+        """Return the derivative of one polynomial by some of the unknowns, at n points.
+
+        Parameters
+        ----------
+        coefficients
+            (m, ..., size_1, ..., size_k) coefficients of the powers of the k unknowns, for
+            m sets of given values.
+        unknowns
+            Numbers of the unknowns by which it is differentiated: (0, 0) for the second
+            derivative by unknown 0, empty for the value.
+
+        Returns
+        -------
+        (n, ...) with the middle axes of the coefficients.
+        """
+        # (n, ..., size_1, ..., size_k) the coefficients of each point. `row` is the number
+        # of its set of given values.
+        terms = coefficients[self.row]
+        # The last axis is that of the last unknown. It is multiplied by the powers of this
+        # unknown and summed; then the same is done for the unknown before it.
+        for column in reversed(range(self.z.shape[1])):
+            order_in_unknown = unknowns.count(column)
+            powers = self._powers(column, terms.shape[-1], order_in_unknown)
+            # n: point, p: power.
+            terms = np.einsum("n...p,np->n...", terms, powers)
+        return terms
 
     def _powers(self, column: int, size: int, order: int) -> Complexes:
         """Return the powers of z that belong to coefficients, or their derivatives by z.
