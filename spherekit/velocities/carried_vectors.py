@@ -17,7 +17,12 @@ import numpy as np
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
 from spherekit.symbolic.vector_algebra import Exprs, cross
-from spherekit.velocities.axis_rotations import PairRotations, ProfileCircle, ProfileSide
+from spherekit.velocities.axis_rotations import (
+    Entries,
+    PairRotations,
+    ProfileCircle,
+    ProfileSide,
+)
 from spherekit.velocities.pose_expressions import LinkOrientation, place_link
 
 
@@ -136,11 +141,7 @@ def carried_vectors(
     for pair, ends in enumerate(mechanism.ends):
         owned = mechanism.variables_of(pair)
         if pair not in pairs.sides:
-            # The axis is fixed in two links. The one that is placed first has the shorter
-            # expressions.
-            axes_by_end = zip(ends, pairs.axes(pair), strict=True)
-            link, axis = min(axes_by_end, key=lambda end: placed[end[0]].depth)
-            vectors[owned[0]] = CarriedVector(placed[link].direction(axis), link)
+            vectors[owned[0]] = _axis_of_r_pair(ends, pairs.axes(pair), placed)
             continue
         sides = pairs.sides[pair]
         # The two variables of a sliding contact move it along the first and the second
@@ -158,22 +159,16 @@ def carried_vectors(
                 first + second, ends[0], slide=cross(first, second)
             )
         else:
-            # The end (0 or 1) of the link that is placed first, which has the shorter
-            # expressions.
-            carrier = placed[ends[0]].depth > placed[ends[1]].depth
-            tangent, _, point = _contact_frame(
-                sides[carrier], placed[ends[carrier]], variables
+            # The link that is placed first (`depth`) has the shorter expressions.
+            is_second_first = placed[ends[0]].depth > placed[ends[1]].depth
+            carrier_side = sides[1] if is_second_first else sides[0]
+            carrier = ends[1] if is_second_first else ends[0]
+            contact_lines[pair] = _contact_line(
+                carrier_side, carrier, placed[carrier], variables
             )
-            curvature = sides[carrier].curvature
-            # The contact point slides along the tangent: dp/ds = t.
-            contact_lines[pair] = CarriedVector(
-                point,
-                ends[carrier],
-                slide=tangent,
-                slide_length=1.0,
-                slide_change_bound=SlideChangeBound(_tangent_change(curvature)),
+            vectors[owned[0]] = _rolling_vector(
+                sides, carrier_side.curvature, contact_lines[pair]
             )
-            vectors[owned[0]] = _rolling_vector(sides, curvature, contact_lines[pair])
     return [*vectors.values()], contact_lines
 
 
@@ -199,6 +194,56 @@ def largest(items: Iterable[Expr]) -> Expr:
     for term in dict.fromkeys(x for x in items if isinstance(x, ExpressionNode)):
         maximum = function("maximum", maximum, term) if maximum else term
     return maximum
+
+
+def _axis_of_r_pair(
+    links: Sequence[int],
+    axes: tuple[Entries, Entries],
+    placed: Sequence[LinkOrientation],
+) -> CarriedVector:
+    """Return the axis of an R pair, carried by the link with the shorter expressions.
+
+    Parameters
+    ----------
+    links
+        Numbers of the two links. The one that is placed first (`LinkOrientation.depth`)
+        has the shorter expressions.
+    axes
+        (3,) the axis in the axes of either link.
+    placed
+        Orientations of all links.
+    """
+    first_link, second_link = links
+    first_axis, second_axis = axes
+    if placed[second_link].depth < placed[first_link].depth:
+        return CarriedVector(placed[second_link].direction(second_axis), second_link)
+    return CarriedVector(placed[first_link].direction(first_axis), first_link)
+
+
+def _contact_line(
+    side: ProfileSide, link: int, placed: LinkOrientation, variables: Sequence[Expr]
+) -> CarriedVector:
+    """Return the direction p to a contact point, which slides along a profile of a link.
+
+    The derivative of p by the arc length is the tangent t of the profile.
+
+    Parameters
+    ----------
+    side
+        The profile.
+    link, placed
+        Number and orientation of its link.
+    variables
+        Expressions of all variables.
+    """
+    tangent, _, point = _contact_frame(side, placed, variables)
+    return CarriedVector(
+        point,
+        link,
+        slide=tangent,
+        slide_length=1.0,
+        slide_change_bound=SlideChangeBound(_tangent_change(side.curvature)),
+    )
 
 
 def _contact_frame(
