@@ -19,7 +19,7 @@ from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.hermite import quintic_hermite
 from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.outputs.target_deviation import OutputLink, TargetDeviation
-from spherekit.positions.loop_closure import newton
+from spherekit.positions.loop_closure import NewtonSteps, newton
 from spherekit.positions.verified_steps import STEP_PARTS, Verification
 from spherekit.status import Status
 from spherekit.tolerances import (
@@ -307,7 +307,9 @@ class RotationPath:
         """Return the target orientations (n, 3, 3) at angles (n,) in rad."""
         return rotation_about_axis(self.axis, theta) @ self.start
 
-    def find_nearest(self, theta: Floats, guess: Floats) -> tuple[TargetDeviation, Floats]:
+    def find_nearest(
+        self, theta: Floats, guess: Floats
+    ) -> tuple[TargetDeviation, NewtonSteps]:
         """Return the configurations nearest to the targets, by Newton's method.
 
         The nearest configuration is the one with the smallest angle between the output link
@@ -324,9 +326,9 @@ class RotationPath:
         -------
         deviation
             The configurations at which the method ended, converged or not.
-        step_sizes
-            (2, n) size of the first Newton step (rad), and ratio of the second to it. Large
-            ones show that the guess was bad, so that the result may be on another path.
+        newton_steps
+            The sizes of the first two steps. Large ones show that the guess was bad, so
+            that the result may be on another path.
         """
         targets = self.target_orientations(theta)
 
@@ -339,7 +341,7 @@ class RotationPath:
             # result is a nearest configuration is tested later, by its error.
             return np.nan_to_num(deviation.newton_step(self.exact))
 
-        values, step_sizes = newton(
+        values, newton_steps = newton(
             newton_step,
             values=guess,
             max_steps=MAX_TARGET_STEPS,
@@ -347,7 +349,7 @@ class RotationPath:
             last_step=CORRECTOR_STEP_TOLERANCE_RAD,
             longest_step=MAX_TARGET_STEP_RAD,
         )
-        return self.output_link.compare(values, targets), step_sizes
+        return self.output_link.compare(values, targets), newton_steps
 
     def make_nodes(self, theta: Floats, deviation: TargetDeviation) -> PathNodes:
         """Return nodes of the path: configurations with derivatives and quality measures.
@@ -383,10 +385,10 @@ class RotationPath:
             reach=deviation.output_singular_value,
         )
 
-    def _correct_nodes(self, theta: Floats, guess: Floats) -> tuple[PathNodes, Floats]:
+    def _correct_nodes(self, theta: Floats, guess: Floats) -> tuple[PathNodes, NewtonSteps]:
         """Return the nodes at angles (n,), and the step sizes as `find_nearest` does."""
-        deviation, step_sizes = self.find_nearest(theta, guess)
-        return self.make_nodes(theta, deviation), step_sizes
+        deviation, newton_steps = self.find_nearest(theta, guess)
+        return self.make_nodes(theta, deviation), newton_steps
 
     def step(self, node: PathNodes, goal: float) -> PathNodes | None:
         """Return the next node of the path, None if the step to it fails a test.
@@ -411,7 +413,7 @@ class RotationPath:
         if not all_finite(guess):
             return None
         theta = np.append(node.theta + distances[:1], goal)
-        nodes, step_sizes = self._correct_nodes(theta, guess)
+        nodes, newton_steps = self._correct_nodes(theta, guess)
         middle_node = nodes.rows(slice(0, 1))
         next_node = nodes.rows(slice(1, 2))
 
@@ -419,7 +421,7 @@ class RotationPath:
         # the output link turns exactly with the target. It must not change in a step.
         change = max_abs(next_node.values - node.values)
         is_corrected = (
-            STEP_VERIFICATION.accepts_correction(step_sizes, change) & nodes.is_valid
+            STEP_VERIFICATION.accepts_correction(newton_steps, change) & nodes.is_valid
         )
         if not np.all(is_corrected & (nodes.follows == node.follows)):
             return None
@@ -475,7 +477,7 @@ class RotationPath:
             goal = node.theta + length
             if end < goal and node.theta < end - LEAP_BELOW_STEP_RAD:
                 return None
-            next_node, step_sizes = self._correct_nodes(
+            next_node, newton_steps = self._correct_nodes(
                 goal, node.extrapolate(np.array([length]))
             )
             change = max_abs(next_node.values - node.values)
@@ -483,7 +485,8 @@ class RotationPath:
                 next_node.is_valid[0]
                 and next_node.condition[0] > MIN_CONDITION_PER_RAD * length
             )
-            if not is_regular or step_sizes[0, 0] > STEP_VERIFICATION.correction * change:
+            correction = newton_steps.first_step[0]
+            if not is_regular or correction > STEP_VERIFICATION.correction * change:
                 continue
 
             # Is the path smooth? Configurations at 20, 40, 60 and 80 % of the leap have to

@@ -213,8 +213,8 @@ class Assembly(NamedTuple):
     def joining_group(self, link: int, reference: int) -> Group | None:
         """Return the group that determines the motion of a link relative to another one.
 
-        It is the first group in which both links are in different bodies. Earlier groups
-        have at most one of the links, and later ones have both in one body.
+        Group after group is placed, which joins the bodies of the group to one body. The
+        wanted group is the one that joins the bodies of the two links.
 
         Parameters
         ----------
@@ -227,10 +227,12 @@ class Assembly(NamedTuple):
         and do not move relative to each other while the inputs are given.
         """
         for group in self.groups:
-            joined_bodies = [
+            bodies_with_links = [
                 body for body in group.bodies if link in body or reference in body
             ]
-            if len(joined_bodies) > 1:
+            # One body: it has only one of the links, or both, which were joined before.
+            # Two bodies: each has one of the links, and the group joins them.
+            if len(bodies_with_links) == 2:
                 return group
         return None
 

@@ -81,18 +81,27 @@ class ChordProjections:
         (m,) indices of the configurations.
     chords
         (m,) indices of the chords.
-    differences
+    offsets
         (m, variables) configurations minus starts of the chords (rad). Whole periods of the
-        variables are subtracted, so that the differences are small.
-    distances
+        variables are subtracted, so that the offsets are small.
+    distances_along
         (m,) distances (rad) from the starts of the chords to the projected configurations,
-        from 0 to the chord length.
+        measured along the chords, from 0 to the chord length.
     """
 
     configurations: Indices
     chords: Indices
-    differences: Floats
-    distances: Floats
+    offsets: Floats
+    distances_along: Floats
+
+    def select(self, chosen: Bools) -> "ChordProjections":
+        """Return some of the m projections."""
+        return ChordProjections(
+            configurations=self.configurations[chosen],
+            chords=self.chords[chosen],
+            offsets=self.offsets[chosen],
+            distances_along=self.distances_along[chosen],
+        )
 
 
 @dataclass(frozen=True)
@@ -158,7 +167,7 @@ class Chords:
         # list has one array of the result for each block.
         configurations = []
         chords = []
-        differences = []
+        offsets = []
         # At least one block, so that there are arrays to join.
         for first in range(0, max(len(values), 1), CONFIGURATIONS_PER_BLOCK):
             block = values[first : first + CONFIGURATIONS_PER_BLOCK]
@@ -182,16 +191,16 @@ class Chords:
             row, chord = np.nonzero(is_near)
             configurations.append(first + row)
             chords.append(chord)
-            differences.append(from_starts[row, chord])
+            offsets.append(from_starts[row, chord])
         # The m pairs of a configuration and a chord near it, from all blocks.
         chord_indices = np.concatenate(chords)
-        all_differences = np.concatenate(differences)
-        distances = np.vecdot(all_differences, self.directions[chord_indices])
+        all_offsets = np.concatenate(offsets)
+        distances = np.vecdot(all_offsets, self.directions[chord_indices])
         return ChordProjections(
             configurations=np.concatenate(configurations),
             chords=chord_indices,
-            differences=all_differences,
-            distances=np.clip(distances, 0.0, self.chord_lengths[chord_indices]),
+            offsets=all_offsets,
+            distances_along=np.clip(distances, 0.0, self.chord_lengths[chord_indices]),
         )
 
 
@@ -456,38 +465,34 @@ class ArcCurve(Chords):
         curve have NaN.
         """
         lengths = nans(len(values))
-        hits = self._project_points(values)
-        u = self.starts[hits.chords] + hits.distances
+        hits = self._find_on_curve(values)
+        u = self.starts[hits.chords] + hits.distances_along
         lengths[hits.configurations] = self.table.evaluate(u)
         return lengths
 
     def passes(self, values: Floats) -> Bools:
         """Return (n,) which configurations (n, variables) are on this curve."""
-        hits = self._project_points(values)
+        hits = self._find_on_curve(values)
         return np.isin(np.arange(len(values)), hits.configurations)
 
-    def _project_points(self, values: Floats) -> ChordProjections:
-        """Return the projections of configurations (n, variables) that are on the curve.
+    def _find_on_curve(self, values: Floats) -> ChordProjections:
+        """Return which configurations (n, variables) are on the curve, and where.
 
-        A configuration is projected on the chords near it, which are the straight lines
-        between successive nodes of the curve.
+        A chord is the straight line between two successive nodes of the curve. The result
+        has the projection of each configuration on its chord. A configuration at a node can
+        be near both chords that meet there, and then has one projection on each.
         """
-        # `differences` of a projection are the configuration minus the start of the chord,
-        # less whole periods.
         projections = self.project(values, self.periods)
-        # The points of the curve with the same projections on the chords. A configuration
-        # is on the curve if it equals the point, apart from whole periods. Both are
-        # compared by their differences from the start of the chord.
-        points = self._evaluate_on_chords(projections.chords, projections.distances)
-        point_differences = points.values - self.nodes.values[projections.chords]
-        miss = max_abs(point_differences - projections.differences, axis=1)
-        is_on_curve = miss < ON_CURVE_DISTANCE_RAD
-        return ChordProjections(
-            configurations=projections.configurations[is_on_curve],
-            chords=projections.chords[is_on_curve],
-            differences=projections.differences[is_on_curve],
-            distances=projections.distances[is_on_curve],
+        # The point of the curve with the same projection on the chord must be the
+        # configuration itself. Both are compared by their offsets from the start of the
+        # chord, since the offsets of the configuration are free of whole periods.
+        curve_points = self._evaluate_on_chords(
+            projections.chords, projections.distances_along
         )
+        chord_starts = self.nodes.values[projections.chords]
+        offsets_of_curve = curve_points.values - chord_starts
+        deviations = max_abs(offsets_of_curve - projections.offsets, axis=1)
+        return projections.select(deviations < ON_CURVE_DISTANCE_RAD)
 
     def wrapped(self, differences: Floats) -> Floats:
         """Return differences (..., variables) in rad without their whole periods."""

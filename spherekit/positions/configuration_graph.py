@@ -21,6 +21,7 @@ Each configuration belongs to exactly one mode.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -61,6 +62,26 @@ PORTION_GROWTH = 2
 """Growth, from round to round, of the number of paths that are tried for each piece. Away
 from inputs at which modes meet, one path joins two pieces; near them, many have to be
 tried."""
+
+
+@dataclass(frozen=True)
+class DeterminantSigns:
+    """Signs of the closure Jacobians of m configurations, with the inputs locked.
+
+    Attributes
+    ----------
+    sign
+        (m,) sign of the determinant.
+    is_regular
+        (m,) whether the sign is reliable. Near a singular configuration rounding decides.
+    """
+
+    sign: Floats
+    is_regular: Bools
+
+    def select(self, chosen: Bools) -> "DeterminantSigns":
+        """Return the signs of some of the m configurations."""
+        return DeterminantSigns(self.sign[chosen], self.is_regular[chosen])
 
 
 class ConfigurationGraph:
@@ -152,46 +173,76 @@ class ConfigurationGraph:
         (m,) node of each configuration, new or already present. Each new node is a piece of
         its own.
         """
-        # `find` returns -1 for a configuration that is no node yet. `_driven` are the
-        # numbers of the variables of the inputs.
+        # `find` returns -1 for a configuration that is no node yet.
         nodes = self.find(sample, values)
         (missing,) = np.nonzero(nodes < 0)
         if not len(missing):
             return nodes
-        # The sign of the determinant of the closure Jacobian with locked inputs
-        # distinguishes configurations that are near to each other on both sides of a
-        # singular one.
-        linearisation = self.solver.closure.linearise(values[missing])
-        passive_jacobian = np.delete(linearisation.jacobian, self._driven, axis=2)
-        signs = determinant_sign(passive_jacobian)
-        is_regular = ~is_nearly_singular(linearisation, self._driven, SINGULAR_NODE_RATIO)
-        # For each missing configuration the index of the first one, among them, that is
-        # equal to it. Configurations for which this is their own index become nodes. All
-        # others get the node of the one that represents them.
-        representative = self._find_equal(
-            sample[missing], values[missing], np.where(is_regular, signs, 0.0)
-        )
+        missing_samples = sample[missing]
+        missing_values = values[missing]
+        signs = self._determinant_signs(missing_values)
+        # Of equal configurations only the first one becomes a node. It represents the
+        # others.
+        representative = self._find_equal(missing_samples, missing_values, signs)
         is_new = representative == np.arange(len(missing))
-        new = missing[is_new]
-        first_new_node = len(self.sample)
-        nodes[new] = np.arange(first_new_node, first_new_node + len(new))
-        nodes[missing] = nodes[missing[representative]]
-        # All arrays with one entry for each node grow. No path from a new node was tried in
-        # any direction, no path ends at it, and the node is a piece of its own.
-        self._determinant_sign = np.append(self._determinant_sign, signs[is_new])
-        self._is_regular = np.append(self._is_regular, is_regular[is_new])
-        self.sample = np.append(self.sample, sample[new])
-        self.values = np.concatenate([self.values, values[new]])
-        no_paths = np.zeros((len(self._neighbours), len(new)), dtype=bool)
-        self._is_tried = np.concatenate([self._is_tried, no_paths], axis=1)
-        self._is_reached = np.concatenate([self._is_reached, no_paths], axis=1)
-        self._piece = np.append(self._piece, nodes[new])
-        self._nodes_of_piece |= {node: [np.array([node])] for node in nodes[new].tolist()}
-        # Rebuild the table of the nodes of each sample.
-        self._list_nodes()
+        new_nodes = self._append_nodes(
+            missing_samples[is_new], missing_values[is_new], signs=signs.select(is_new)
+        )
+        node_of_missing = np.full(len(missing), -1, dtype=np.intp)
+        node_of_missing[is_new] = new_nodes
+        nodes[missing] = node_of_missing[representative]
         return nodes
 
-    def _find_equal(self, sample: Indices, values: Floats, signs: Floats) -> Indices:
+    def _determinant_signs(self, values: Floats) -> DeterminantSigns:
+        """Return the signs of the closure Jacobians, without the columns of the inputs.
+
+        `values` are (m, variables) closed configurations (rad).
+        """
+        linearisation = self.solver.closure.linearise(values)
+        passive_jacobian = np.delete(linearisation.jacobian, self._driven, axis=2)
+        return DeterminantSigns(
+            sign=determinant_sign(passive_jacobian),
+            is_regular=~is_nearly_singular(
+                linearisation, self._driven, SINGULAR_NODE_RATIO
+            ),
+        )
+
+    def _append_nodes(
+        self, sample: Indices, values: Floats, signs: DeterminantSigns
+    ) -> Indices:
+        """Append nodes to all arrays that have one entry for each node.
+
+        No path from a new node was tried in any direction, no path ends at it, and the node
+        is a piece of its own.
+
+        Parameters
+        ----------
+        sample, values
+            (m,) sample of each new node, and (m, variables) its configuration (rad).
+        signs
+            The signs of the determinants at the new nodes.
+
+        Returns
+        -------
+        (m,) numbers of the new nodes.
+        """
+        first_new_node = len(self.sample)
+        new_nodes = np.arange(first_new_node, first_new_node + len(sample))
+        self.sample = np.append(self.sample, sample)
+        self.values = np.concatenate([self.values, values])
+        self._determinant_sign = np.append(self._determinant_sign, signs.sign)
+        self._is_regular = np.append(self._is_regular, signs.is_regular)
+        no_paths = np.zeros((len(self._neighbours), len(sample)), dtype=bool)
+        self._is_tried = np.concatenate([self._is_tried, no_paths], axis=1)
+        self._is_reached = np.concatenate([self._is_reached, no_paths], axis=1)
+        self._piece = np.append(self._piece, new_nodes)
+        self._nodes_of_piece |= {node: [np.array([node])] for node in new_nodes.tolist()}
+        self._list_nodes()
+        return new_nodes
+
+    def _find_equal(
+        self, sample: Indices, values: Floats, signs: DeterminantSigns
+    ) -> Indices:
         """Return for each configuration the first one that is equal to it.
 
         Parameters
@@ -201,9 +252,10 @@ class ConfigurationGraph:
         values
             (m, variables) configurations (rad).
         signs
-            (m,) signs of the determinants of their closure Jacobians, 0 at singular
-            configurations. Configurations with opposite signs differ, however near they
-            are, because a singular configuration separates them.
+            Signs of the determinants of their closure Jacobians. Configurations with
+            opposite signs differ, however near they are, because a singular configuration
+            separates them. A nearly singular configuration has no reliable sign, so it can
+            be equal to configurations of either sign.
 
         Returns
         -------
@@ -212,6 +264,7 @@ class ConfigurationGraph:
         configuration itself if no earlier one is equal.
         """
         representative = np.arange(len(sample))
+        reliable_signs = np.where(signs.is_regular, signs.sign, 0.0)
         order = np.argsort(sample, kind="stable")
         # Configurations of one sample follow each other in `order`. Each is compared with
         # the one that is `offset` positions before. The largest offset comes last, so the
@@ -220,7 +273,8 @@ class ConfigurationGraph:
             earlier = order[:-offset]
             later = order[offset:]
             is_pair = sample[earlier] == sample[later]
-            is_pair &= signs[earlier] * signs[later] >= 0.0
+            # The product is 0 if one sign is not reliable.
+            is_pair &= reliable_signs[earlier] * reliable_signs[later] >= 0.0
             earlier = earlier[is_pair]
             later = later[is_pair]
             differences = wrap(values[earlier] - values[later])[:, self._angles]

@@ -599,27 +599,11 @@ class _CurveSearch:
             further inputs spread over the range.
         """
         if is_complete:
-            # The middles of equal parts of the range, which are between its ends.
-            for q in np.linspace(self.low, self.high, 2 * CHECKED_INPUTS + 1)[1::2]:
-                configurations = enumerate_assemblies(self.solver, np.array([q]))
-                if configurations.is_complete:
-                    self.mode_counts.append((q, len(configurations.values)))
-        # A piece counts at q if q is inside its range. Inputs near the end of a piece or
-        # near a crossing of curves are left out, because modes meet there and rounding
-        # decides how many there are.
-        ranges = np.array([(piece.lowest, piece.highest) for piece in pieces])
-        lowest, highest = ranges.reshape(-1, 2).T
-        crossing_inputs = np.array(
-            [end[self.solver.input_variable] for end in _crossing_ends(self.curves)]
-        )
+            self._count_modes_at_further_inputs()
+        input_ranges = [(piece.lowest, piece.highest) for piece in pieces]
+        lowest, highest = np.array(input_ranges).reshape(-1, 2).T
         for q, mode_count in self.mode_counts:
-            # The ends of pieces are values in the range, as q. Those of crossings may
-            # differ by whole turns, which `wrap` removes.
-            end_distance = np.min(np.abs([lowest - q, highest - q]), initial=np.inf)
-            crossing_distance = np.min(np.abs(wrap(crossing_inputs - q)), initial=np.inf)
-            if end_distance < NEAR_TURN_RAD:
-                continue
-            if crossing_distance < UNCHECKED_CROSSING_DISTANCE_RAD:
+            if self._is_near_meeting(q, np.concatenate([lowest, highest])):
                 continue
             piece_count = np.sum((lowest < q) & (q < highest))
             is_wrong = piece_count < mode_count
@@ -630,6 +614,41 @@ class _CurveSearch:
                     f"at the input {np.degrees(q):.6g} deg there are {mode_count} modes, "
                     f"but the curves have {piece_count}"
                 )
+
+    def _count_modes_at_further_inputs(self) -> None:
+        """Append to `mode_counts` the numbers of modes at inputs spread over the range.
+
+        Inputs at which modes may have been missed are left out.
+        """
+        # The middles of equal parts of the range, which are between its ends.
+        for q in np.linspace(self.low, self.high, 2 * CHECKED_INPUTS + 1)[1::2]:
+            configurations = enumerate_assemblies(self.solver, np.array([q]))
+            if configurations.is_complete:
+                self.mode_counts.append((q, len(configurations.values)))
+
+    def _is_near_meeting(self, q: float, piece_ends: Floats) -> bool:
+        """Return whether the number of modes at an input may depend on rounding.
+
+        Modes meet at the end of a piece, where the input reverses, and where curves cross.
+        Next to such an input, rounding decides how many modes there are.
+
+        Parameters
+        ----------
+        q
+            The input (rad), within the range.
+        piece_ends
+            (ends,) inputs (rad) at the ends of all pieces, within the same range.
+        """
+        end_distance = np.min(np.abs(piece_ends - q), initial=np.inf)
+        if end_distance < NEAR_TURN_RAD:
+            return True
+        # The inputs of crossings are not reduced to the range. They may differ from those
+        # in the range by whole turns, which `wrap` removes.
+        crossing_inputs = np.array(
+            [end[self.solver.input_variable] for end in _crossing_ends(self.curves)]
+        )
+        crossing_distance = np.min(np.abs(wrap(crossing_inputs - q)), initial=np.inf)
+        return bool(crossing_distance < UNCHECKED_CROSSING_DISTANCE_RAD)
 
 
 def _crossing_ends(curves: Iterable[ArcCurve]) -> Iterator[Floats]:

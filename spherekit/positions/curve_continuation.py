@@ -505,10 +505,10 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         prediction = extrapolate(nodes.values, nodes.tangents, nodes.bends, parts)
         borders = np.repeat(nodes.tangents, 2, axis=0)
         targets = np.vecdot(nodes.tangents, nodes.values)[:, None] + parts
-        values, step_sizes = correct(closure, prediction, borders, targets.ravel())
+        values, newton_steps = correct(closure, prediction, borders, targets.ravel())
         # `is_good` (2 k,) collects the tests of all points.
         is_good = all_finite(values, 1)
-        is_good &= self.step_tests.accepts_correction(step_sizes, np.repeat(distances, 2))
+        is_good &= self.step_tests.accepts_correction(newton_steps, np.repeat(distances, 2))
         # Points that failed are replaced by the node, at which everything is finite.
         values[~is_good] = np.repeat(nodes.values, 2, axis=0)[~is_good]
         points, linearisation = curve_points(closure, values, borders)

@@ -279,26 +279,28 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     -------
     (variables, 3 loops, variables) derivatives. The first axis is the variable of x.
     """
-    # Row k is the motion in which the variable k alone has the rate 1, as a partial
-    # derivative demands. The loops then open.
+    # A partial derivative by one variable is the rate of J in a motion in which this
+    # variable alone has the rate 1. The loops open in this motion. Row k is the motion of
+    # variable k.
     count = len(values)
     tree = closure.tree
     linearisation = closure.linearise(np.tile(values, (count, 1)))
-    # Angular velocities of the first and second bodies of all pairs. `body_rates` adds
-    # the rates of pairs along a spanning tree of the bodies. A pair that closes a loop is
-    # not in the tree. While the loop opens, the tree moves the second body of this pair
-    # otherwise than the pair itself would. So only the rates of first bodies are taken from
-    # the tree. To each of them the rate of the pair is added for the second body. This is
-    # the velocity vector of the pair that moves, and 0 for all others.
+    # J consists of the velocity vectors of the pairs. How fast they turn depends on the
+    # angular velocities of both bodies of each pair.
+    #
+    # First bodies: a spanning tree of pairs moves all bodies.
     first_rates = linearisation.body_rates(np.eye(count))[:, tree.first_bodies]
+    # Second bodies move as the first ones, and with the velocity of the pair in addition.
+    # This is 0 for all pairs but that of variable k. The tree is not used here, because it
+    # does not contain the pairs that close the loops: it does not move the second bodies of
+    # these pairs by their rates.
     second_rates = first_rates.copy()
     rows = np.arange(count)
-    # `vectors` has the axes row, variable, component. In row k variable k moves.
-    second_rates[rows, list(tree.pair_of_variable)] += linearisation.vectors[rows, rows]
+    moved_pairs = list(tree.pair_of_variable)
+    second_rates[rows, moved_pairs] += linearisation.vectors[rows, rows]
     vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)
-    # J is linear in the velocity vectors of the pairs: each is an entry of J, with the
-    # constant sign that its pair has in the loop. So the rates of the vectors, arranged as
-    # the vectors are in J, are the rates of J.
+    # Each velocity vector is an entry of J with a constant sign, so the rates of the
+    # vectors, arranged in the same way, are the rates of J.
     return tree.jacobian(vector_rates)
 
 
@@ -317,29 +319,49 @@ def _find_directions(forms: Floats) -> Floats | None:
     Returns
     -------
     (curves, k) unit vectors. None if the forms do not determine them, or if k is neither 2
-    nor 3. `_find_common_zeros` solves one or two quadratic equations, which k - 1
-    independent forms give.
+    nor 3.
     """
-    size = forms.shape[1]  # the number k of independent motions
-    upper = np.triu_indices(size)
-    if not len(forms):
+    motion_count = forms.shape[1]  # the number k of independent motions
+    # `_find_common_zeros` solves one or two quadratic equations.
+    if not len(forms) or motion_count not in (2, 3):
         return None
-    # A form is given by its elements up to the diagonal. Forms that are all smaller than
-    # `MIN_SECOND_ORDER` may be rounding errors.
-    _, singular_values, right_vectors = np.linalg.svd(forms[:, *upper])
-    if singular_values[0] < MIN_SECOND_ORDER or size not in (2, 3):
+    independent_forms = _find_independent_forms(forms)
+    # k - 1 independent equations have finitely many solutions on the unit sphere.
+    if len(independent_forms) != motion_count - 1:
         return None
-    # The singular values show how many forms are independent, and the right singular
-    # vectors are independent forms with the same zeros. k - 1 of them have finitely many
-    # common zeros on the unit sphere. A form that is tiny relative to the largest one may
-    # be a rounding error, too.
-    if np.sum(singular_values > MIN_SECOND_ORDER * singular_values[0]) != size - 1:
-        return None
-    independent_forms = np.zeros((size - 1, size, size))
-    independent_forms[:, *upper] = right_vectors[: size - 1]
-    # The lower triangle is the mirror image of the upper one.
-    independent_forms[:, upper[1], upper[0]] = independent_forms[:, *upper]
     return _find_common_zeros(independent_forms)
+
+
+def _find_independent_forms(forms: Floats) -> Floats:
+    """Return independent quadratic forms that vanish at the same y as all given forms.
+
+    A form y . B y is given by the elements of the symmetric matrix B up to the diagonal,
+    which are taken as a vector. If B is a combination of other matrices, its form vanishes
+    wherever the others do. So a basis of the space of these vectors replaces all of them.
+
+    Parameters
+    ----------
+    forms
+        (forms, k, k) the symmetric matrices.
+
+    Returns
+    -------
+    (m, k, k) symmetric matrices of the m independent forms. None of them (m = 0) if all
+    given forms are smaller than `MIN_SECOND_ORDER`, because they may be rounding errors.
+    """
+    size = forms.shape[1]
+    rows, columns = np.triu_indices(size)
+    # The first right singular vectors are the basis.
+    _, singular_values, right_vectors = np.linalg.svd(forms[:, rows, columns])
+    if singular_values[0] < MIN_SECOND_ORDER:
+        return np.zeros((0, size, size))
+    # A form that is tiny relative to the largest one may be a rounding error, too.
+    count = int(np.sum(singular_values > MIN_SECOND_ORDER * singular_values[0]))
+    independent_forms = np.zeros((count, size, size))
+    independent_forms[:, rows, columns] = right_vectors[:count]
+    # The lower triangle is the mirror image of the upper one.
+    independent_forms[:, columns, rows] = right_vectors[:count]
+    return independent_forms
 
 
 def _find_common_zeros(forms: Floats) -> Floats | None:

@@ -23,7 +23,7 @@ from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.hermite import quintic_hermite
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.linearisation import Linearisation
-from spherekit.positions.loop_closure import Closure, newton
+from spherekit.positions.loop_closure import Closure, NewtonSteps, newton
 
 MAX_CORRECTION_STEPS = 6
 """Largest number of Newton steps from a predicted to an exact point of a curve.
@@ -194,7 +194,7 @@ def curve_points(
 
 def correct(
     closure: Closure, values: Floats, borders: Floats, targets: Floats
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, NewtonSteps]:
     """Correct predicted points to exact points of a configuration curve.
 
     Newton's method solves the closure equations with border . values = target.
@@ -215,9 +215,8 @@ def correct(
     values
         (n, variables) corrected points (rad). The caller checks whether they have
         converged: otherwise they are NaN or have a closure residual.
-    step_sizes
-        (2, n) the largest change of a variable in the first step (rad), and its ratio in
-        the second step to the first. Both are small if the prediction was good.
+    newton_steps
+        The sizes of the first two steps. They are small if the prediction was good.
     """
 
     def compute_steps(current_values: Floats, rows: Indices) -> Floats:

@@ -212,7 +212,8 @@ def place_at_folds(
     fold_error = fold.bound_errors(closure, gap + input_gap)
     # The quadratic function has no root if its extreme value has the sign of its curvature.
     # The loops then do not close, if this value is larger than all rounding.
-    extreme = fold.extreme_residual * np.sign(fold.curvature)
+    quadratic = fold.quadratic
+    extreme = quadratic.extreme_value * np.sign(quadratic.curvature)
     rounding = np.sqrt(equations) * (rounding_of_loops(linearisation) + input_gap)
     is_open = np.isfinite(fold_error) & (extreme > rounding)
     has_bound = np.isfinite(newton_error)
@@ -221,33 +222,61 @@ def place_at_folds(
     return placement
 
 
-class _FoldModel:
-    """Quadratic models of the closure residual at n configurations near folds.
+@dataclass(frozen=True)
+class _QuadraticResidual:
+    """How far loops are open if a configuration moves along one direction, in n rows.
 
-    If the variables move by x along a direction v in which the loops hardly open, one
-    component of the residual is f(x) = e + s x + h x^2 / 2.
+    The residual at the distance x (rad) is f(x) = e + s x + h x^2 / 2.
+
+    Attributes
+    ----------
+    value, slope, curvature
+        (n,) the coefficients e (rad), s and h (1/rad).
+    """
+
+    value: Floats
+    slope: Floats
+    curvature: Floats
+
+    def evaluate(self, x: Floats) -> Floats:
+        """Return f(x) at distances x (n,)."""
+        return self.value + self.slope * x + 0.5 * self.curvature * x**2
+
+    @property
+    def extreme_value(self) -> Floats:
+        """(n,) the minimum or maximum of f, which is at x = -s / h."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.value - 0.5 * self.slope**2 / self.curvature
+
+    def find_nearest_root(self) -> Floats:
+        """Return the root of f nearer to 0, or the place of its extreme value."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            discriminant = self.slope**2 - 2.0 * self.curvature * self.value
+            root = -2.0 * self.value / (self.slope + np.sqrt(discriminant))
+            return np.where(discriminant > 0.0, root, -self.slope / self.curvature)
+
+
+class _FoldModel:
+    """Models of the closure residual F at n configurations near folds.
+
+    At a fold two configurations meet at one input. The smallest singular value of the
+    Jacobian J of F is then near zero: if the variables move along its right singular vector
+    v, the loops hardly open to first order. They open in the direction of the left singular
+    vector u. So the component u . F as a function of the distance along v shows where the
+    loops close again. In all other directions J is regular.
 
     Attributes
     ----------
     sensitivity
         (n,) Frobenius norm of the left inverse of J, the derivative of the residual by the
-        variables that are not inputs.
-    residual, slope, curvature
-        (n,) the coefficients e, s and h of f(x) = e + s x + h x^2 / 2.
-    extreme_residual
-        (n,) the value of f at its minimum or maximum, x = -s / h.
+        variables that are not inputs. It bounds the change of the variables per change of
+        the residual.
+    quadratic
+        The component u . F at the distance x along v, up to terms of third order.
     """
 
     def __init__(self, linearisation: Linearisation, free: Indices) -> None:
-        """Compute the coefficients of the quadratic f(x) = e + s x + h x^2 / 2.
-
-        Error bounds of a configuration at a fold, where two configurations meet, follow
-        from f. J is the Jacobian of the closure residual F, by the variables that are not
-        inputs. Its smallest singular value s (`slope`) has the right singular vector v
-        (`_direction`) and the left one u (`_side`). If the variables move by the distance x
-        along v, the component u . F of the residual becomes f(x), up to terms of third
-        order. e (`residual`) is this component at the configuration. h (`curvature`) is
-        u . D^2 F [v, v] with the second derivative D^2 F.
+        """Decompose the Jacobian, and develop the residual to second order along v.
 
         Parameters
         ----------
@@ -258,29 +287,33 @@ class _FoldModel:
         """
         self._linearisation = linearisation
         self._free = free
-        jacobian = linearisation.jacobian[:, :, free]
-        # Singular vectors in columns, and singular values (`_sizes`) from large to small.
-        # The last column of vectors belongs to the smallest singular value.
-        left_vectors, self._sizes, right_vectors = np.linalg.svd(
-            jacobian, full_matrices=False
+        # Singular vectors in columns, and singular values from large to small.
+        left_vectors, singular_values, right_vectors = np.linalg.svd(
+            linearisation.jacobian[:, :, free], full_matrices=False
         )
         self._left = left_vectors
+        self._sizes = singular_values
         self._right = np.swapaxes(right_vectors, 1, 2)
-        self.slope = self._sizes[:, -1]
+        # The vectors v and u of the smallest singular value.
         self._direction = self._right[:, :, -1]
         self._side = left_vectors[:, :, -1]
-        # Frobenius norm of the left inverse of J: a bound of the change of the variables
-        # per change of the residual.
         with np.errstate(divide="ignore"):
-            self.sensitivity = np.sqrt(np.sum(self._sizes**-2.0, axis=1))
-        # `bias` returns D^2 F [rates, rates], here with the rates v.
-        rates = np.zeros_like(linearisation.values)
-        rates[:, free] = self._direction
-        self.curvature = np.vecdot(self._side, linearisation.bias(rates))
-        self.residual = np.vecdot(self._side, linearisation.residual)
-        # The minimum or maximum of f. If it has the sign of h, f has no root.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            self.extreme_residual = self.residual - 0.5 * self.slope**2 / self.curvature
+            self.sensitivity = np.sqrt(np.sum(singular_values**-2.0, axis=1))
+        self.quadratic = _QuadraticResidual(
+            value=np.vecdot(self._side, linearisation.residual),
+            # The derivative of u . F along v is u . J v, the singular value.
+            slope=singular_values[:, -1],
+            curvature=np.vecdot(self._side, self._second_derivative_along(self._direction)),
+        )
+
+    def _second_derivative_along(self, direction: Floats) -> Floats:
+        """Return the second derivatives (n, equations) of the residual along a direction.
+
+        The direction (n, free) is one of the variables that are not inputs.
+        """
+        rates = np.zeros_like(self._linearisation.values)
+        rates[:, self._free] = direction
+        return self._linearisation.bias(rates)
 
     def _close_other_equations(self, residual: Floats) -> Floats:
         """Return the step (n, free) that closes the loops in all directions but u.
@@ -296,25 +329,20 @@ class _FoldModel:
     def step_to_nearest_root(self) -> Floats:
         """Return the step (n, free) to the nearer closed configuration.
 
-        If the variables move by x along a direction v, the loops open by the quadratic
-        f(x) = e + s x + h x^2 / 2, where e is the `residual`, s the `slope` and h the
-        `curvature`. The step leads to the nearer root of f. If f has no root, it leads to
-        the extreme value of f, where the loops are least open.
+        The step leads along v to the nearer root of the quadratic residual, and closes the
+        loops in the other directions. If there is no root, it leads to the extreme value,
+        where the loops are least open.
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
-            discriminant = self.slope**2 - 2.0 * self.curvature * self.residual
-            root = -2.0 * self.residual / (self.slope + np.sqrt(discriminant))
-            distance = np.where(discriminant > 0.0, root, -self.slope / self.curvature)
+        distance = self.quadratic.find_nearest_root()
         others = self._close_other_equations(self._linearisation.residual)
         return distance[:, None] * self._direction + others
 
     def bound_errors(self, closure: Closure, gap: Floats) -> Floats:
         """Return bounds (n,) in rad of the distances to the closed configurations.
 
-        If the variables of a configuration are moved by x along v (`_direction`), the loops
-        are open along u (`_side`) by f(x) = e + s x + h x^2 / 2. v and u are the right and
-        left singular vectors of the smallest singular value s (`slope`) of the closure
-        Jacobian; `_sizes` are all singular values. e is the `residual`, h the `curvature`.
+        If a configuration is moved by x along v (`_direction`), the loops are open along u
+        (`_side`) by f(x) = e + s x + h x^2 / 2 (`quadratic`). v and u are the right and
+        left singular vectors of the smallest singular value s of the closure Jacobian.
 
         The closed configurations are at the roots of f. A simple root with s x much larger
         than h x^2 / 2 is the only one nearby. If e has an error of up to g, its distance
@@ -336,17 +364,16 @@ class _FoldModel:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             # The components of the gap along one direction add up.
             gap = gap * np.sqrt(self._left.shape[1])
-            size = np.abs(self.curvature)
-            simple_root = SAFETY_FACTOR * 2.0 * gap / self.slope
-            both_roots = SAFETY_FACTOR * (
-                2.0 * self.slope / size + np.sqrt(2.0 * gap / size)
-            )
+            slope = self.quadratic.slope
+            size = np.abs(self.quadratic.curvature)
+            simple_root = SAFETY_FACTOR * 2.0 * gap / slope
+            both_roots = SAFETY_FACTOR * (2.0 * slope / size + np.sqrt(2.0 * gap / size))
             # A root is simple if f is nearly straight up to its bound.
-            is_simple = size * simple_root <= 0.5 * self.slope
+            is_simple = size * simple_root <= 0.5 * slope
             reach = np.where(is_simple, simple_root, both_roots)
             reach = np.minimum(reach, LARGEST_REACH_RAD)
             # The dominant term of f at the bound.
-            rise = np.where(is_simple, self.slope * reach, 0.5 * size * reach**2)
+            rise = np.where(is_simple, slope * reach, 0.5 * size * reach**2)
             # (n,) error (rad) of the variables in all directions but v.
             other_error = np.zeros_like(gap)
             is_bound = np.ones(len(gap), dtype=bool)
@@ -359,11 +386,11 @@ class _FoldModel:
                 moved_values[:, self._free] += step
                 # There the residual along u must be that of f.
                 residual = np.vecdot(self._side, closure.linearise(moved_values).residual)
-                expected = self.residual + self.slope * x + 0.5 * self.curvature * x**2
+                expected = self.quadratic.evaluate(x)
                 is_bound &= np.abs(residual - expected) <= LARGEST_MODEL_ERROR * rise
                 # It must also have the sign of f beyond the roots, and be larger than the
                 # gap, so that no root is outside the bound.
-                sign = np.where(is_simple, side, np.sign(self.curvature))
+                sign = np.where(is_simple, side, np.sign(self.quadratic.curvature))
                 is_bound &= residual * sign > gap
                 other_error = np.maximum(other_error, max_abs(step, axis=1))
             if self._sizes.shape[1] > 1:

@@ -234,7 +234,7 @@ def _try_steps(
     # prediction. It starts from the node instead, and the step is not verified.
     is_finite = all_finite(prediction, 1)
     prediction[~is_finite] = nodes.values[~is_finite]
-    linearisation, step_sizes = closure.solve_with_step_sizes(
+    linearisation, newton_steps = closure.solve_and_report_steps(
         prediction, driven, max_steps=MAX_CORRECTION_ITERATIONS
     )
     # The loops are closed, and the corrections were small compared with the predicted move
@@ -244,7 +244,7 @@ def _try_steps(
     # The correction may be a part of the move, of a long move only of a limited length.
     # After a larger correction the step may have come onto another path.
     limited_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
-    is_verified &= INPUT_STEP_TESTS.accepts_correction(step_sizes, limited_move)
+    is_verified &= INPUT_STEP_TESTS.accepts_correction(newton_steps, limited_move)
     # The determinant of the closure Jacobian with locked inputs keeps its sign.
     new_nodes = nodes_at(linearisation, driven, nodes.direction)
     is_verified &= (new_nodes.sign == nodes.sign) & all_finite(new_nodes.slope, 1)

@@ -9,6 +9,7 @@ links, or groups of links whose relative orientation differs from sample to samp
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,13 +36,29 @@ TINY_STEP_RAD = 1e-300
 """Replaces a step of length zero as a divisor."""
 
 
+class NewtonSteps(NamedTuple):
+    """How Newton's method started, from n starts. Both numbers are small near a solution.
+
+    Attributes
+    ----------
+    first_step
+        (n,) the largest change of a variable in the first step (rad).
+    contraction
+        (n,) the largest change of a variable in the second step, divided by `first_step`. 0
+        if there was one step only.
+    """
+
+    first_step: Floats
+    contraction: Floats
+
+
 def newton(
     compute_steps: Callable[[Floats, Indices], Floats],
     values: Floats,
     max_steps: int,
     last_step: float = 0.0,
     longest_step: float = np.inf,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, NewtonSteps]:
     """Take Newton steps from many starts side by side.
 
     Parameters
@@ -63,28 +80,28 @@ def newton(
     -------
     values
         (n, variables) values after the last step, converged or not.
-    step_sizes
-        (2, n) the largest change of a variable in the first step (rad), and its ratio in
-        the second step to the first. The ratio is 0 if there was one step only. Both are
-        small if the start was near a solution.
+    newton_steps
+        The sizes of the first two steps, which show whether the start was near a solution.
     """
     values = values.copy()
     active_rows = np.arange(len(values))
-    step_sizes = np.zeros((2, len(values)))
+    first_step = np.zeros(len(values))
+    second_step = np.zeros(len(values))
     for step_number in range(max_steps):
         step = compute_steps(values[active_rows], active_rows)
         length = max_abs(step, axis=1)
-        if step_number < 2:
-            step_sizes[step_number, active_rows] = length
+        if step_number == 0:
+            first_step[active_rows] = length
+        elif step_number == 1:
+            second_step[active_rows] = length
         # Longer steps keep their direction.
         fraction = np.minimum(1.0, longest_step / np.maximum(length, TINY_STEP_RAD))
         values[active_rows] += step * fraction[:, None]
         active_rows = active_rows[length > last_step]
         if not len(active_rows):
             break
-    # The second step size becomes the ratio of the second step to the first.
-    step_sizes[1] /= np.maximum(step_sizes[0], TINY_STEP_RAD)
-    return values, step_sizes
+    contraction = second_step / np.maximum(first_step, TINY_STEP_RAD)
+    return values, NewtonSteps(first_step, contraction)
 
 
 @dataclass(frozen=True)
@@ -168,21 +185,19 @@ class Closure:
         The errors of the loops at the last values, and their derivatives by the variables.
         The loops may still be open, so the caller checks these errors.
         """
-        linearisation, _ = self.solve_with_step_sizes(
+        linearisation, _ = self.solve_and_report_steps(
             values, fixed, max_steps=max_steps, longest_step=longest_step
         )
         return linearisation
 
-    def solve_with_step_sizes(
+    def solve_and_report_steps(
         self,
         values: Floats,
         fixed: Sequence[int],
         max_steps: int,
         longest_step: float = 0.5,
-    ) -> tuple[Linearisation, Floats]:
-        """Close the loops as `solve` does; return also the step sizes of `newton`.
-
-        The step sizes show whether the start was near a solution.
+    ) -> tuple[Linearisation, NewtonSteps]:
+        """Close the loops as `solve` does, and report whether the starts were near.
 
         Parameters
         ----------
@@ -199,9 +214,8 @@ class Closure:
         -------
         linearisation
             The closure at the last values.
-        step_sizes
-            (2, n) the largest change of a variable in the first step (rad), and its ratio
-            in the second step to the first.
+        newton_steps
+            The sizes of the first two steps, small if the start was near a solution.
         """
         # The passive variables, which are not fixed, are the unknowns of Newton's method.
         passive = np.delete(np.arange(values.shape[1]), fixed)
@@ -224,11 +238,11 @@ class Closure:
             )
             return steps
 
-        values[:, passive], step_sizes = newton(
+        values[:, passive], newton_steps = newton(
             compute_steps,
             values[:, passive],
             max_steps=max_steps,
             last_step=LAST_NEWTON_STEP_RAD,
             longest_step=longest_step,
         )
-        return self.linearise(values), step_sizes
+        return self.linearise(values), newton_steps

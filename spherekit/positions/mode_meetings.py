@@ -436,10 +436,10 @@ def follow_smooth_curves(
         # curve, while this curve keeps its number.
         is_claimed = False
         for meeting in meetings[first:]:
-            is_claimed |= _is_claimed_by_another(numbers[-1], meeting.successors)
+            is_claimed |= _continues_another_curve(numbers[-1], meeting.successors)
             numbers.append(meeting.successors.get(numbers[-1], numbers[-1]))
         for meeting in reversed(meetings[:first]):
-            is_claimed |= _is_claimed_by_another(numbers[0], meeting.predecessors)
+            is_claimed |= _continues_another_curve(numbers[0], meeting.predecessors)
             numbers.insert(0, meeting.predecessors.get(numbers[0], numbers[0]))
         if is_claimed and not _exists_between(mode, starts[first], ends[first]):
             continue
@@ -452,22 +452,25 @@ def follow_smooth_curves(
     return tuple(smooth_modes)
 
 
-def _is_claimed_by_another(number: int, successors: Mapping[int, int]) -> bool:
-    """Return whether two curves have the same mode number behind a meeting of modes.
+def _continues_another_curve(number: int, successors: Mapping[int, int]) -> bool:
+    """Return whether a mode keeps its number at a meeting, but continues another curve.
 
-    This is so if the curve with the number before the meeting keeps it, although the curve
-    of another mode changes to the same number.
+    Where curves of modes meet, each curve continues in one mode behind the meeting. If
+    another curve continues in the mode with this number, two curves have the same number
+    behind the meeting. The caller then drops one of them.
 
     Parameters
     ----------
     number
         The number of an assembly mode.
     successors
-        Maps the number of a mode before the meeting to that of the mode behind it which is
-        on the same smooth curve. A mode that is not a key keeps its number. For falling
-        inputs these are the `predecessors` of the meeting.
+        For each mode whose curve continues in a mode with another number: both numbers. All
+        other modes keep their numbers. For falling inputs these are the `predecessors` of
+        the meeting.
     """
-    return number not in successors and number in successors.values()
+    keeps_number = number not in successors
+    is_successor_of_another = number in successors.values()
+    return keeps_number and is_successor_of_another
 
 
 def _exists_between(mode: AssemblyMode, low: float, high: float) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices, SmallIntegers
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.geometry.vectors import nans
 from spherekit.positions.assembly_enumeration import (
@@ -53,6 +53,62 @@ MAX_SEARCHED_SAMPLES = 5
 whether configurations can be computed. Larger: fewer missed configurations, more time."""
 REFERENCE_ONLY = Completeness(Guarantee.COMPONENT, "the mode of the reference pose")
 """Statement of completeness if only the mode of the reference pose was searched."""
+
+
+class SolutionNumbers:
+    """Numbers the solutions that a random search counts.
+
+    The search ends if it has reached each solution often enough. There are two kinds of
+    solutions:
+
+    - single configurations that were computed before the search,
+    - sheets: a sheet is the set of configurations that verified steps reach from one start,
+      at most one at each sample of the inputs.
+
+    Configurations are nodes of a graph, which are numbered in the order in which they are
+    added to it.
+
+    Attributes
+    ----------
+    count
+        Number of solutions.
+    sheet_count
+        Number of those that are sheets.
+    """
+
+    def __init__(self) -> None:
+        """Begin without solutions."""
+        self.count = 0
+        self.sheet_count = 0
+        # (nodes,) number of the solution to which each node belongs, or -1.
+        self._solution_of_node = np.empty(0, dtype=np.intp)
+
+    def number_nodes(self, is_solution: Bools) -> None:
+        """Make some nodes solutions of their own.
+
+        `is_solution` has one entry for each node of the graph. The other nodes belong to no
+        solution.
+        """
+        self.count = int(np.sum(is_solution))
+        self._solution_of_node = np.full(len(is_solution), -1, dtype=np.intp)
+        self._solution_of_node[is_solution] = np.arange(self.count)
+
+    def number_sheet(self, node_count: int) -> None:
+        """Make a sheet a solution, after its nodes were added to the graph.
+
+        Its nodes are those that have no entry yet. A node that an earlier sheet has reached
+        belongs to that sheet. `node_count` is the number of all nodes.
+        """
+        new_count = node_count - len(self._solution_of_node)
+        self._solution_of_node = np.append(
+            self._solution_of_node, np.full(new_count, self.count)
+        )
+        self.count += 1
+        self.sheet_count += 1
+
+    def find(self, node: int) -> int:
+        """Return the number of the solution to which a node belongs, -1 if to none."""
+        return int(self._solution_of_node[node])
 
 
 class SampledModes:
@@ -122,16 +178,8 @@ class SampledModes:
         self.probes = 0
         self.mobilities: list[int] = []
         self._graph = ConfigurationGraph(solver, input_grid)
-        # A search from random starts counts how often it reaches each solution, and ends if
-        # it has reached all often enough. There are two kinds of solutions. The first
-        # `_computed_solution_count` numbers are those of single configurations that were
-        # computed before the search. The others are those of sheets.
-        self._solution_count = 0
-        self._computed_solution_count = 0
-        # (nodes of the graph,) number of the solution to which each node belongs. A node
-        # that several sheets reach belongs to the first one. -1 for a node that is not
-        # counted.
-        self._solution_of_node = np.empty(0, dtype=np.intp)
+        # The solutions whose hits a search from random starts counts.
+        self._solutions = SolutionNumbers()
         self._progress = ProgressReporter("searching assembly modes")
 
         # 1. Without a search, only the sheet of the reference pose is followed.
@@ -219,9 +267,9 @@ class SampledModes:
             searched_samples = incomplete[
                 spread_rows(len(incomplete), MAX_SEARCHED_SAMPLES)
             ]
-            # The statistics of the search count how often each configuration is reached.
-            # Configurations that were computed above get numbers to be counted, too.
-            self._count_nodes_as_solutions(searched_samples)
+            # The search counts how often it reaches the configurations that were computed
+            # above. If it reaches these often and nothing else, few can be missing.
+            self._solutions.number_nodes(np.isin(self._graph.sample, searched_samples))
             # The search adds its configurations to the graph.
             statistics = self._search(searched_samples)
             words += (
@@ -237,25 +285,6 @@ class SampledModes:
                 "been missed."
             )
         self.claim = Completeness(Guarantee.SAMPLED, words, sentence=sentence)
-
-    def _count_nodes_as_solutions(self, samples: Indices) -> None:
-        """Number the configurations at some samples, so that a search counts its hits.
-
-        The nodes of the graph are configurations that were computed without a search. A
-        search from random starts counts how often it reaches each numbered solution. If it
-        reaches these nodes often and nothing else, few configurations can be missing.
-
-        Parameters
-        ----------
-        samples
-            (m,) indices of the samples at which random starts will be made. Nodes at other
-            samples have the number -1.
-        """
-        is_at_samples = np.isin(self._graph.sample, samples)
-        self._solution_count = int(np.sum(is_at_samples))
-        self._computed_solution_count = self._solution_count
-        self._solution_of_node = np.full(len(is_at_samples), -1, dtype=np.intp)
-        self._solution_of_node[is_at_samples] = np.arange(self._solution_count)
 
     def _reach_reference(self, is_enumerated: bool) -> int | None:
         """Return a node of the graph that belongs to the mode of the reference pose.
@@ -275,36 +304,52 @@ class SampledModes:
         has another mobility than there are inputs (`_follow_sheet` tests this), or if no
         configuration reached is a node.
         """
+        if self.solver.reference is None:
+            return None
+        sheet = self._follow_sheet(self._move_near_samples(self.solver.reference))
+        if sheet is None:
+            return None
+        if not is_enumerated:
+            self._add_sheet(sheet)
+        return self._find_first_node(sheet)
+
+    def _move_near_samples(self, values: Floats) -> Floats:
+        """Return a configuration with inputs that are near the range of the samples.
+
+        After whole periods of the inputs the configuration is the same. An input is outside
+        the range if it is farther from the middle than half the range. It is then moved as
+        near to the middle as whole periods allow.
+
+        Parameters
+        ----------
+        values
+            (variables,) the configuration (rad).
+
+        Returns
+        -------
+        (1, variables) the same configuration at the moved inputs.
+        """
         solver = self.solver
         q = self.input_grid.q
-        reference = solver.reference
-        if reference is None:
-            return None
-        inputs = reference[list(solver.driven)]
-        # An input is outside the range of the samples if it is farther from the middle than
-        # half the range. It is moved to the middle as nearly as whole periods allow, after
-        # which the configuration is the same. `whole_laps` rounds to whole periods.
+        inputs = values[list(solver.driven)]
         range_middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
         distance_to_middle = range_middle - inputs
         is_outside = np.abs(distance_to_middle) > 0.5 * np.ptp(q, axis=0)
-        input_shift = np.where(
-            is_outside, whole_laps(distance_to_middle, solver.periods), 0.0
-        )
-        values = solver.shift_inputs(reference[None], inputs + input_shift)
-        sheet = self._follow_sheet(values)
-        if sheet is None:
-            return None
-        # The samples that the sheet reaches. Even if all configurations should have been
-        # computed, an elimination may have failed at some samples. So the sheet is looked
-        # up in the graph at all of them.
+        whole_periods = whole_laps(distance_to_middle, solver.periods)
+        input_shift = np.where(is_outside, whole_periods, 0.0)
+        return solver.shift_inputs(values[None], inputs + input_shift)
+
+    def _find_first_node(self, sheet: ModeOverGrid) -> int | None:
+        """Return the first configuration of a sheet that is a node of the graph, or None.
+
+        All samples of the sheet are tried. If the nodes were computed by elimination, this
+        may have failed at some of them.
+        """
         (samples,) = np.nonzero(sheet.status == Status.OK)
-        if not is_enumerated:
-            self._add_sheet(sheet)
-            # All configurations of the sheet are nodes now, so the first one is enough.
-            samples = samples[:1]
         # The node of each configuration of the sheet, -1 if it is not a node.
         nodes = self._graph.find(samples, sheet.values[samples])
-        return int(nodes[nodes >= 0][0]) if np.any(nodes >= 0) else None
+        existing_nodes = nodes[nodes >= 0]
+        return int(existing_nodes[0]) if len(existing_nodes) else None
 
     def _follow_sheet(self, values: Floats) -> ModeOverGrid | None:
         """Return the sheet that verified steps reach from a configuration.
@@ -347,39 +392,40 @@ class SampledModes:
         most one at each sample. Configurations that are nodes already keep their number.
         """
         self._graph.add_sheet(sheet.values)
-        new_count = len(self._graph.sample) - len(self._solution_of_node)
-        sheet_numbers = np.full(new_count, self._solution_count)
-        self._solution_of_node = np.append(self._solution_of_node, sheet_numbers)
-        self._solution_count += 1
-        self._progress.report_if_due(lambda: f"{self._solution_count} followed")
+        self._solutions.number_sheet(node_count=len(self._graph.sample))
+        self._progress.report_if_due(lambda: f"{self._solutions.count} followed")
 
-    def _add_configurations(self, values: Floats, samples: Indices) -> Indices:
-        """Add configurations to the graph, each with those that are reached from it.
+    def _assign_solutions(self, values: Floats, samples: Indices) -> Indices:
+        """Return to which solutions configurations belong; new ones become solutions.
+
+        A search from random starts calls this, to count how often it reaches each solution.
 
         Parameters
         ----------
         values
-            (m, variables) configurations (rad).
+            (m, variables) closed configurations (rad) that the search has found.
         samples
-            (m,) index of the sample of the inputs to which each configuration belongs.
+            (m,) index of the sample of the inputs of each configuration.
 
         Returns
         -------
-        (m,) number of the solution to which each configuration belongs, -1 if there is
-        none. The numbers show a search which solutions it has reached before.
+        (m,) number of the solution of each configuration, or -1 (`_assign_solution`).
         """
-        solutions = np.full(len(samples), -1, dtype=np.intp)
-        for row, sample in enumerate(samples.tolist()):
-            solutions[row] = self._add_configuration(values[row], sample)
-        return solutions
+        return np.array(
+            [
+                self._assign_solution(values[row], sample)
+                for row, sample in enumerate(samples.tolist())
+            ],
+            dtype=np.intp,
+        )
 
-    def _add_configuration(self, values: Floats, sample: int) -> int:
-        """Add a configuration to the graph, with all others that are reached from it.
+    def _assign_solution(self, values: Floats, sample: int) -> int:
+        """Return to which solution a configuration belongs; a new one becomes a solution.
 
-        A configuration that is a node of the graph already is only looked up. From a new
-        one, verified steps lead to neighbouring samples, from there to the next ones, and
-        so on. All configurations that they reach are called a sheet, and become nodes. No
-        further sheet is followed once there are `MAX_ASSEMBLY_MODES`.
+        From a new configuration, verified steps lead to neighbouring samples, from there to
+        the next ones, and so on. All configurations that they reach are called a sheet.
+        They become nodes of the graph, and the sheet is the new solution. No further sheet
+        is followed once there are `MAX_ASSEMBLY_MODES`.
 
         Parameters
         ----------
@@ -388,17 +434,17 @@ class SampledModes:
 
         Returns
         -------
-        Number of the solution to which the node belongs (`_solution_of_node`), or -1 if the
-        configuration has no node.
+        Number of the solution, or -1 if the configuration belongs to none.
         """
         node = self._find_node(values, sample)
         if node < 0 and not self._is_sheet_limit_reached:
             sheet = self._follow_sheet(values[None])
             if sheet is not None:
                 self._add_sheet(sheet)
-                # Still -1 if the steps do not reach the sample of the start.
+                # The first steps lead from the configuration to the nearest samples, also
+                # to its own. If they fail their tests, the sheet lacks the configuration.
                 node = self._find_node(values, sample)
-        return int(self._solution_of_node[node]) if node >= 0 else -1
+        return self._solutions.find(node) if node >= 0 else -1
 
     def _find_node(self, values: Floats, sample: int) -> int:
         """Return the node of the graph that is a configuration at a sample, or -1."""
@@ -411,8 +457,7 @@ class SampledModes:
 
         A sheet is the set of configurations that verified steps reach from one start.
         """
-        followed_count = self._solution_count - self._computed_solution_count
-        return followed_count >= MAX_ASSEMBLY_MODES
+        return self._solutions.sheet_count >= MAX_ASSEMBLY_MODES
 
     @property
     def _mode_limit(self) -> int:
@@ -431,7 +476,7 @@ class SampledModes:
             # The inputs do not determine how far wheels have rolled, so that there are
             # infinitely many modes.
             return self._search_free_wheels()
-        if gear_phases is not None and not self._solution_count:
+        if gear_phases is not None and not self._solutions.count:
             # The reference pose gave no mode. The first ones come from the solution of all
             # groups at one sample, in which trains of wheels are placed by gear ratios.
             self._search_sample(0)
@@ -439,39 +484,38 @@ class SampledModes:
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
         ]
         statistics = self._search(np.arange(len(self.input_grid)))
-        if not self._solution_count:
+        if not self._solutions.count:
             # Random starts skip configurations next to a dead centre. The solution of all
             # groups at one sample includes them.
             self._search_sample(len(self.input_grid) // 2)
         reason = statistics.describe("modes")
         if self._is_sheet_limit_reached:
-            reason += f"; stopped at {self._solution_count} modes, and there may be more"
+            reason += f"; stopped at {self._solutions.count} modes, and there may be more"
         return Completeness(
             Guarantee.SAMPLED,
             reason,
-            sentence=statistics.sentence(self._solution_count),
+            sentence=statistics.sentence(self._solutions.count),
         )
 
     def _search_free_wheels(self) -> Completeness:
         """Search modes if the inputs do not determine how far wheels have rolled.
 
-        There are infinitely many modes then. If the mode of the reference pose was found
-        before, it is the only one. Otherwise all groups of links are solved at up to
-        `MAX_SEARCHED_SAMPLES` samples, until one has configurations. The result says how
+        There are infinitely many modes then, so only some of them can be found. If there is
+        a mode of the reference pose, it is the only one. Otherwise modes are searched at up
+        to `MAX_SEARCHED_SAMPLES` samples, until one has configurations. The result says how
         complete the modes are.
         """
-        probed_samples = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
-        for sample in probed_samples.tolist():
-            if self._solution_count:
-                break
+        has_reference_mode = self._solutions.count > 0
+        if has_reference_mode:
+            as_assembled = "other ways to mesh the wheels were not searched"
+            reason = f"{REFERENCE_ONLY.reason}; {as_assembled}"
+            return replace(REFERENCE_ONLY, reason=reason)
+        for sample in spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES).tolist():
             self._search_sample(sample)
-        # `probes` counts the samples at which configurations were searched. It is 0 if the
-        # reference pose gave a sheet.
-        if self.probes:
-            reason = f"modes found at {counted(self.probes, 'input')}"
-            return Completeness(Guarantee.SAMPLED, reason)
-        as_assembled = "other ways to mesh the wheels were not searched"
-        return replace(REFERENCE_ONLY, reason=f"{REFERENCE_ONLY.reason}; {as_assembled}")
+            if self._solutions.count:
+                break
+        reason = f"modes found at {counted(self.probes, 'input')}"
+        return Completeness(Guarantee.SAMPLED, reason)
 
     def _search_sample(self, sample: int) -> None:
         """Solve all groups of links at one sample, and add the sheets of the solutions.
@@ -484,7 +528,7 @@ class SampledModes:
         self.probes += 1
         self.methods = list(map(least_complete, self.methods, sample_assemblies.methods))
         for configuration in sample_assemblies.values:
-            self._add_configuration(configuration, sample)
+            self._assign_solution(configuration, sample)
 
     def _search(self, samples: Indices) -> SearchStatistics:
         """Add the sheets of configurations to which random starts lead.
@@ -516,8 +560,8 @@ class SampledModes:
             # A round gives the number of its starts, the configurations that closed, and
             # the position in `samples` of each.
             start_count, values, rows = next(starts)
-            solutions = self._add_configurations(values, samples[rows])
-            statistics.add(start_count, hits=solutions, total=self._solution_count)
+            solutions = self._assign_solutions(values, samples[rows])
+            statistics.add(start_count, hits=solutions, total=self._solutions.count)
             self.probes += start_count
             self._progress.report_if_due(lambda: statistics.progress_text("modes"))
         return statistics

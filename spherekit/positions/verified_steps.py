@@ -15,12 +15,12 @@ their parameter: inputs on a straight line, the arc length of a curve, or the an
 rotation.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
+from spherekit.positions.loop_closure import NewtonSteps
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
 MAX_STEP_CONTRACTION = 0.1
@@ -71,7 +71,7 @@ class Verification:
     middle: float = 1e-4
 
     def accepts_correction(
-        self, step_sizes: Iterable[Floats], length: Floats | float
+        self, newton_steps: NewtonSteps, length: Floats | float
     ) -> Bools:
         """Return (n,) whether predictions were nearly right and Newton's method contracted.
 
@@ -81,19 +81,20 @@ class Verification:
 
         Parameters
         ----------
-        step_sizes
-            Sizes (n,) of the first Newton steps (rad), and (n,) ratios of the second to the
-            first, as `spherekit.positions.loop_closure.newton` returns them.
+        newton_steps
+            The sizes of the first Newton steps, and the contraction in the second ones.
         length
             (n,) lengths of the steps along the path (rad).
         """
         # The first Newton step is the error of the prediction. It may be a small part,
         # `correction`, of the length of the step. Rounding may add up to `slack` (rad). A
-        # first step below `settled` (rad) is only rounding. The ratio of the second step to
-        # it then has no meaning.
-        first_step, ratio = step_sizes
+        # first step below `settled` (rad) is only rounding. The contraction then has no
+        # meaning.
+        first_step = newton_steps.first_step
         is_near = first_step <= self.correction * length + self.slack
-        contracts = (first_step <= self.settled) | (ratio <= MAX_STEP_CONTRACTION)
+        contracts = (first_step <= self.settled) | (
+            newton_steps.contraction <= MAX_STEP_CONTRACTION
+        )
         return is_near & contracts
 
     def accepts_change(self, change: Floats, cosine: Floats | float = 1.0) -> Bools:

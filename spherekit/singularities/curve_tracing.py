@@ -12,6 +12,7 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.positions.continuation import UNFINISHED, CurveContinuation, TriedSteps
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.positions.gear_phases import variable_periods
+from spherekit.positions.loop_closure import NewtonSteps
 from spherekit.positions.verified_steps import STEP_PARTS, Verification, extrapolate
 from spherekit.singularities.locus import (
     LocusPoints,
@@ -213,7 +214,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         # curves pass each other.
         step_sizes = distances * np.hypot(1.0, np.linalg.norm(motion_derivatives, axis=1))
         good = points.is_on_locus & self.step_tests.accepts_correction(
-            (points.first_step, points.step_ratio), np.repeat(step_sizes, 2)
+            NewtonSteps(points.first_step, points.step_ratio), np.repeat(step_sizes, 2)
         )
         # Tangents have an arbitrary sign; they get the direction of the step.
         tangent_cosine = np.vecdot(points.tangents[:, :, 0], start_tangents)
