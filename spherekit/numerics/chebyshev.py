@@ -289,31 +289,58 @@ def evaluate_cells(
     -------
     (n, F) values, NaN at positions in no cell.
     """
-    values = np.full((len(x), coefficients.shape[-1]), np.nan)
-    # The indices of the positions that are in a cell, sorted by cell: the positions in a
-    # cell are then successive and take one matrix product.
-    order = np.argsort(cell_of, kind="stable")
-    order = order[cell_of[order] >= 0]
-    sorted_cells = cell_of[order]
-    lower_corners = bounds[sorted_cells, 0]
-    upper_corners = bounds[sorted_cells, 1]
-    reduced = (2.0 * x[order] - lower_corners - upper_corners) / (
-        upper_corners - lower_corners
-    )
-    # `evaluate_polynomials` clips the reduced positions to [-1, 1].
+    groups = group_by_cell(cell_of)
+    reduced = reduce_positions(x[groups.order], bounds[cell_of[groups.order]])
     polynomials = evaluate_polynomials(reduced, degree=coefficients.shape[1] - 1)
-    occupied_cells, starts, counts = np.unique(
-        sorted_cells, return_index=True, return_counts=True
-    )
-    stops = starts + counts
-    for cell, start, stop in zip(
-        occupied_cells.tolist(), starts.tolist(), stops.tolist(), strict=True
-    ):
+    values = np.full((len(x), coefficients.shape[-1]), np.nan)
+    # All positions in a cell take one matrix product.
+    for cell, start, stop in zip(groups.cells, groups.starts, groups.stops, strict=True):
         products = multiply_variables(polynomials[start:stop])
         # One row of coefficients for each product of polynomials, one column per function.
         series = coefficients[cell].reshape(products.shape[1], -1)
-        values[order[start:stop]] = products @ series
+        values[groups.order[start:stop]] = products @ series
     return values
+
+
+@dataclass(frozen=True)
+class CellGroups:
+    """Positions, grouped by the cell in which they are.
+
+    Attributes
+    ----------
+    order
+        (k,) indices of the positions that are in a cell, sorted by cell.
+    cells
+        The cells that contain positions, rising.
+    starts, stops
+        The range of `order` that belongs to each of these cells.
+    """
+
+    order: Indices
+    cells: list[int]
+    starts: list[int]
+    stops: list[int]
+
+
+def group_by_cell(cell_of: Indices) -> CellGroups:
+    """Group positions by their cells (n,); positions in no cell (-1) are left out."""
+    sorted_by_cell = np.argsort(cell_of, kind="stable")
+    order = sorted_by_cell[cell_of[sorted_by_cell] >= 0]
+    cells, starts, counts = np.unique(cell_of[order], return_index=True, return_counts=True)
+    return CellGroups(
+        order, cells.tolist(), starts.tolist(), stops=(starts + counts).tolist()
+    )
+
+
+def reduce_positions(x: Floats, bounds: Floats) -> Floats:
+    """Return positions in their cells, scaled so that each cell reaches from -1 to 1.
+
+    The positions are (n, m). `bounds` (n, 2, m) are the lower and the upper corner of the
+    cell of each position.
+    """
+    low = bounds[:, 0]
+    high = bounds[:, 1]
+    return (2.0 * x - low - high) / (high - low)
 
 
 @cache
@@ -336,7 +363,8 @@ def grid_points(axes: Sequence[Floats]) -> Floats:
 def evaluate_polynomials(reduced: Floats, degree: int) -> Floats:
     """Return the Chebyshev polynomials T_0 ... T_degree at positions from -1 to 1.
 
-    The positions are (n, m), and the result is (n, m, degree + 1).
+    The positions are (n, m), and the result is (n, m, degree + 1). Positions outside the
+    range get the values at its nearest end.
     """
     return np.asarray(chebyshev.chebvander(np.clip(reduced, -1.0, 1.0), degree))
 

@@ -267,6 +267,8 @@ class Batch:
                     f"{listing(_POLE_FIELD_NAMES)}"
                 )
             values_by_pole: list[Array | LazyColumn] = []
+            # The links i and j of the pole, and the index of the input that moves while the
+            # others are locked.
             for i, j, moved in poles:
                 if self._is_computed(quantity, moved):
                     values = self._pole(i, j, quantity, moved)

@@ -247,6 +247,7 @@ class BlockRows:
         mode, rows = row_slice
         row_numbers = np.arange(rows.start, rows.stop)
         columns = self._evaluate_slice(mode, rows)
+        # The rows of `columns` with the closure residual and the configuration error.
         closure_part = self._quality_function.slices["closure"]
 
         if self._is_certified_as_whole(columns):
@@ -256,14 +257,12 @@ class BlockRows:
                 self.kernel, self._quality_function, columns, mode, row_numbers
             )
 
-        if self.kernel.has_closed_form:
-            squares = columns[self._quality_function.slices["squares"]]
-            is_out_of_reach = find_out_of_reach(squares)
-        else:
-            is_out_of_reach = self._find_beyond_curve(mode, rows)
+        is_out_of_reach = self._find_out_of_reach(mode, rows, columns)
+        self.status[rows][is_out_of_reach] = Status.OUT_OF_REACH
+        if not self.kernel.has_closed_form:
+            # The configurations were predicted, so that some loops may not be closed yet.
             self._close_rows(columns, row_numbers)
         self.closure[:, rows] = columns[closure_part]
-        self.status[rows][is_out_of_reach] = Status.OUT_OF_REACH
         is_certified = self._find_certified_rows(columns)
         self.is_certified[rows] = is_certified
         if not np.any(is_certified) or not np.all(is_certified | is_out_of_reach):
@@ -329,6 +328,22 @@ class BlockRows:
         if has_closed_form:
             self.values[:, rows] = columns[quality_function.slices["variables"]]
         return columns
+
+    def _find_out_of_reach(self, mode: int, rows: slice, columns: Floats) -> Bools:
+        """Return in which rows (n,) the mechanism cannot be assembled at the inputs.
+
+        Parameters
+        ----------
+        mode
+            Index of the assembly mode.
+        rows
+            The n rows in the block.
+        columns
+            (width, n) the numbers that the kernel has computed for these rows.
+        """
+        if not self.kernel.has_closed_form:
+            return self._find_beyond_curve(mode, rows)
+        return find_out_of_reach(columns[self._quality_function.slices["squares"]])
 
     def _find_beyond_curve(self, mode: int, rows: slice) -> Bools:
         """Return which rows (n,) have inputs beyond the end of the curve of their mode.

@@ -137,10 +137,12 @@ def find_slice_reversals(
         # (components, n) angular velocities of all links per unit rate of this input.
         velocities = columns[quality_function.slices["velocities", input_index]]
         errors = columns[quality_function.slices["errors", input_index]]
+        # A gap is the step from one row to the next, if a direction may reverse there.
         positions_before_gaps = _find_reversals(input_columns, velocities)
         by_input.append(
             InputReversals(
                 gaps=ReversalGaps.after_positions(rows, positions_before_gaps),
+                # These are compared with the adjacent slices later.
                 first_velocities=input_columns.relative_velocities(velocities[:, 0]),
                 last_velocities=input_columns.relative_velocities(velocities[:, -1]),
                 largest_errors=np.max(errors, axis=1, initial=0.0),
@@ -157,6 +159,10 @@ def _keeps_direction(first: Floats, second: Floats) -> Bools:
 
 def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     """Return the rows after which a pole direction may reverse.
+
+    A pole is the axis about which one link rotates relative to another. Its direction is
+    that of the relative angular velocity. It may reverse between two rows if the scalar
+    product of the velocities in these rows is not clearly positive.
 
     In most cases no direction reverses, which a bound for all rows together shows fast. If
     it does not, each half of the rows is treated in the same way, and small numbers of rows

@@ -36,7 +36,11 @@ class SmoothExtremes:
         return cls(**entries)
 
     def add(self, values: Floats) -> None:
-        """Add the values (n,) at the next samples, NaN where they are unknown."""
+        """Widen the extremes by the values (n,) at the next samples, NaN where unknown.
+
+        Parabolas through a value and its two neighbours have their extremes between the
+        samples. The last two values are stored, so that they are neighbours of later ones.
+        """
         values = np.concatenate([self._restore_last_values(), values])
         self._store_last_values(values)
         if len(values) < 3:
@@ -94,9 +98,10 @@ def find_parabola_extremes(
 ) -> ParabolaExtremes:
     """Return the extremes of parabolas through the values at three successive samples.
 
-    The samples have equal distances. The parabola through the values a, b and c has an
-    extreme near the middle sample if b is not between a and c. The maximum exceeds b by
-    (c - a)**2 / (8 abs(a - 2 b + c)). A minimum is below b by the same amount.
+    The parabolas are functions of the number of the sample. The parabola through the values
+    a, b and c has an extreme near the middle sample if b is not between a and c. The
+    maximum exceeds b by (c - a)**2 / (8 abs(a - 2 b + c)). A minimum is below b by the same
+    amount.
 
     Parameters
     ----------

@@ -89,6 +89,9 @@ class _BlockRows(ArrayRows):
         direction, and condition number of the closure Jacobian. The other rows are spread
         evenly over the run.
 
+        A run is computed in blocks. The rows that were selected so far are joined with rows
+        of the next block, and rows are selected from these again.
+
         Parameters
         ----------
         count
@@ -100,8 +103,8 @@ class _BlockRows(ArrayRows):
         -------
         The rows, sorted by assembly mode (way to assemble the mechanism) and sample.
         """
-        # The row number depends only on mode and sample, so that later blocks do not change
-        # the order of the rows of earlier blocks.
+        # Numbers of the rows in the whole run. They decide the order of the other rows, so
+        # that later blocks do not change it.
         row_numbers = self.motion.assembly_mode * sample_count + self.motion.sample
         candidates = [*self._find_worst_rows(), *order_evenly(row_numbers)]
         # A dictionary removes repeated rows and keeps the order.
