@@ -35,9 +35,9 @@ DIRECTION_COLUMNS = tuple(
     Column(
         name,
         "",
-        f"{name} component of the output direction or, if the output is an "
-        "orientation, of its unit quaternion (x, y, z, w); in axes of the reference "
-        "link of the output",
+        f"{name} component of the output direction or, if the output is an orientation, "
+        "of its unit quaternion (x, y, z, w), given in the axes of the reference link of "
+        "the output",
         turns="otherwise",
     )
     for name in "xyz"

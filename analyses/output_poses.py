@@ -39,7 +39,7 @@ ANGULAR_TERMS = frozenset(
     (*TILT_TORSION_TERMS, *MID_PLANE_TERMS, *ROTATION_VECTOR_TERMS, "angle")
 )
 """Terms that are angles, or components of a rotation vector."""
-NO_DIRECTION = "no direction: all numbers are 0"
+NO_DIRECTION = "no direction: all its components are 0"
 """Complaint about a direction or quaternion of length 0."""
 
 

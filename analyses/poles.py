@@ -213,7 +213,7 @@ class Poles(AbstractAnalysis):
                     Column(
                         name,
                         "rad",
-                        f"{meaning}; only with the parameter chart",
+                        f"{meaning}; computed only if the parameter `chart` is given",
                         scale="none",
                         turns="otherwise",
                         on_request="chart",

@@ -55,17 +55,17 @@ EQUAL_MAXIMUM_RATIO = 1e-9
 is reported. Smaller: rounding decides which of equal maxima is reported."""
 
 AXIS_MEANINGS = {
-    "x": "the x axis (R pair: the zero direction of its angle in the second link; "
-    "contact: the tangent)",
-    "y": "the y axis (R pair: at right angles to the x axis and the pair axis, in the "
-    "second link; contact: the normal)",
-    "z": "the z axis (R pair: the pair axis; contact: the line from the centre to the "
-    "contact point)",
+    "x": "for an R pair, x is the zero direction of its angle in the second link; for a "
+    "contact, x is the tangent",
+    "y": "for an R pair, y is fixed in the second link, perpendicular to x and to the pair "
+    "axis; for a contact, y is the normal",
+    "z": "for an R pair, z is the pair axis; for a contact, z is the line from the centre "
+    "to the contact point",
 }
 """Meanings of the axes of a pair, along which components are given."""
 FIRST_LINK_AXIS_MEANINGS = {
-    "x": "the x axis of the pair in its first link (the zero direction of its angle)",
-    "y": "the y axis of the pair in its first link",
+    "x": "the zero direction of the pair angle",
+    "y": "perpendicular to x and to the pair axis",
 }
 """Meanings of the axes of an R pair that are fixed in its first link."""
 
@@ -97,8 +97,8 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"moment_{axis}",
                         "N m",
-                        f"component along {words} of the moment about the centre that "
-                        "the first link of the pair exerts on the second one",
+                        f"{axis} component of the moment about the centre that the "
+                        f"first link of the pair exerts on the second one; {words}",
                     )
                     for axis, words in AXIS_MEANINGS.items()
                 ),
@@ -106,9 +106,9 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"moment_{axis}_first",
                         "N m",
-                        f"component along {words} of the moment about the centre that "
-                        "the first link of an R pair exerts on the second one; empty "
-                        "for contacts",
+                        f"{axis} component of the moment about the centre, in axes that "
+                        f"are fixed in the first link of an R pair, where {axis} is "
+                        f"{words}; empty for contacts",
                     )
                     for axis, words in FIRST_LINK_AXIS_MEANINGS.items()
                 ),
@@ -136,9 +136,9 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"force_{axis}",
                         "N",
-                        f"component along {words} of the force of the first link on "
-                        "the second one; the force of an R pair acts through the "
-                        "centre, that of a contact at the contact point",
+                        f"{axis} component of the force of the first link on the second "
+                        "one, which acts through the centre (R pair) or at the contact "
+                        f"point; {words}",
                     )
                     for axis, words in AXIS_MEANINGS.items()
                 ),
@@ -146,9 +146,9 @@ class ReactionAnalysis(AbstractAnalysis):
                     Column(
                         f"force_{axis}_first",
                         "N",
-                        f"component along {words} of the force through the centre that "
-                        "the first link of an R pair exerts on the second one; empty "
-                        "for contacts",
+                        f"{axis} component of the force through the centre, in axes that "
+                        f"are fixed in the first link of an R pair, where {axis} is "
+                        f"{words}; empty for contacts",
                     )
                     for axis, words in FIRST_LINK_AXIS_MEANINGS.items()
                 ),

@@ -170,7 +170,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column(
                     "size",
                     "",
-                    "key in the mechanism file of the dimension, such as the arc of a link",
+                    "key of the dimension in the mechanism file, such as links.2.arc",
                     "text",
                     turns="otherwise",
                 ),
@@ -178,15 +178,15 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column(
                     "derivative",
                     "",
-                    "derivative of the quantity with respect to the size (per rad or SI "
-                    "unit), at constant inputs",
+                    "derivative of the quantity with respect to the dimension (per rad or "
+                    "SI unit), at constant inputs",
                 ),
                 STATUS,
             ),
         ),
         Table(
             "tolerances",
-            "one row per sample, assembly mode and quantity: effect of deviations of sizes",
+            "one row per sample, assembly mode and quantity: effect of tolerances",
             (
                 SAMPLE,
                 ASSEMBLY_MODE,
@@ -201,47 +201,50 @@ class SensitivityAnalysis(AbstractAnalysis):
                 Column(
                     "spread",
                     "",
-                    "standard deviation of the quantity that the "
-                    "tolerances of all sizes cause, to first order",
+                    "standard deviation of the quantity due to the tolerances of all "
+                    "dimensions, to first order",
                 ),
                 Column(
                     "worst",
                     "",
                     "largest possible deviation of the quantity, to first order: the "
-                    "sum of the effects of all sizes, with each size at its limit or "
-                    "at 3 standard deviations",
+                    "sum of the effects of all dimensions, each at its limit or at 3 "
+                    "standard deviations",
                 ),
                 Column(
                     "drawn_spread",
                     "",
-                    "standard deviation of the quantity among mechanisms with random sizes",
+                    "standard deviation of the quantity over mechanisms whose dimensions "
+                    "are drawn at random within their tolerances",
                     scale="none",
                 ),
                 Column(
                     "drawn_worst",
                     "",
-                    "largest deviation of the quantity among mechanisms with random sizes",
+                    "largest deviation of the quantity over the mechanisms with random "
+                    "dimensions",
                     scale="none",
                 ),
                 Column(
                     "lost",
                     "",
-                    "fraction of the mechanisms with random sizes that cannot be assembled",
+                    "fraction of the mechanisms with random dimensions that cannot be "
+                    "assembled",
                     scale="none",
                 ),
                 Column(
                     "matters_most",
                     "",
-                    "size that causes the largest part of the variance of the "
-                    "quantity; sizes with equal parts are joined by +",
+                    "dimension that contributes most to the variance of the quantity; "
+                    "dimensions with equal contributions are joined by +",
                     "text",
                     turns="otherwise",
                 ),
                 Column(
                     "share",
                     "",
-                    "fraction of the variance of the quantity that the size in the "
-                    "column matters_most causes, to first order",
+                    "fraction of the variance of the quantity that is due to the "
+                    "dimension in the column matters_most, to first order",
                 ),
                 STATUS,
             ),

@@ -50,7 +50,7 @@ from .common import (
 
 LARGEST_HOLDING_TORQUE = "largest_holding_torque_Nm"
 """Key of the largest torque at an input in the summary."""
-PRINCIPAL_STIFFNESSES = ("least", "middle", "largest")
+PRINCIPAL_STIFFNESSES = ("smallest", "intermediate", "largest")
 """Names of the principal stiffnesses of an output, in their order."""
 
 HOLDING_TORQUES = Column(

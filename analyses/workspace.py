@@ -117,8 +117,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column(
                     "type_1",
                     "",
-                    "speed of the output per unit rate of one input: the least speed "
-                    "among all inputs; 0 at a type I singularity",
+                    "smallest speed of the output per unit rate of an input (the minimum "
+                    "over all inputs); 0 at a type I singularity",
                 ),
                 Column(
                     "type_2",
@@ -187,8 +187,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 Column(
                     "size",
                     SIZE_UNIT,
-                    "area of the part for directions; volume of the part for "
-                    "orientations (8 pi^2 for all orientations)",
+                    "area of the part if the output is a direction; volume of the part if "
+                    "it is an orientation (8 pi^2 for all orientations)",
                 ),
                 Column("error", SIZE_UNIT, "upper bound of the error of the column size"),
                 Column("curves", "", "numbers of the curves that bound the part", "text"),

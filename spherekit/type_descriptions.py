@@ -141,7 +141,7 @@ def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str
         key_words, value_words = descriptions
         if value_words == "anything":
             return "a dict"
-        return f"a mapping from {key_words} to {value_words}"
+        return f"a mapping (keys: {key_words}; values: {value_words})"
     if origin in (list, set, frozenset):
         return f"a {origin.__name__} in which each item is {descriptions[0]}"
     if origin is type:

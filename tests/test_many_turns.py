@@ -105,7 +105,7 @@ def test_a_start_many_turns_away_is_moved_into_the_range_of_the_input():
 @pytest.mark.parametrize("q", [2e9, -1e15, 1e300])
 def test_a_start_angle_too_large_for_its_digits_is_refused(four_bar, q):
     """At 1e15 rad neighbouring floats are 0.1 rad apart, so loops could not be closed."""
-    message = r"resolves to .* rad only; allowed is up to 1e\+09"
+    message = r"resolves to .* rad only; the largest angle allowed is 1e\+09"
     with pytest.raises(SolveError, match=message):
         simulate(four_bar, Start(q, 1.0), 0.5)
 

@@ -115,7 +115,9 @@ SINGULARITIES = Table(
             "guarantee",
             "",
             "how certain it is that no singularity is missing from the table: certified, "
-            "complete, complete to a box size, component only or sampled",
+            "complete, complete to a box size (only boxes of this size can hide one), "
+            "component only (only configurations connected with "
+            "known ones were searched) or sampled",
             "text",
         ),
         Column(
@@ -138,8 +140,8 @@ RELATION = Table(
         Column(
             "form",
             "",
-            "form of the relation c y' = d q': i if y' is the rate relative to the "
-            "reference link of the output, ii if y' is the rate of the same link relative "
+            "form of the relation c y' = d q'. In both, y' is the rate of the output link: "
+            "in form i relative to the reference link of the output, in form ii relative "
             "to the reference link of the input",
             "text",
         ),
@@ -158,19 +160,19 @@ RELATION = Table(
         Column(
             "velocity_coefficient",
             "",
-            "rate of the output per unit rate of the input, the same in both forms: "
-            "y'/q' = d/c of form i; infinite at a type II singularity",
+            "rate of the output per unit rate of the input: y'/q' = d/c with the c and d "
+            "of form i, also in the rows of form ii; infinite at a type II singularity",
         ),
         Column(
             "distance_I",
             "rad",
-            "nearness of a type I singularity as an angle: the arcsine of a measure "
+            "distance from type I singularities as an angle: the arcsine of a measure "
             "that is 0 only at singularities of this type",
         ),
         Column(
             "distance_II",
             "rad",
-            "nearness of a type II singularity as an angle: the arcsine of a measure "
+            "distance from type II singularities as an angle: the arcsine of a measure "
             "that is 0 only at singularities of this type; if all arcs are short, the "
             "angle is proportional to the size of the mechanism",
         ),
@@ -206,14 +208,14 @@ RELATION = Table(
         Column(
             "sigma",
             "",
-            "least singular value of the matrix of the loop equations with all inputs "
+            "smallest singular value of the matrix of the loop equations with all inputs "
             "locked; 0 if a link can still move",
         ),
         Column(
             "reciprocal_condition",
             "",
-            "least singular value of the matrix of the loop equations with all inputs "
-            "locked, divided by the greatest singular value",
+            "ratio of the smallest to the largest singular value of the matrix of the loop "
+            "equations with all inputs locked",
         ),
         STATUS,
         Column(
@@ -228,8 +230,8 @@ RELATION = Table(
         Column(
             "group",
             "",
-            "0: regular; 1: singular while one input moves alone; 2: singular only while "
-            "several inputs move",
+            "0: regular; 1: singular for the motion of a single input while the others are "
+            "locked; 2: singular only for a combined motion of several inputs",
             "integer",
         ),
     ),
@@ -263,8 +265,8 @@ ASPECTS = Table(
         Column(
             "assembly_modes",
             "",
-            "largest number of assembly modes that have the same inputs and lie in "
-            "this aspect",
+            "largest number of assembly modes in this aspect that belong to the same "
+            "values of the inputs",
             "integer",
         ),
     ),

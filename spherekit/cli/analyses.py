@@ -27,7 +27,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "analysis",
         nargs="?",
         metavar="ANALYSIS",
-        help="print parameters with their meaning, tables and columns of this analysis",
+        help="print the parameters of this analysis, and its tables with their columns",
     )
     set_completer(analysis_argument, complete_analyses)
     parser.add_argument(

@@ -84,8 +84,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--at",
         metavar="ANGLE[,ANGLE...]",
         help=(
-            "prove the assembly modes at these values of the inputs, such as 40, 0.7rad "
-            f"or 10,20,30 (default: over the range of the inputs); {UNIT_RULE}"
+            "prove which assembly modes exist at these values of the inputs, such as 40, "
+            f"0.7rad or 10,20,30 (default: over the range of the inputs); {UNIT_RULE}"
         ),
     )
     parser.add_argument(
@@ -101,8 +101,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs=2,
         metavar=("FROM", "TO"),
         help=(
-            "with one input: prove over this range instead of that of the file; "
-            f"{UNIT_RULE}"
+            "with one input: the range of the input for which the results are proved, in "
+            f"place of the range in the file; {UNIT_RULE}"
         ),
     )
     parser.add_argument(
@@ -117,8 +117,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--cell",
         metavar="ANGLE",
         help=(
-            "with two inputs, whose ranges are divided into small rectangles: largest "
-            f"side of a rectangle (default: 0.01rad); {UNIT_RULE}"
+            "with two inputs: largest side of the small rectangles into which the ranges "
+            f"of the inputs are divided (default: 0.01rad); {UNIT_RULE}"
         ),
     )
     parser.add_argument(
@@ -133,9 +133,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--tolerance",
         metavar="ANGLE",
         help=(
-            "prove the results for all sizes that deviate from those of the file by at "
-            "most this much, such as 1e-9rad (default: the sizes are exact); "
-            f"{UNIT_RULE}"
+            "prove the results for all mechanisms whose dimensions deviate from those in "
+            "the file by at most this angle, such as 1e-9rad (default: the dimensions are "
+            f"exact); {UNIT_RULE}"
         ),
     )
     parser.add_argument(

@@ -64,10 +64,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         required=True,
         help=(
             "format of the file. c, cpp, js, python, julia, casadi: source code of all "
-            "formulas; latex: formulas for print; model: functions that are stored as "
-            "series and work without the mechanism (.npz or source code); mjcf: a "
-            "MuJoCo model; coupling: a table of passive angles over the inputs, for "
-            "controllers (.csv, .npz or .h)"
+            "formulas; latex: formulas for papers; model: a reduced model, which stores "
+            "the functions of the motion and of the dynamics as series of the inputs (.npz "
+            "or source code); mjcf: a MuJoCo model; coupling: a table of passive angles "
+            "over the inputs, for controllers (.csv, .npz or .h)"
         ),
     )
     parser.add_argument(
@@ -91,8 +91,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="KEY",
         help=(
-            "for source code and latex: numbers of the mechanism file that become "
-            "arguments of the functions, or symbols, such as links.2.arc"
+            "numbers of the mechanism file that become arguments of the functions (source "
+            "code) or symbols (latex), such as links.2.arc"
         ),
     )
     parser.add_argument(

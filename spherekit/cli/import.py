@@ -32,8 +32,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="METRES",
         type=number,
         help=(
-            "largest distance in metres between an axis and the common point of all "
-            "axes (default: 1e-6 times the size of the model)"
+            "largest permitted distance, in metres, between an axis and the common point "
+            "of all axes (default: 1e-6 times the size of the model)"
         ),
     )
 

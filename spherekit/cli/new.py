@@ -61,9 +61,9 @@ def add_arguments(parser: ArgumentParser) -> None:
             "kind of mechanism; four_bar (default): a crank drives a rocker, and links are "
             "given by their arcs; posed: a four-bar that is given by the directions of its "
             "axes, as measured in one pose; wrist: two inputs point an axis; cam: a cam "
-            "moves a follower with a roller; gears: bevel gears, given by their numbers of "
-            "teeth; vertex: creases of folded paper that meet in one point, given by the "
-            "sector angles between them"
+            "moves a roller follower; gears: bevel gears, given by their numbers of teeth; "
+            "vertex: creases of folded paper that meet at one point, given by the sector "
+            "angles between them"
         ),
     )
     like_argument = exclusive.add_argument(

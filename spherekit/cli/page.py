@@ -54,7 +54,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         help=(
             "quantities whose curves the page shows, as names or patterns such as "
             "theta_* (default: velocity coefficients of outputs, transmission angles "
-            "and, with masses, driving torques)"
+            "and, if links have masses, driving torques)"
         ),
     )
     # Curves of configurations cross where two assembly modes meet. The sign of a dyad says
@@ -65,8 +65,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "what an assembly mode does where two curves of configurations cross: end = "
-            "it keeps the signs of its dyads (default); pass = it follows its smooth "
-            "curve through the crossing"
+            "it ends there, since the signs of its dyads must not change (default); "
+            "pass = it continues along its smooth curve"
         ),
     )
 

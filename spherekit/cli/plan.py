@@ -50,8 +50,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--input",
         metavar="PAIR",
         help=(
-            "plan the poles while this input moves and the others are locked (default: "
-            "one plan for each input)"
+            "plan how poles are constructed if this input moves and the others are locked "
+            "(default: one plan for each input)"
         ),
     )
     set_completer(input_argument, complete_pairs)
@@ -61,8 +61,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="+",
         metavar="POLE",
         help=(
-            "plan only these poles and those from which they are constructed; 3/1 is "
-            "the pole of link 3 relative to link 1"
+            "plan the construction of these poles only, and of the poles that it needs; "
+            "3/1 is the pole of link 3 relative to link 1"
         ),
     )
     exclusive = parser.add_mutually_exclusive_group()

@@ -89,8 +89,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--deg",
         action="store_true",
         help=(
-            "write angles, angular rates and accelerations of tables in degrees; "
-            "quantities per rad are not converted"
+            "in the tables, write angles, angular rates and angular accelerations in "
+            "degrees; quantities per rad are not converted"
         ),
     )
     parser.add_argument(
@@ -106,8 +106,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=number,
         help=(
             "for a simulation: error tolerance of the integration (default: 1e-9). "
-            "Otherwise: largest accepted error of any column, for which the fastest "
-            "settings are chosen"
+            "Otherwise: largest accepted error of any column; the fastest settings that "
+            "meet it are chosen"
         ),
     )
     parser.add_argument(

@@ -68,8 +68,8 @@ def add_study_arguments(parser: ArgumentParser) -> None:
         type=sample_counts,
         help=(
             "number of samples over the range of the input (default: 361). With "
-            "several inputs, N gives N samples on the straight path through their ranges, "
-            "and NxM, such as 41x21, gives a grid"
+            "several inputs, N gives N samples while all inputs move together from the "
+            "start to the end of their ranges, and NxM, such as 41x21, gives a grid"
         ),
     )
     add_input_argument(parser)
@@ -131,8 +131,8 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         choices=("end", "pass"),
         help=(
             "what an assembly mode does where two curves of configurations cross: end = "
-            "it keeps the signs of its dyads, and a simulation stops there (default); "
-            "pass = it follows its smooth curve through the crossing"
+            "it ends there, since the signs of its dyads must not change, and a simulation "
+            "stops (default); pass = it continues along its smooth curve"
         ),
     )
     parser.add_argument(

@@ -75,7 +75,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--tables",
         action="store_true",
         help=(
-            "also write all tables of the analyses for every design, below the folder of -o"
+            "also write all tables of the analyses for every design, into subfolders of "
+            "the output folder (-o)"
         ),
     )
     parser.add_argument(
@@ -84,7 +85,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         action="append",
         help=(
             "keep only designs and assembly modes that meet this condition, such as "
-            "closes>0.99; may be repeated"
+            "closes>0.99 (the loops close at more than 99 % of the samples); may be "
+            "repeated"
         ),
     )
     parser.add_argument(
@@ -123,7 +125,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="?",
         choices=("png", "pdf", "svg"),
         help=(
-            "plot the figures of merit against the varied sizes, and write the plots "
+            "plot the figures of merit against the varied dimensions, and write the plots "
             "into DIR/_figures"
         ),
     )
@@ -136,7 +138,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--dask",
         metavar="ADDRESS",
-        help="compute the sweep on a Dask cluster, whose scheduler has this address",
+        help="compute the sweep on the Dask cluster whose scheduler has this address",
     )
     parser.add_argument(
         "--json",

@@ -36,8 +36,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "synthesis",
         metavar="SYNTHESIS",
         help=(
-            "synthesis file: the desired function or the objectives, the sizes that may "
-            "vary, and conditions"
+            "synthesis file, which states the desired function or the objectives, the "
+            "dimensions that may vary, and conditions"
         ),
     )
     set_completer(synthesis_argument, complete_toml_files)
@@ -54,7 +54,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=whole_number,
         default=12,
         help=(
-            "number of designs, the best ones, that a local optimisation improves "
+            "number of the best designs, which a local optimisation then improves "
             "(default: 12)"
         ),
     )

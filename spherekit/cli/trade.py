@@ -41,7 +41,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         "-a",
         "--analysis",
         metavar="NAME[:key=value,...]",
-        help=("analysis to measure (default: the only one of the study, otherwise poles)"),
+        help=(
+            "analysis to measure (default: the analysis of the study if it has exactly "
+            "one, otherwise poles)"
+        ),
     )
     set_completer(analysis_argument, complete_analyses)
     parser.add_argument(

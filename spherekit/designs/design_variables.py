@@ -139,7 +139,8 @@ def design_variable(document: Document, key: str) -> DesignVariable:
     if path[0] not in DESIGNED:
         raise DesignError(
             f"{document.name}: {key} cannot be varied: samples, ranges and joint limits "
-            f"are the same for all designs; vary numbers of {listing(DESIGNED)}"
+            "are the same for all designs; vary numbers in the sections "
+            f"{listing(DESIGNED)}"
         )
     return DesignVariable(
         key=key,

@@ -423,8 +423,9 @@ class KernelFigures:
             fault = ""
             if merit.point and len(merit.point) != count:
                 fault = (
-                    f'the reduction "at" needs values of {counted(count, "input")} '
-                    f"({listing(self.inputs)}), but found {len(merit.point)}"
+                    f'the reduction "at" needs the values of {counted(count, "input")} '
+                    f"({listing(self.inputs)}), but {len(merit.point)} "
+                    f"{'was' if len(merit.point) == 1 else 'were'} given"
                 )
             elif (
                 REDUCTION_BY_NAME[merit.reduction].returns_input
@@ -442,8 +443,8 @@ class KernelFigures:
             # turn. In a grid no sample follows another one.
             if merit.reduction == "swing" and len(self.samples.shape) > 1:
                 fault = (
-                    "swing follows an angle along a path, but the samples form a grid; use "
-                    "the reduction range of a sine or cosine instead"
+                    "swing follows an angle along a path, but the samples form a grid; "
+                    'use the reduction "range" of its sine or cosine instead'
                 )
             if fault:
                 raise DesignError(f"{mechanism.name}: {merit.name}: {fault}")

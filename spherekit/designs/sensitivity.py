@@ -152,7 +152,7 @@ class Sensitivity:
         for name in self.quantities:
             if name not in possible:
                 raise DesignError(
-                    f'{mechanism.name}: "{name}" is not a quantity of its configurations'
+                    f'{mechanism.name}: there is no quantity "{name}"'
                     f"{nearest(name, possible) or '.'} Examples: theta_PAIR, rate_PAIR and "
                     "velocity_coefficient_LINK_OTHER"
                 )

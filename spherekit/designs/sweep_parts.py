@@ -232,10 +232,10 @@ class SweepResult:
             advice = (
                 f"Tables: {listing(tables)}"
                 if tables
-                else "Call the sweep with tables=True"
+                else "A sweep keeps tables only if it is called with tables=True"
             )
             raise DesignError(
-                f'{self.sweep.mechanism.name}: there is no table "{name}" of designs'
+                f'{self.sweep.mechanism.name}: the sweep has no table "{name}"'
                 f"{nearest(name, tables) or '.'} {advice}"
             )
         # The path of the table in each part, by number of the part. The notes in a file

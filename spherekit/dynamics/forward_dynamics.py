@@ -185,8 +185,8 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
     if not smallest <= tolerance <= MAX_TOLERANCE_RAD:
         raise SolveError(
             # 1e-2 is `MAX_TOLERANCE_RAD`, written in this way.
-            f"{mechanism.name}: tolerance: found {tolerance:g}, allowed is {smallest:g} to "
-            "1e-2"
+            f"{mechanism.name}: tolerance: found {tolerance:g}, expected a number from "
+            f"{smallest:g} to 1e-2"
         )
 
 

@@ -354,8 +354,8 @@ def inverse_dynamics(
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if t.ndim != 1 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(
-            f"{mechanism.name}: times: needs an array of the shape (k,) with finite "
-            "numbers that increase, in s"
+            f"{mechanism.name}: times: expected a one-dimensional array of finite times "
+            "in s, each later than the one before"
         )
     # Without masses and loads every torque is zero, which is taken for an error.
     need_terms(mechanism)

@@ -309,7 +309,7 @@ def _check_request(
     # The message has `MAX_TOLERANCE` in the usual form, 1e-2.
     if not min_tolerance <= tolerance <= MAX_TOLERANCE:
         raise SolveError(
-            f"{mechanism.name}: tolerance: found {tolerance:g}, allowed is "
+            f"{mechanism.name}: tolerance: found {tolerance:g}, expected a number from "
             f"{min_tolerance:g} to 1e-2"
         )
     # Raises the `ModelError`, whose message ends with this clause about the reactions.

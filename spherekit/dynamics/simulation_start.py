@@ -421,8 +421,8 @@ def _close_start(
         raise SolveError(
             f"{name}: the values at the start do not close the loops: the nearest closed "
             f"configuration found is {distance:.2g} rad away (residual "
-            f"{solution.closure_residual[0]:.2g} rad), allowed is "
-            f"{MAX_START_DISTANCE_RAD} rad"
+            f"{solution.closure_residual[0]:.2g} rad), but at most "
+            f"{MAX_START_DISTANCE_RAD} rad is allowed"
         )
     return np.asarray(solution.values[0]), turns
 
@@ -437,7 +437,7 @@ def _check_angle_sizes(name: str, values: Floats) -> None:
     if largest > MAX_START_ANGLE_RAD:
         raise SolveError(
             f"{name}: an angle at the start is {largest:.6g} rad, which float64 resolves "
-            f"to {np.spacing(largest):.2g} rad only; allowed is up to "
+            f"to {np.spacing(largest):.2g} rad only; the largest angle allowed is "
             f"{MAX_START_ANGLE_RAD:g} rad. Leave out whole turns"
         )
 

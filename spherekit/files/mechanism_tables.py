@@ -200,7 +200,7 @@ def _to_file_types(name: str, path: KeyPath, value: Any) -> Any:
             if not isinstance(key, str):
                 raise ModelError(
                     f"{name}: {key_path_text(path)}: the name {key!r} has the type "
-                    f'{type(key).__name__}; names have to be text: "{key}"'
+                    f'{type(key).__name__}; names have to be strings, so write "{key}"'
                 )
         return {
             key: _to_file_types(name, (*path, key), item) for key, item in value.items()

@@ -201,7 +201,8 @@ def _explain_missing_number(
     alternatives = [
         other_key for other_key in reversed(path_by_key) if other_key.startswith(prefix)
     ]
-    return f"{problem} Available: {listing(alternatives or [*reached.entries]) or 'none'}"
+    available = alternatives or [*reached.entries]
+    return f"{problem} Available: {listing(available)}" if available else problem
 
 
 def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPath]:

@@ -132,8 +132,8 @@ def require_expression(magnitude: Expression | TorqueCallback) -> Expression:
 def no_expression_message(pair: str) -> str:
     """Return the message that a torque at a pair has to be an expression, but is none."""
     return (
-        f"the torque at pair {pair} is a Python function, which only simulations by NumPy "
-        "can call; write it as an expression, or as a table of torques"
+        f"the torque at pair {pair} is a Python function, which only simulations with "
+        'engine="numpy" can call; write it as an expression, or as a table of torques'
     )
 
 

@@ -444,9 +444,8 @@ class Mechanism:
         for key, argument in of_other_form.items():
             if argument is not None:
                 raise ModelError(
-                    f"{self.name}: with_sizes: {key} belongs to the other form of "
-                    f"geometry, but this mechanism is given by {form}; change numbers of "
-                    "that form"
+                    f"{self.name}: with_sizes: {key} cannot be changed, because this "
+                    f"mechanism is given by {form}; change one of these"
                 )
         if isinstance(geometry, SizeGeometry):
             links = dict(geometry.links)

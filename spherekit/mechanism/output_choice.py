@@ -27,7 +27,8 @@ def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
     if not outputs:
         raise ModelError(
             f"{mechanism.name}: no output is declared; declare one in the file as "
-            "[outputs.NAME] with its link, and for a pointing output axis or xyz"
+            '[outputs.NAME] with the key "link" and, if the output is a direction, with '
+            'one of the keys "axis" and "xyz"'
         )
     if name is None:
         raise ModelError(

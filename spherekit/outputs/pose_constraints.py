@@ -433,7 +433,7 @@ def _limit_axis_angles(
         if high - low < COLLINEAR_SINE:
             raise _error(
                 kinematics.carrying,
-                f"the limits of the angle between the axes {name} leave no area of poses: "
+                f"the limits of the angle between the axes {name} exclude all poses: "
                 f"the angle has to be at least {_format_degrees(low)} "
                 f"({strictest_low.source}) and at most {_format_degrees(high)} "
                 f"({strictest_high.source}); widen one of these limits",
@@ -487,7 +487,7 @@ def _is_always_kept(
             mechanism,
             f"apart: {where}: {_format_degrees(limit.low)} to "
             f"{_format_degrees(limit.high)} is not a range; give the least angle between "
-            "the axes, 0 to 180 deg, and a greatest angle that is not smaller",
+            "the axes and then the largest one, both from 0 to 180 deg",
         )
     joints = make_joints(mechanism)
     common_links = set(mechanism.ends[pair]) & set(mechanism.ends[other_pair])
@@ -528,8 +528,8 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
         raise _error(
             mechanism,
             f"links of width {width:g} do not fit on a sphere of radius {radius:g}; give "
-            "both in the same unit of length, neither of them negative, and a radius of at "
-            "least width / pi",
+            "both in the same unit of length; neither may be negative, and the radius has "
+            "to be at least width / pi",
         )
     return width / radius if width else 0.0
 

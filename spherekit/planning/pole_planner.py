@@ -111,9 +111,9 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     pole_of_bodies = whole_plan.pole(i, j)
     if pole_of_bodies is None:
         raise PlanError(
-            f"{mechanism.name}: links {names[i]} and {names[j]} are one body while "
-            f"input {mechanism.pairs[whole_plan.input].name} moves alone; request the "
-            "pole for another input"
+            f"{mechanism.name}: links {names[i]} and {names[j]} have no pole while input "
+            f"{mechanism.pairs[whole_plan.input].name} moves alone, because they do not "
+            "move relative to each other; request the pole for another input"
         )
     return pole_of_bodies
 

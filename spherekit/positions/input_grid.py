@@ -189,8 +189,8 @@ def make_path(q: Floats, input_count: int) -> InputGrid:
         path = path[:, None]
     if path.shape[1:] != (input_count,) or not len(path):
         raise SolveError(
-            f"found a path of the shape {np.shape(q)}, expected (samples, {input_count}): "
-            "one column for each input"
+            f"the path has the shape {np.shape(q)}, expected (number of samples, "
+            f"{input_count}): one column for each input"
         )
     if not all_finite(path):
         raise SolveError(

@@ -377,9 +377,9 @@ class PositionAnalysis:
         # at the samples of a grid only.
         if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
-                f"{self.mechanism.name}: with several inputs and irreducible groups the "
-                "motion is known only at the samples of the position analysis; make a new "
-                "position analysis with these inputs as its path"
+                f"{self.mechanism.name}: for a mechanism with several inputs and "
+                "irreducible groups, the motion is known only at the samples of the "
+                "position analysis; run a new one with these inputs as its path"
             )
         return self._evaluate(make_path(q, len(self.inputs)).q, rows=None)
 

@@ -675,8 +675,8 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
     if study.path is not None:
         yield (
             ("inputs", inputs[0], "values"),
-            "cannot be given together with a duration, because the samples are then times; "
-            "leave out the values or the duration",
+            "cannot be given together with a duration, because with a duration the samples "
+            "are times, not values of the input; leave out the values or the duration",
         )
     if study.grid or not isinstance(study.samples, int):
         yield (

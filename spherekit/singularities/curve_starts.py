@@ -134,18 +134,18 @@ class LocusPointSearch:
         solver = solver_of(mechanism)
         if len(solver.driven) != input_count:
             raise AnalysisError(
-                f"{mechanism.name} has {len(solver.driven)} inputs; singular "
-                "configurations form curves only in a mechanism with two inputs, and "
-                "surfaces only in one with three"
+                f"{mechanism.name} has {len(solver.driven)} inputs, not {input_count}; "
+                "singular configurations of mechanisms with two inputs form curves, and "
+                "those of mechanisms with three inputs form surfaces"
             )
         # If the output rests, the rates of the inputs satisfy `equation_count` equations: 3
         # for an orientation, 2 for a direction. With more inputs than equations, inputs can
         # move while the output rests in every configuration, so all are of type I.
         if kind == "I" and output_condition.equation_count < input_count:
             raise AnalysisError(
-                f"{mechanism.name}: a direction has two degrees of freedom, but there are "
-                "three inputs; request type I of the orientation of the link, without "
-                "`pointing`"
+                f"{mechanism.name}: the direction of an output has two degrees of freedom, "
+                "but there are three inputs; leave out `pointing`, for the singularities "
+                "of type I of the orientation of the link"
             )
         self.report = SingularityReport.for_output(solver, output_condition, kind)
         self.time_limit = time_limit or TimeLimit()

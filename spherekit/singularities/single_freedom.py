@@ -144,8 +144,8 @@ class SingleFreedomSingularities:
         if len(position_analysis.inputs) != 1:
             raise PlanError(
                 f"{mechanism.name}: the mechanism has {len(position_analysis.inputs)} "
-                "inputs, but the relation of one input and one output exists only with a "
-                "single degree of freedom; lock the other inputs"
+                "inputs, but a relation between one input and one output exists only if "
+                "there is a single degree of freedom; lock the other inputs"
             )
         self.position_analysis = position_analysis
 

@@ -321,7 +321,7 @@ class DesignExpressions:
         table = self._quantity_table
         if name not in table:
             raise EngineError(
-                f'{self.mechanism.name}: "{name}" is not a quantity of a configuration'
+                f'{self.mechanism.name}: there is no quantity "{name}"'
                 f"{nearest(name, table) or '.'} Quantities: {listing(table)}"
             )
         # The table has the name and the arguments of the method of this class that returns
