@@ -118,7 +118,7 @@ class FourPairLoop:
         return second if variable == first else first
 
     def constant_angles(self, variable: int) -> list[Ball]:
-        """Return the angles of one variable at which the loop closes for all of the other.
+        """Return the angles of a variable with which the other variable can have any angle.
 
         Let x be this variable, and y the other one, counted from one of its planar angles.
         If x has a planar angle, the reflection in this plane maps y to -y. The equation of

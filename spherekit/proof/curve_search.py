@@ -209,9 +209,10 @@ class CurveSearch:
         cannot be followed, so the boxes there stay undecided: they are neither proven to
         contain no configurations, nor inside the box of a known curve.
 
-        A known curve that passes a new saddle is divided there. Four branches of curves
-        leave a saddle. In the end, those are added that leave the range of the input so
-        near to the saddle that no curve has been followed along them.
+        A chain is a known curve as a row of certified arcs. Chains that pass a new saddle
+        are divided there. Four branches of curves leave a saddle, its arms. At the end, a
+        chain is added for each short arm, which leaves the range of the input so near to
+        the saddle that no curve has been followed along it.
         """
         for _ in range(MAX_SADDLES):
             new_saddle = self._add_saddle_near(undecided.centres)

@@ -262,11 +262,8 @@ def _prove_rate_signs(
     coordinates u and v. The arm has the tangent (-g_v, g_u), which points towards larger v
     if g_u > 0.
 
-    The signs are evaluated at the two bounds of the slope v / u of the arm. Between them
-    the gradient, and with it each rate, is a weighted mean of its values at the bounds. A
-    sign that is the same at both bounds is therefore the sign on the whole arm. The balls
-    at the bounds contain the errors, and no error between them is larger than the weighted
-    mean of the errors at the bounds.
+    The signs are evaluated in the directions of the two bounds of the slope v / u of the
+    arm. A sign that is the same in both is the sign on the whole arm (`_common_signs`).
 
     Parameters
     ----------
@@ -286,7 +283,19 @@ def _prove_rate_signs(
     points_to_larger_v = flat_rates.g_u > 0 and steep_rates.g_u > 0
     if not points_to_larger_v:
         return np.zeros_like(flat_rates.signs)
-    return np.where(flat_rates.signs == steep_rates.signs, flat_rates.signs, 0)
+    return _common_signs(flat_rates, steep_rates)
+
+
+def _common_signs(first: DirectionRates, last: DirectionRates) -> Indices:
+    """Return the signs of rates that are proven in two directions and all between them.
+
+    Between two directions the gradient of g, and with it each rate, is a weighted mean of
+    its values in both, except for errors. The balls of both values contain the errors, and
+    no error between them is larger than the weighted mean of theirs. A sign that is equal
+    in both directions is therefore the sign between them, too. Other signs are returned as
+    0.
+    """
+    return np.where(first.signs == last.signs, first.signs, 0)
 
 
 def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) -> Floats:
@@ -406,26 +415,80 @@ def find_monotonic_variables(
     gradient_error = 1.001 * gradient_at_saddle / least_distance
     positive_slopes = slope_bounds_by_sign[1]
     negative_slopes = slope_bounds_by_sign[-1]
-    # The directions from the saddle to both ends of one arc. The other arc is opposite, and
-    # has the same signs reversed.
+    # The signs on one of the two arcs. The other arc is opposite, and has the same signs
+    # reversed.
     if level > 0:
-        # Q is negative, so |v| is large. The arc with v > 0 crosses the v axis. All its
-        # directions are steeper than the flat bounds.
-        first = _evaluate_direction(derivatives, positive_slopes.flat, gradient_error)
-        # The direction (1, slope) with a negative slope has v < 0; its opposite has v > 0.
-        last = _evaluate_direction(
-            derivatives, negative_slopes.flat, gradient_error
-        ).opposite()
-        # g falls with growing v, so the tangent (-g_v, g_u) points towards larger u.
-        is_oriented = first.g_v < 0 and last.g_v < 0
+        # Q is negative, so |v| is large: the directions to points of the arcs are steeper
+        # than the flat bounds.
+        signs = _prove_signs_across_v_axis(
+            derivatives, positive_slopes.flat, negative_slopes.flat, gradient_error
+        )
     else:
-        # Q is positive, so |u| is large. The arc with u > 0 crosses the u axis. All its
-        # directions are flatter than the steep bounds.
-        first = _evaluate_direction(derivatives, positive_slopes.steep, gradient_error)
-        last = _evaluate_direction(derivatives, negative_slopes.steep, gradient_error)
-        # g grows with u, so the tangent points towards larger v.
-        is_oriented = first.g_u > 0 and last.g_u > 0
-    # Rates are linear in the direction. They keep their sign along the arc if they have it
-    # in the directions to both ends.
-    has_equal_signs = (first.signs == last.signs) & (first.signs != 0)
-    return np.asarray(is_oriented & has_equal_signs)
+        # Q is positive, so |u| is large: the directions are flatter than the steep bounds.
+        signs = _prove_signs_across_u_axis(
+            derivatives, positive_slopes.steep, negative_slopes.steep, gradient_error
+        )
+    return np.asarray(signs != 0)
+
+
+def _prove_signs_across_v_axis(
+    derivatives: SaddleDerivatives,
+    positive_slope: float,
+    negative_slope: float,
+    gradient_error: float,
+) -> Indices:
+    """Return the signs of all rates on an arc that crosses the v axis at v > 0.
+
+    The arc is a curve g(u, v) = 0 that passes a saddle at a distance, and the rates are the
+    derivatives of the variables of the mechanism along it, towards larger u.
+
+    Parameters
+    ----------
+    derivatives
+        Derivatives of the variables and of g near the saddle.
+    positive_slope, negative_slope
+        Slopes v / u of the directions from the saddle to both ends of the arc.
+    gradient_error
+        Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
+
+    Returns
+    -------
+    (variables,) the signs, 0 if not proven.
+    """
+    first = _evaluate_direction(derivatives, positive_slope, gradient_error)
+    # With a negative slope the point (1, slope) has v < 0. The opposite one has v > 0.
+    last = _evaluate_direction(derivatives, negative_slope, gradient_error).opposite()
+    # If g falls with growing v, the tangent (-g_v, g_u) points towards larger u.
+    points_to_larger_u = first.g_v < 0 and last.g_v < 0
+    return _common_signs(first, last) if points_to_larger_u else np.zeros_like(first.signs)
+
+
+def _prove_signs_across_u_axis(
+    derivatives: SaddleDerivatives,
+    positive_slope: float,
+    negative_slope: float,
+    gradient_error: float,
+) -> Indices:
+    """Return the signs of all rates on an arc that crosses the u axis at u > 0.
+
+    The arc is a curve g(u, v) = 0 that passes a saddle at a distance, and the rates are the
+    derivatives of the variables of the mechanism along it, towards larger v.
+
+    Parameters
+    ----------
+    derivatives
+        Derivatives of the variables and of g near the saddle.
+    positive_slope, negative_slope
+        Slopes v / u of the directions from the saddle to both ends of the arc.
+    gradient_error
+        Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
+
+    Returns
+    -------
+    (variables,) the signs, 0 if not proven.
+    """
+    first = _evaluate_direction(derivatives, positive_slope, gradient_error)
+    last = _evaluate_direction(derivatives, negative_slope, gradient_error)
+    # If g grows with u, the tangent (-g_v, g_u) points towards larger v.
+    points_to_larger_v = first.g_u > 0 and last.g_u > 0
+    return _common_signs(first, last) if points_to_larger_v else np.zeros_like(first.signs)

@@ -558,8 +558,8 @@ def _bound_distance_from_middle(stretch: _Stretch) -> float:
     """Return a bound (rad) of the distance of all points of a stretch from its middle.
 
     A stretch is a part of a curve, from the centre of a certified arc to an end. Its middle
-    is the point halfway on the straight line between both. The bound is that of the largest
-    change of a variable.
+    is the point halfway on the straight line between both. The distance of two points is
+    the largest difference of a variable.
 
     Coordinates are along the tangent of the curve at the centre, where they are 0, and
     along the normals.
