@@ -153,10 +153,10 @@ class Dynamics(AbstractAnalysis):
     )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Declare that the analysis reads the motion in time, and variables of loads.
+        """Return which quantities this analysis reads; only these are computed for it.
 
-        These are the variables of the pairs on which loads such as springs depend. They are
-        read with whole revolutions. `tracer` gives access to the configurations.
+        Loads such as springs depend on pair variables. A spring that winds up also depends
+        on the whole revolutions of its pair.
 
         Raises
         ------
@@ -165,10 +165,14 @@ class Dynamics(AbstractAnalysis):
         """
         need_terms(mechanism)
         return Needs(
+            # The time, and the rates and accelerations of the inputs.
             time=True,
+            # Variables of the pairs of loads, continued over whole revolutions.
+            continued_values=used_pairs(mechanism),
+            # The solver of configurations, from which the inertia matrix is computed, with
+            # the links that have mass or loads.
             tracer=True,
             links=acting_links(mechanism),
-            continued_values=used_pairs(mechanism),
         )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:

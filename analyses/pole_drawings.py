@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from spherekit.plugin import (
     link_bodies,
     quaternion,
 )
-from spherekit.plugin.motion import BlockPoles, LinePole, PrimaryPole, describe
+from spherekit.plugin.motion import BlockPoles, LinePole, Plan, PrimaryPole, describe
 
 from .gnomonic_chart import ChartAxis, chart_axes
 
@@ -159,40 +160,55 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     """
     # The construction is only drawn for mechanisms with one input, which have one plan.
     plan = batch.plans[0]
-    # A `PrimaryPole` is an axis of a pair. In pass 0 the pair joins both links of the
-    # pole. In later passes several coaxial pairs lead from one link to the other, and the
-    # pole is their common axis.
-    pair_steps = [
-        step
-        for step in plan.steps
-        if isinstance(step, PrimaryPole) and not step.pass_number
+    first_steps = [step for step in plan.steps if _is_axis_of_one_pair(step)]
+    construction = [
+        ConstructionStep(
+            text=f"{len(first_steps)} axes of pairs are known",
+            poles=[step.pole for step in first_steps],
+            uses_circles=False,
+        )
     ]
-    pair_poles = [step.pole for step in pair_steps]
-    text = f"{len(pair_poles)} axes of pairs are known"
-    construction = [ConstructionStep(text, pair_poles, uses_circles=False)]
     for step in plan.steps:
-        if step in pair_steps:
+        if step in first_steps:
             continue
-        # The description has one line for each of the steps of the drawing below: one for
-        # the equations of a block, and one for each pole at two great circles.
-        texts = describe(plan, step).split("\n")
         if isinstance(step, BlockPoles):
-            # `step.poles` are all poles of the block. Some of them follow one by one as
-            # intersections of two great circles, the others from equations.
-            later_poles = [circle_step.pole for circle_step in step.steps_from_opening]
-            block_poles = [pole for pole in step.poles if pole not in later_poles]
-            pole_sets = [block_poles, *([pole] for pole in later_poles)]
-            uses_circles = [False] + [True] * len(later_poles)
+            construction += _list_block_steps(plan, step)
         else:
-            pole_sets = [[step.pole]]
-            uses_circles = [isinstance(step, LinePole)]
-        for step_text, poles, has_circles in zip(
-            texts, pole_sets, uses_circles, strict=True
-        ):
             construction.append(
-                ConstructionStep(step_text, poles, uses_circles=has_circles)
+                ConstructionStep(
+                    text=describe(plan, step),
+                    poles=[step.pole],
+                    uses_circles=isinstance(step, LinePole),
+                )
             )
     return construction
+
+
+def _is_axis_of_one_pair(
+    step: PrimaryPole | LinePole | BlockPoles,
+) -> TypeGuard[PrimaryPole]:
+    """Return whether the pole of a step is the axis of the pair that joins its links.
+
+    In pass 0 a pair joins both links of a `PrimaryPole`. In later passes several coaxial
+    pairs lead from one link to the other, and the pole is their common axis.
+    """
+    return isinstance(step, PrimaryPole) and not step.pass_number
+
+
+def _list_block_steps(plan: Plan, block: BlockPoles) -> list[ConstructionStep]:
+    """Return the steps of poles that are determined together by linear equations.
+
+    The first step has the poles that only the equations determine. As soon as these are
+    known, the others follow one by one as intersections of two great circles.
+    """
+    # The description has one line for the equations and one for each pole at circles.
+    equations_text, *circle_texts = describe(plan, block).split("\n")
+    circle_poles = [circle_step.pole for circle_step in block.steps_from_opening]
+    equation_poles = [pole for pole in block.poles if pole not in circle_poles]
+    steps = [ConstructionStep(equations_text, equation_poles, uses_circles=False)]
+    for text, pole in zip(circle_texts, circle_poles, strict=True):
+        steps.append(ConstructionStep(text, [pole], uses_circles=True))
+    return steps
 
 
 def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene:

@@ -351,24 +351,9 @@ class SeveralInputs:
             mechanism.link_number[output.link],
             mechanism.link_number[output.relative_to],
         )
-        # The poses of all links at the singular configurations.
-        motion = batch.tracer.given(points.values)
-        # `output_of` returns the condition that the output is at rest, as linear equations
-        # in the rates of all pairs.
-        rest_condition = output_of(mechanism, output.name)
-        # What vanishes at each singularity, as a text: for example, axes of poles are in
-        # one plane. Poles follow from each other by a plan, which needs the degrees of
-        # freedom. `by_rank` states whether these follow from the rank of the closure
-        # equations, instead of from the numbers of links and pairs.
-        conditions = what_vanishes(
-            motion,
-            rest_condition,
-            pointing=points.pointing,
-            by_rank=batch.tracer.by_rank,
-        )
         return {
             "kind": [RowType(code).label for code in points.type],
-            "condition": conditions,
+            "condition": self._describe_conditions(points, output),
             **input_columns(mechanism, points.inputs),
             **configuration_columns(batch, points.values, links, points.pointing),
             "inside": np.where(points.inside, "yes", "no"),
@@ -377,59 +362,94 @@ class SeveralInputs:
             **_certainty_columns(claim),
         }
 
+    def _describe_conditions(self, points: SingularPoints, output: Output) -> list[str]:
+        """Return the geometric condition of each singular point as a text.
+
+        An example of a condition is that the pole axes of several inputs are in one plane.
+
+        Parameters
+        ----------
+        points
+            n singular configurations.
+        output
+            The output that is singular there.
+        """
+        tracer = self.batch.tracer
+        # The poses of all links at these configurations.
+        motion = tracer.given(points.values)
+        # The condition that the output rests, as linear equations in the rates of all
+        # pairs.
+        rest_condition = output_of(self.batch.mechanism, output.name)
+        # `by_rank` is how the run has counted the degrees of freedom: by the rank of the
+        # loop equations, or by the numbers of links and pairs. The poles are computed with
+        # the same count.
+        return what_vanishes(
+            motion,
+            rest_condition,
+            pointing=points.pointing,
+            by_rank=tracer.by_rank,
+        )
+
     @cached_property
     def relation(self) -> Columns:
         """The table of relations c_i w_i = d_i q_i' and of the nearness of singularities.
 
-        Input i moves at the rate q_i' while the others are locked. In this motion w_i is
-        the angular velocity of an output about its pole axis. The coefficient c_i is 0 at
-        type II, d_i at type I. The table has every row of the batch once for each output
-        and input. Some columns are:
-
-        - `form`: the text "i". It means that w_i is relative to the reference link of the
-          output. (Mechanisms with one input have rows of another form, "ii". Its angular
-          velocity is relative to the reference link of the input.)
-        - `velocity_coefficient`: w_i at the rate q_i' = 1.
-        - `output_rate` and `input_rate`: w_i and q_i' in the same motion, scaled so that
-          the rates of all pairs have unit length. They are finite at singularities, too.
-        - `sigma`: the smallest singular value of the loop equations with all inputs locked.
-          It is 0 if a link can move nevertheless.
-        - `group`: 0 for regular rows. 1 for rows that are singular with one input moving
-          alone, whichever it is. 2 for other singular rows, which are singular only with
-          several inputs moving.
+        It has every row of the batch once for each output and input.
         """
         batch = self.batch
         tables: list[Columns] = []
         for output in batch.mechanism.outputs:
-            # Coefficients, rates and distances of all rows of the batch. `w` are the
-            # angular velocities as vectors, `u` the unit vectors along the pole axes of the
-            # output, both (n, inputs, 3).
-            rows = self.coefficients[output.name]
-            velocity_coefficients = np.vecdot(rows.w, rows.u)
-            for number, pair in enumerate(batch.moving_inputs):
-                tables.append(
-                    {
-                        "sample": batch.sample,
-                        "assembly_mode": batch.assembly_mode,
-                        **input_columns(batch.mechanism, batch.inputs),
-                        "output": name_output(batch.mechanism, output),
-                        "form": "i",
-                        "distance_I": angle_from_sine(rows.type_one),
-                        "distance_II": angle_from_sine(rows.type_two),
-                        "sigma": rows.hold,  # the smallest singular value, see above
-                        "reciprocal_condition": rows.reciprocal_condition,
-                        "status": batch.status,
-                        "type": [RowType(code).label for code in rows.type],
-                        "group": rows.group,
-                        "moving": pair,
-                        "c": rows.c[:, number],
-                        "d": rows.d[:, number],
-                        "velocity_coefficient": velocity_coefficients[:, number],
-                        "output_rate": rows.output_rate[:, number],
-                        "input_rate": rows.input_rate[:, number],
-                    }
-                )
+            for input_number in range(len(batch.moving_inputs)):
+                tables.append(self._relation_columns(output, input_number))
         return RELATION.stacked(batch.mechanism, tables)
+
+    def _relation_columns(self, output: Output, input_number: int) -> Columns:
+        """Return the columns of the relation of an output and one input that moves alone.
+
+        The input moves at the rate q' while the others are locked. The output then turns
+        about its pole axis u at the angular velocity w, with c w = d q'. The coefficient c
+        is 0 at singularities of type II, d at those of type I.
+
+        Parameters
+        ----------
+        output
+            The output.
+        input_number
+            Number of the input among the moving inputs.
+        """
+        batch = self.batch
+        # Coefficients, rates and distances of all n rows, arrays (n, inputs, ...).
+        rows = self.coefficients[output.name]
+        angular_velocities = rows.w[:, input_number]  # (n, 3) vectors per unit rate q'
+        pole_axes = rows.u[:, input_number]  # (n, 3) unit vectors
+        return {
+            "sample": batch.sample,
+            "assembly_mode": batch.assembly_mode,
+            **input_columns(batch.mechanism, batch.inputs),
+            "output": name_output(batch.mechanism, output),
+            # "i": w is relative to the reference link of the output. (Form "ii" occurs in
+            # mechanisms with one input.)
+            "form": "i",
+            "distance_I": angle_from_sine(rows.type_one),
+            "distance_II": angle_from_sine(rows.type_two),
+            # The smallest singular value of the loop equations with all inputs locked. It
+            # is 0 if a link can move nevertheless.
+            "sigma": rows.hold,
+            "reciprocal_condition": rows.reciprocal_condition,
+            "status": batch.status,
+            "type": [RowType(code).label for code in rows.type],
+            # 0: regular. 1: singular whichever input moves alone. 2: singular only if
+            # several inputs move.
+            "group": rows.group,
+            "moving": batch.moving_inputs[input_number],
+            "c": rows.c[:, input_number],
+            "d": rows.d[:, input_number],
+            "velocity_coefficient": np.vecdot(angular_velocities, pole_axes),
+            # w and q' of the motion in which the rates of all pairs have unit length. They
+            # are finite at singularities, too.
+            "output_rate": rows.output_rate[:, input_number],
+            "input_rate": rows.input_rate[:, input_number],
+        }
 
     @property
     def aspects(self) -> Columns:

@@ -11,6 +11,7 @@ The unit normal n of the mid-plane and the signs of the legs determine a configu
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -170,37 +171,37 @@ class _MidPlaneCurveSearch:
     def find_borders(self) -> Iterator[CurveSeen]:
         """Yield the curves of type I: an input can move while the output rests.
 
-        A driven leg is then at the limit of its reach. The end effector is the mirror image
-        of the base in the mid-plane, whose unit normal n therefore determines its pose. The
-        elbow (the axis between the two links) of a leg with the base axis b and the arc a
-        is in the mid-plane. The leg is at the limit of its reach if the angle between b and
-        this plane is the smaller one of a and pi - a. This means ``|n . b| = sin a``. These
-        normals are two circles around b and -b. Both n and -n are on them and are normals
-        of one mid-plane. Only the normal with n_z >= 0 is considered, so that each
-        mid-plane occurs once. Only the parts of the circles that all other legs reach are
-        yielded. They are yielded once for each assembly mode: each of these legs has a
-        sign, 1 or -1, that chooses one of its two possible elbows.
+        A driven leg is then at the limit of its reach, stretched or folded. The curves are
+        circles of normals of the mid-plane, which determines the pose of the output: it is
+        the mirror image of the base in this plane. Only the parts of the circles that all
+        other legs reach are yielded. They are yielded once for each assembly mode: each of
+        these legs has a sign, 1 or -1, that chooses one of its two possible elbows (axes
+        between both links).
         """
-        plane = self.form.plane  # the equations of mid-planes and elbows
-        # Numbers of the legs whose base pairs are inputs.
-        for leg in plane.driven:
-            reason = f"leg of {self.form.name_of(leg)} at the limit of its reach"
-            axis = plane.axes[leg]
-
-            # The default value binds the leg of this pass of the loop.
-            def measure_margin(normals: Floats, leg: int = leg) -> Floats:
-                """Return a measure (n,) of the reach of the leg, which is 0 on the circles.
-
-                It is positive where the leg reaches the mid-plane, and negative elsewhere.
-                """
-                return self._measure_reach(leg, normals)
-
-            # Both signs of this leg are the same configuration at its limit.
-            for other_signs in product((1, -1), repeat=len(self.form.legs) - 1):
-                signs = np.insert(np.array(other_signs), leg, 1)
+        leg_count = len(self.form.legs)
+        for driven_leg in self.form.plane.driven:
+            reason = f"leg of {self.form.name_of(driven_leg)} at the limit of its reach"
+            # Both signs of the driven leg are the same configuration at its limit.
+            for other_signs in product((1, -1), repeat=leg_count - 1):
+                signs = np.insert(np.array(other_signs), driven_leg, 1)
                 yield from self._find_zero_curves(
-                    measure_margin, signs, reason, centres=(axis, -axis)
+                    partial(self._measure_reach, driven_leg),
+                    signs,
+                    reason,
+                    centres=self._limit_circle_centres(driven_leg),
                 )
+
+    def _limit_circle_centres(self, leg: int) -> tuple[Floats, Floats]:
+        """Return the centres (3,) of the circles on which a leg is at its limit.
+
+        The circles consist of unit normals n of the mid-plane. The elbow of the leg is in
+        this plane, at the angle a (the arc of the link) from the base axis b of the leg. At
+        the limit of the reach, a or pi - a is the angle between b and the plane, and so
+        ``|n . b| = sin a``. These are two circles around b and -b. Both are needed, because
+        the search uses only normals of a hemisphere, one for each plane.
+        """
+        axis = self.form.plane.axes[leg]
+        return axis, -axis
 
     def find_determinant_zeros(self, budget: TimeLimit) -> Iterator[CurveSeen]:
         """Yield the curves of type II: the output can move while the inputs are locked.
