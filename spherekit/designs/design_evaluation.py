@@ -51,7 +51,7 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.singularities.grashof import class_of, four_bar_links
-from spherekit.velocities.axis_rotations import PairRotations, pair_rotations
+from spherekit.velocities.axis_rotations import pair_rotations
 from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.velocities.equivalent_linkage import find_equivalent_linkage
 from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
@@ -641,39 +641,49 @@ class DesignEvaluator:
         The modes (ways to assemble the mechanism) with their configurations, at the samples
         and at the points. A point is the inputs at which some figure of merit is evaluated.
         """
+        position_analysis = self._search_modes(mechanism)
+        motion_at_samples = position_analysis.motion()
+        # The second axis of these values counts the samples, and then the points.
+        values = [_values_by_mode(motion_at_samples)]
+        if len(self.figures.points):
+            values.append(_values_by_mode(self._evaluate_points(position_analysis)))
+        return DesignMotion(
+            position_analysis, motion_at_samples, np.concatenate(values, axis=1)
+        )
+
+    def _search_modes(self, mechanism: Mechanism) -> PositionAnalysis:
+        """Return the search for the assembly modes of the mechanism of a design.
+
+        The samples are on a path of the inputs, or on a grid over their ranges.
+        """
         input_grid = self.samples.input_grid
-        # (points, 3 inputs + 1) inputs (rad), their rates and accelerations, and the time.
-        # The configurations depend on the inputs alone.
-        points = self.figures.points
-        # The samples are on a path of the inputs, or on a grid over their ranges.
         sampling: dict[str, Any] = {"path": input_grid.q}
         if not input_grid.is_path:
             sampling = {"samples": input_grid.shape}
-        # `crossings` is "pass" if modes follow smooth curves through configurations in
-        # which two curves of configurations cross.
-        position_analysis = PositionAnalysis(
-            mechanism, self.inputs, **sampling, crossings=self.samples.crossings
+        return PositionAnalysis(
+            mechanism,
+            self.inputs,
+            **sampling,
+            # Where curves of configurations cross, "pass" lets a mode follow the smooth
+            # curve.
+            crossings=self.samples.crossings,
         )
-        motions = [position_analysis.motion()]
-        if len(points) and len(self.inputs) == 1:
+
+    def _evaluate_points(self, position_analysis: PositionAnalysis) -> Motion:
+        """Return the configurations of all modes at the points of figures of merit.
+
+        A point is the inputs at which some figure of merit is evaluated.
+
+        Parameters
+        ----------
+        position_analysis
+            The search for the modes, which has found them at the samples.
+        """
+        if len(self.inputs) == 1:
             # The modes are continuous curves over one input and can be evaluated anywhere.
-            motions.append(position_analysis.at(points[:, :1]))
-        elif len(points):
-            # With several inputs, modes may be known at the samples only. Each point must
-            # therefore be one of the samples; `_tracking_inputs` raises an error otherwise.
-            # It returns the index in the samples for all samples, and then for the points.
-            _input_grid, sample_indices = self._tracking_inputs
-            indices_of_points = sample_indices[len(self.samples.rows) :]
-            motions.append(position_analysis.samples(indices_of_points))
-        # The rows of a motion are sorted by mode and then by sample. They become arrays
-        # (modes, samples or points, variables). These are joined, and transposed to
-        # (variables, samples + points, modes).
-        values_by_mode = [
-            motion.values.reshape(-1, motion.samples, motion.values.shape[1])
-            for motion in motions
-        ]
-        values = np.transpose(np.concatenate(values_by_mode, axis=1), (2, 1, 0))
-        return DesignMotion(position_analysis, motions[0], values)
+            return position_analysis.at(self.figures.points[:, :1])
+        # With several inputs, modes may be known at the samples only.
+        return position_analysis.samples(self._point_samples)
 
     @cached_property
     def _anchor(self) -> Floats:
@@ -844,14 +854,27 @@ class DesignEvaluator:
         DesignError
             If there are several inputs and a point is not a sample.
         """
-        input_grid = self.samples.input_grid
-        input_count = len(self.inputs)
-        if input_count == 1:
+        if len(self.inputs) == 1:
             # `figures.rows` are the samples, then the points. Column 0 is the input.
             q, row_indices = np.unique(self.figures.rows[:, 0], return_inverse=True)
             return InputGrid(q[:, None], (len(q),)), row_indices
+        input_grid = self.samples.input_grid
+        return input_grid, np.append(np.arange(len(input_grid)), self._point_samples)
+
+    @cached_property
+    def _point_samples(self) -> Indices:
+        """(points,) index of the sample that has the inputs of each point.
+
+        A point is the inputs at which some figure of merit is evaluated.
+
+        Raises
+        ------
+        DesignError
+            If a point is not a sample.
+        """
+        input_grid = self.samples.input_grid
         # (samples, points) distance (rad) of each point from each sample.
-        points = self.figures.points[:, :input_count]
+        points = self.figures.points[:, : len(self.inputs)]
         distances = max_abs(points - input_grid.q[:, None], axis=2)
         for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
             # Modes are tracked only if the mechanism has groups of links other than dyads.
@@ -862,8 +885,7 @@ class DesignEvaluator:
                 "sample. With several inputs and groups other than dyads, figures of merit "
                 "are computed only at samples; choose the inputs of a sample"
             )
-        point_samples = np.argmin(distances, axis=0)
-        return input_grid, np.append(np.arange(len(input_grid)), point_samples)
+        return np.argmin(distances, axis=0)
 
     # One design after the other.
 
@@ -906,40 +928,6 @@ class DesignEvaluator:
         motion = design_motion.motion
         has_shaped_profiles = self.varied_mechanism.has_shaped_profiles
         modes = position_analysis.assembly_modes
-
-        def make_expressions(configuration: Floats | None) -> DesignExpressions:
-            """Return the quantities of the design as expressions of all pair variables.
-
-            If constraints are redundant, only some of the closure equations are
-            independent. Those that are independent at the configuration (variables,) in rad
-            are used. The configuration is None if the design never closes. The expressions
-            are then never evaluated.
-            """
-
-            def make_pairs(_size_symbols: object) -> PairRotations:
-                """Return the rotations of the pairs, with the sizes of this design.
-
-                `DesignExpressions` passes symbols of the sizes that differ between designs.
-                There is one design here, so its sizes are constants.
-                """
-                # Contact profiles that are not circles have no expressions. With
-                # `as_columns`, their points, tangents and curvatures at the contacts are
-                # symbols, for which numbers are given at each configuration.
-                return pair_rotations(mechanism, as_columns=has_shaped_profiles)
-
-            return DesignExpressions(
-                mechanism,
-                self.inputs,
-                make_pairs=make_pairs,
-                # The expressions take all pair variables, which `analyse_positions` has
-                # computed, and do not compute them from the inputs in closed form.
-                closed_form=False,
-                closed=configuration,
-                # Whether constraints are redundant, so that the degrees of freedom follow
-                # from the rank of the closure equations and not by counting.
-                by_rank=position_analysis.by_rank,
-            )
-
         kernel: DesignKernel | RedundantKernel
         # `by_rank`: constraints are redundant, and independent ones are chosen.
         if position_analysis.by_rank:
@@ -953,12 +941,17 @@ class DesignEvaluator:
                     reason=NEVER_CLOSES_REASON,
                 )
             expressions_of_modes = [
-                make_expressions(configuration) for configuration in configurations
+                self._make_expressions(mechanism, configuration, is_redundant=True)
+                for configuration in configurations
             ]
             kernel = RedundantKernel(expressions_of_modes, self.figures.columns)
         else:
+            # There is no configuration if the design never closes. The expressions are then
+            # never evaluated.
             first_configuration = next(iter(motion.values[~motion.failed]), None)
-            expressions = make_expressions(first_configuration)
+            expressions = self._make_expressions(
+                mechanism, first_configuration, is_redundant=False
+            )
             kernel = DesignKernel(expressions, self.figures.columns, compiled=False)
         claim = position_analysis.claim.guarantee.value
         # The kernel of one design takes no sizes, hence the 0; it has one column per mode.
@@ -976,6 +969,51 @@ class DesignEvaluator:
         # All modes belong to the only design, with the index 0.
         table = replace(table, design=np.zeros_like(table.design))
         return self._add_missing_designs([table], 1, claim)
+
+    def _make_expressions(
+        self, mechanism: Mechanism, configuration: Floats | None, is_redundant: bool
+    ) -> DesignExpressions:
+        """Return the quantities of a design as expressions of all pair variables.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism of the design. All its sizes are constants in the expressions.
+        configuration
+            (variables,) variables (rad) with which all loops close, None if none is known.
+            If constraints are redundant, only some of the closure equations are
+            independent. Those that are independent at this configuration are used.
+        is_redundant
+            Whether constraints are redundant, so that the degrees of freedom follow from
+            the rank of the closure equations and not by counting.
+        """
+        # Contact profiles that are not circles have no expressions. With `as_columns`,
+        # their points, tangents and curvatures at the contacts are symbols, for which
+        # numbers are given at each configuration.
+        pairs = pair_rotations(
+            mechanism, as_columns=self.varied_mechanism.has_shaped_profiles
+        )
+        return DesignExpressions(
+            mechanism,
+            self.inputs,
+            # The function gets symbols for the sizes that vary. Here there are none.
+            make_pairs=lambda _size_symbols: pairs,
+            # The positions are known already, as numbers of all pair variables. They are
+            # not computed from the inputs in closed form.
+            closed_form=False,
+            closed=configuration,
+            by_rank=is_redundant,
+        )
+
+
+def _values_by_mode(motion: Motion) -> Floats:
+    """Return the pair variables (variables, samples, modes) of a motion in rad.
+
+    The rows of a motion are sorted by assembly mode and then by sample.
+    """
+    variable_count = motion.values.shape[1]
+    values = motion.values.reshape(-1, motion.samples, variable_count)
+    return np.transpose(values, (2, 1, 0))
 
 
 def most_regular_configurations(motion: Motion) -> list[Floats]:

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.mechanism.load import TorqueTable
 from spherekit.symbolic.compiler import available
 from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
@@ -254,53 +254,37 @@ class RedundantKernel:
     ) -> None:
         """Make one kernel for each choice of independent equations.
 
-        A kernel is a function that evaluates all columns at many configurations. The loops
-        of the mechanism give more equations for the rates than are independent. Each of
-        `expressions` solves those that were independent at one configuration. The kernels
-        serve one design only, so they are not compiled, which would take longer than it
-        saves.
+        The loops of the mechanism give more equations for the rates than are independent.
+        Each of `expressions` solves those that were independent at one configuration.
         """
-        # Rates are solutions of linear equations. All of them are quotients with the same
-        # denominator, the determinant of the equations (`scale`). So a column depends on
-        # rates if its expression contains this denominator. All choices of equations have
-        # the same columns, so the first expressions are examined.
-        denominator = expressions[0].coordinate_rates.scale
-        follows_from_rates = []
-        for name in columns:
-            nodes = set(iterate_nodes([expressions[0].quantity(name)]))
-            follows_from_rates.append(denominator in nodes)
         # (columns,) flags. Rates that solve the chosen equations may violate the others, if
         # the chosen ones are not independent at a configuration. `evaluate` therefore takes
-        # columns with True only from kernels whose rates fulfil all equations of the loops.
-        self._follows_from_rates = np.array(follows_from_rates, bool)
-
-        # Expressions with the same choice of equations are needed once. A choice has two
-        # parts for each group (links that are placed together). Some variables occur in one
-        # loop only, and are eliminated from it first: `private_variables`. Of the equations
-        # that remain, independent ones are used: `chosen_equations`.
-        expressions_by_choice: dict[str, DesignExpressions] = {}
-        for candidate in expressions:
-            groups = candidate.structure.groups
-            choice = repr(
-                [(group.private_variables, group.chosen_equations) for group in groups]
-            )
-            expressions_by_choice.setdefault(choice, candidate)
+        # these columns only from kernels whose rates fulfil all equations of the loops.
+        self._follows_from_rates = _find_rate_columns(expressions[0], columns)
+        # The kernels serve one design only. Compiling them would take longer than it saves.
         self._kernels = [
             DesignKernel(chosen, columns, compiled=False, with_loop_residual=True)
-            for chosen in expressions_by_choice.values()
+            for chosen in _select_distinct_choices(expressions)
         ]
-        # Names of the pairs on whose whole revolutions loads depend. They are the same in
-        # all kernels.
-        self.unwrapped_pairs = self._kernels[0].unwrapped_pairs
-        # Other kernels compute positions in closed form. They return `reach_count` further
-        # numbers, which tell whether dyads (two links and three R pairs) close. The kernels
-        # here get configurations that are closed already, so there are no such numbers.
-        self.reach_count = 0
-        # `prepare` computes the numbers that depend on the sizes of designs alone. Here
-        # there is one design, whose sizes are constants, so it is called once for each
-        # kernel.
+        # All sizes are constants, so the parts that depend on sizes alone are computed now.
         no_sizes = np.empty((0, 1))
         self._prepared = [kernel.prepare(no_sizes) for kernel in self._kernels]
+
+    @property
+    def unwrapped_pairs(self) -> tuple[str, ...]:
+        """Names of the pairs on whose whole revolutions loads depend.
+
+        They are the same in all kernels.
+        """
+        return self._kernels[0].unwrapped_pairs
+
+    @property
+    def reach_count(self) -> int:
+        """Number of outputs that tell whether the links close: none.
+
+        Only a kernel that computes positions in closed form has such outputs.
+        """
+        return 0
 
     def prepare(self, sizes: Floats) -> Floats:
         """Return an empty array (0, n): the one design was prepared by the constructor."""
@@ -343,6 +327,51 @@ class RedundantKernel:
             is_independent = ~self._follows_from_rates
             columns[is_independent] = column_values[is_independent]
         return columns
+
+
+def _find_rate_columns(expressions: DesignExpressions, columns: Sequence[str]) -> Bools:
+    """Return which columns follow from rates of the pairs, and not from positions alone.
+
+    The rates are solutions of linear equations. By Cramer's rule all of them are quotients
+    with the same denominator, the determinant of the equations. A column depends on rates
+    if its expression contains this denominator.
+
+    Parameters
+    ----------
+    expressions
+        The quantities of a design as expressions.
+    columns
+        Names of quantities.
+
+    Returns
+    -------
+    (columns,) flags.
+    """
+    determinant = expressions.coordinate_rates.scale
+    follows_from_rates = []
+    for name in columns:
+        nodes = set(iterate_nodes([expressions.quantity(name)]))
+        follows_from_rates.append(determinant in nodes)
+    return np.array(follows_from_rates, bool)
+
+
+def _select_distinct_choices(
+    expressions: Sequence[DesignExpressions],
+) -> list[DesignExpressions]:
+    """Return the first of all expressions that solve the same equations for the rates."""
+    expressions_by_choice: dict[str, DesignExpressions] = {}
+    for candidate in expressions:
+        # A group is a set of links that are placed together. Some variables occur in one
+        # loop of the group only, and are eliminated from it first. Of the equations that
+        # remain, independent ones are chosen.
+        choice = repr(
+            [
+                (group.private_variables, group.chosen_equations)
+                for group in candidate.structure.groups
+            ]
+        )
+        expressions_by_choice.setdefault(choice, candidate)
+    return list(expressions_by_choice.values())
 
 
 def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], ArrayFunction]:

@@ -177,18 +177,30 @@ class DesignRuns:
         self.tables = tables
         self.kernel_evaluator = kernel_evaluator
         self.units = {merit.name: _column_units(merit, analyses, study) for merit in merits}
-        # A figure is a reduction of an expression in columns, such as max(size / 2).
-        # Parsing raises an error if the expression uses a column that the table lacks.
-        for merit in merits:
-            merit.parsed(self.units[merit.name])
+        self._require_columns()
         self._kernel_names = kernel_evaluator.figures.names if kernel_evaluator else []
-        self.names = [*self._kernel_names, *self.units]
-        # `names` are the columns of numbers in the table of designs, which has a row for
-        # each assembly mode of each design. If the tables of the runs are wanted too, they
-        # have a column with the number of the mode. The same column in the table of designs
-        # then tells which of their rows belong to a design in a mode.
-        if tables:
-            self.names.append(ASSEMBLY)
+        self.names = self._list_number_columns()
+
+    def _require_columns(self) -> None:
+        """Raise `DesignError` if a figure of merit uses a column that its table lacks."""
+        for merit in self.merits:
+            # A figure is a reduction of an expression in columns, such as max(size / 2).
+            # Parsing it checks the names of the columns.
+            merit.parsed(self.units[merit.name])
+
+    def _list_number_columns(self) -> list[str]:
+        """Return the names of the columns of numbers in the table of designs.
+
+        The table has a row for each assembly mode of each design. Its columns are the
+        figures of merit. If the tables of the runs are wanted too, there is a column with
+        the number of the assembly mode. The tables of the runs have the same column, so
+        that the rows of a design in a mode can be found in them.
+        """
+        run_names = list(self.units)  # figures that are computed from tables of the run
+        names = [*self._kernel_names, *run_names]
+        if self.tables:
+            names.append(ASSEMBLY)
+        return names
 
     def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:
         """Return the Grashof classes (n,) of designs (variables, n), such as crank-rocker.
@@ -306,17 +318,22 @@ class DesignRuns:
         failure = failed_design(problem, self.names)
         if kernel_rows is None:
             return failure
-        count = len(kernel_rows.design)
-        # The run has no figures, so all of its figures become NaN, and no row belongs to a
-        # mode in its tables.
-        table = self._add_figures(kernel_rows, modes=[NO_TABLE_MODE] * count, figures={})
-        # Either there is one row for each assembly mode (way to assemble the mechanism),
-        # and all rows are OK. Or there is a single row without figures, with a reason.
-        if not np.all(kernel_rows.status == OK):
+        table = self._add_missing_figures(kernel_rows)
+        if np.any(kernel_rows.status != OK):
+            # The kernel has found already that the design is impossible or cannot be
+            # assembled. There is one row, with this reason.
             return table
+        # There is a row for each assembly mode. All of them get the failure of the run.
+        count = len(kernel_rows.design)
         status = np.repeat(failure.status, count)
         reason = np.repeat(failure.reason, count)
         return replace(table, status=status, reason=reason)
+
+    def _add_missing_figures(self, kernel_rows: DesignTable) -> DesignTable:
+        """Return rows that a kernel has computed, with NaN for the figures of the run."""
+        # There are no tables of the run, so no row belongs to a mode of a table.
+        modes = [NO_TABLE_MODE] * len(kernel_rows.design)
+        return self._add_figures(kernel_rows, modes, figures={})
 
     def _join_run(self, kernel_rows: DesignTable | None, run: RunResult) -> DesignTable:
         """Return the rows of a design with figures of its run and of the kernel.

@@ -109,39 +109,75 @@ class DesignSamples:
             )
         # An error is raised if time laws, duration and samples contradict each other.
         check_time(study)
-        names = mechanism.input_pairs
         if study.duration is not None:
-            assert isinstance(study.samples, int)
-            t = np.linspace(0.0, study.duration, study.samples)
-            # Samples are equally spaced in time. Inputs without a law move at 1 rad/s.
-            default_laws = {
-                driven.pair: ConstantSpeed(driven.sense, driven.start)
-                for driven in mechanism.inputs
-            }
-            q, timing = evaluate_time_laws(names, {**default_laws, **study.laws}, t)
-            rows = np.column_stack([q, timing.dq, timing.ddq, t])
-            return DesignSamples(names, rows, shape=(len(t),), crossings=study.crossings)
-
-        # Without a duration, samples are a path or a grid of the inputs, over their ranges
-        # or through values that the study lists.
-        input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
-        if study.path is not None:
-            q_at_time_zero = _inputs_at_time_zero_of_path(input_grid.q)
-            # By convention inputs increase, also at samples where the path runs back.
-            sense = np.ones(len(names))
+            samples = DesignSamples._sample_times(mechanism, study, study.duration)
+        elif study.path is not None:
+            samples = DesignSamples._sample_path(mechanism, study)
         else:
-            # Inputs move through their ranges from the start, up (1) or down (-1).
-            q_at_time_zero = np.array([driven.start for driven in mechanism.inputs])
-            sense = np.array([driven.sense for driven in mechanism.inputs])
-        samples = DesignSamples.at_unit_speed(
-            names,
-            input_grid.q,
-            q_at_time_zero=q_at_time_zero,
-            sense=sense,
-            shape=input_grid.shape,
-        )
+            samples = DesignSamples._sample_ranges(mechanism, study)
         # `crossings` says what modes do where curves of configurations cross.
         return replace(samples, crossings=study.crossings)
+
+    @staticmethod
+    def _sample_times(
+        mechanism: Mechanism, study: Study, duration: float
+    ) -> "DesignSamples":
+        """Return samples at equally spaced times, at which inputs follow their time laws.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism with its inputs. Inputs without a time law move at 1 rad/s.
+        study
+            Number of samples, and time laws.
+        duration
+            Time (s) of the last sample. The first one is at time 0.
+        """
+        assert isinstance(study.samples, int)
+        names = mechanism.input_pairs
+        t = np.linspace(0.0, duration, study.samples)
+        default_laws = {
+            driven.pair: ConstantSpeed(driven.sense, driven.start)
+            for driven in mechanism.inputs
+        }
+        q, timing = evaluate_time_laws(names, {**default_laws, **study.laws}, t)
+        rows = np.column_stack([q, timing.dq, timing.ddq, t])
+        return DesignSamples(names, rows, shape=(len(t),))
+
+    @staticmethod
+    def _sample_path(mechanism: Mechanism, study: Study) -> "DesignSamples":
+        """Return samples at values of the inputs that a study lists, a path.
+
+        A path states neither rates nor times, but figures of merit may contain them. By
+        convention, all inputs increase at 1 rad/s, also at samples where the path runs
+        back. The time follows from the first input, and is zero where this input has its
+        value at time zero.
+        """
+        input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
+        names = mechanism.input_pairs
+        return DesignSamples.at_unit_speed(
+            names,
+            input_grid.q,
+            q_at_time_zero=_inputs_at_time_zero_of_path(input_grid.q),
+            sense=np.ones(len(names)),
+            shape=input_grid.shape,
+        )
+
+    @staticmethod
+    def _sample_ranges(mechanism: Mechanism, study: Study) -> "DesignSamples":
+        """Return samples over the ranges of the inputs, a grid if there are several inputs.
+
+        Each input moves from the start of its range, up (sense 1) or down (sense -1), at
+        1 rad/s. It is at the start at time zero.
+        """
+        input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
+        return DesignSamples.at_unit_speed(
+            mechanism.input_pairs,
+            input_grid.q,
+            q_at_time_zero=np.array([driven.start for driven in mechanism.inputs]),
+            sense=np.array([driven.sense for driven in mechanism.inputs]),
+            shape=input_grid.shape,
+        )
 
     @staticmethod
     def at_unit_speed(

@@ -33,6 +33,7 @@ from spherekit.designs.profile_numbers import (
 from spherekit.designs.varied_mechanism import DesignPoint, VariedMechanism
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.number_change import document_of
+from spherekit.files.toml_lines import KeyPath
 from spherekit.mechanism.elements import SizeGeometry
 from spherekit.mechanism.load_dependence import (
     acting_links,
@@ -380,41 +381,69 @@ class Sensitivity:
         for derivatives: a size, or a number of a mass or load. A run leaves out links on
         which none of the needed links depends, which saves time.
         """
-        pairs = self.mechanism.pairs
-        names = self.mechanism.links
-        # Names of quantities of the motion of two links relative to each other, and these
-        # links. All other quantities are assumed to depend on all links.
-        links_of_quantity = {
-            f"{kind}_{pair.name}": pair.links
-            for kind in ("theta", "rate", "transmission_angle")
-            for pair in pairs
-        }
-        for kind in ("velocity_coefficient", "acceleration_coefficient"):
-            for link in names:
-                for reference_link in names:
-                    quantity = f"{kind}_{link}_{reference_link}"
-                    links_of_quantity[quantity] = (link, reference_link)
         link_names: set[str] = set()
         for quantity in self.quantities:
-            # Names that begin like `INERTIAL` are quantities of masses and loads, such as
-            # the equivalent inertia B. The links on which these act are added below.
-            default = () if quantity.startswith(INERTIAL) else names
-            # With several inputs, quantities end with "_by_" and the input that moves.
-            without_input, *_ = quantity.split("_by_")
-            link_names.update(links_of_quantity.get(without_input, default))
-        # The path of a named number in the file is such as ("links", "2", "arc") or
-        # ("pairs", "41", "zero"): its second item is a link or a pair. For a pair its two
-        # links are added, and for a link also all links that it shares a pair with.
+            link_names.update(self._list_links_of_quantity(quantity))
         for path in self._named_paths:
-            for pair in pairs:
-                if path[1] in (pair.name, *pair.links):
-                    link_names.update(pair.links)
-        numbers = frozenset(self.mechanism.link_number[name] for name in link_names)
-        # Masses and loads add the links on which they act. `ACTIONS` are their tables.
-        depends_on_actions = any(name.startswith(INERTIAL) for name in self.quantities)
-        if depends_on_actions or any(path[0] in ACTIONS for path in self._named_paths):
-            return numbers | acting_links(self.mechanism)
-        return numbers
+            link_names.update(self._list_links_of_number(path))
+        links = frozenset(self.mechanism.link_number[name] for name in link_names)
+        if self._needs_masses_or_loads:
+            return links | acting_links(self.mechanism)
+        return links
+
+    def _list_links_of_quantity(self, quantity: str) -> Sequence[str]:
+        """Return the names of the links whose motion determines a quantity.
+
+        Quantities of masses and loads, such as the equivalent inertia, have none here. They
+        depend on the links on which masses and loads act, which `links` adds.
+        """
+        if quantity.startswith(INERTIAL):
+            return ()
+        # With several inputs, names of quantities end with "_by_" and the moving input.
+        without_input, *_ = quantity.split("_by_")
+        # All quantities that are not listed are assumed to depend on all links.
+        return self._links_of_relative_quantity.get(without_input, self.mechanism.links)
+
+    @cached_property
+    def _links_of_relative_quantity(self) -> dict[str, tuple[str, str]]:
+        """The two links of each quantity that describes their relative motion, by name."""
+        links_of_quantity: dict[str, tuple[str, str]] = {}
+        for kind in ("theta", "rate", "transmission_angle"):
+            for pair in self.mechanism.pairs:
+                links_of_quantity[f"{kind}_{pair.name}"] = pair.links
+        for kind in ("velocity_coefficient", "acceleration_coefficient"):
+            for link in self.mechanism.links:
+                for reference_link in self.mechanism.links:
+                    quantity = f"{kind}_{link}_{reference_link}"
+                    links_of_quantity[quantity] = (link, reference_link)
+        return links_of_quantity
+
+    def _list_links_of_number(self, path: KeyPath) -> list[str]:
+        """Return the names of the links whose sizes or pairs a number of the file changes.
+
+        They are both links of each pair that has this number itself, or that joins the link
+        with this number. The result may be empty and may have a name several times.
+
+        Parameters
+        ----------
+        path
+            Place of the number in the file, such as ("links", "2", "arc") or
+            ("pairs", "41", "zero").
+        """
+        pair_or_link = path[1]
+        links: list[str] = []
+        for pair in self.mechanism.pairs:
+            if pair_or_link == pair.name or pair_or_link in pair.links:
+                links.extend(pair.links)
+        return links
+
+    @property
+    def _needs_masses_or_loads(self) -> bool:
+        """Whether the quantities or the named numbers include masses or loads."""
+        # `ACTIONS` are the tables of masses and loads in the file.
+        return any(name.startswith(INERTIAL) for name in self.quantities) or any(
+            path[0] in ACTIONS for path in self._named_paths
+        )
 
     @property
     def wound(self) -> Names:

@@ -450,21 +450,9 @@ class VariedMechanism:
         sizes, reasons = self.kernel_sizes(values[:, None])
         if reasons[0] != OK:
             return None
-        # For each variable, the derivatives (numbers,) of the values that describe
-        # contacts, masses and loads. Derivatives that are equal for all designs are stored.
-        slopes_by_variable = []
-        for k, constant_slopes in enumerate(self.constant_slopes):
-            if constant_slopes is None:
-                slopes_by_variable.append(self._differentiate_numbers(values, k))
-            else:
-                slopes_by_variable.append(constant_slopes)
-        number_slopes = np.stack(slopes_by_variable, axis=1)  # (numbers, variables)
-        # A variable that is a size itself changes this size alone. The derivative is the
-        # factor from the unit of the file to rad or SI units.
-        variable_slopes = np.zeros((len(self.size_variables), len(values)))
-        for size, variable in enumerate(self.size_variables):
-            variable_slopes[size, variable] = self.unit_scales[variable]
-        slopes = np.concatenate([variable_slopes, number_slopes])
+        slopes = np.concatenate(
+            [self._variable_size_slopes(), self._differentiate_all_numbers(values)]
+        )
         profiles = None
         if self.has_shaped_profiles:
             try:
@@ -472,6 +460,43 @@ class VariedMechanism:
             except SpherekitError:
                 return None
         return DesignPoint(values, sizes[:, 0], slopes, profiles)
+
+    def _variable_size_slopes(self) -> Floats:
+        """Return the derivatives of the sizes that are design variables themselves.
+
+        Returns
+        -------
+        (variable sizes, variables) derivatives by the variables. Each variable changes its
+        own size alone. The derivative is the factor from the unit of the file to rad or SI
+        units.
+        """
+        slopes = np.zeros((len(self.size_variables), len(self.variables)))
+        for size, variable in enumerate(self.size_variables):
+            slopes[size, variable] = self.unit_scales[variable]
+        return slopes
+
+    def _differentiate_all_numbers(self, values: Floats) -> Floats:
+        """Return the derivatives of contacts, masses and loads by all design variables.
+
+        Contacts, masses and loads are described by numbers, which are read from the file of
+        a design. Those that are the same in all designs are left out.
+
+        Parameters
+        ----------
+        values
+            (variables,) values of the design variables, in the units of the file.
+
+        Returns
+        -------
+        (varied numbers, variables) derivatives in rad and SI units.
+        """
+        slopes_by_variable = []
+        for k, constant_slopes in enumerate(self.constant_slopes):
+            if constant_slopes is not None:
+                slopes_by_variable.append(constant_slopes)
+            else:
+                slopes_by_variable.append(self._differentiate_numbers(values, k))
+        return np.stack(slopes_by_variable, axis=1)
 
     # Numbers that are read from the file of each design: contacts, then masses and loads.
 
@@ -629,36 +654,49 @@ class VariedMechanism:
 
     @cached_property
     def constant_slopes(self) -> list[Floats | None]:
-        """Derivatives by each design variable, if they are the same in all designs.
+        """Derivatives of numbers by each design variable, if all designs have the same.
 
-        The `varied_numbers` are the numbers of contacts, masses and loads that change with
-        the variables. The entry of a variable has the derivative of each of them. These are
-        computed in the design of the file and in trial designs, in which all variables are
-        changed a little. The entry is None if the derivatives of these designs do not
-        agree, or no trial design is possible.
+        The numbers describe contacts, masses and loads (`varied_numbers`). The entry of a
+        variable has the derivative (numbers,) of each number. It is None if the derivatives
+        differ between designs, and have to be computed for each one.
         """
-        constant_slopes: list[Floats | None] = []
-        for k, variable in enumerate(self.variables):
-            # `ACTIONS` are the tables of masses and loads in the file.
-            is_mass_or_load = variable.path[0] in ACTIONS
-            if not self._reads_whole_file and not is_mass_or_load:
-                # If the whole file need not be read, no contact is replaced by links and no
-                # mass follows sizes of links. All varied numbers then stand in the tables
-                # of masses and loads, and a variable outside these tables changes none.
-                constant_slopes.append(np.zeros(len(self.varied_numbers)))
-                continue
-            # The derivatives at the design of the file come first. Those of trial designs
-            # follow; there are none if no trial design is possible.
-            nominal_slopes, *trial_slopes = self.trial_slopes(k)
-            # The derivatives have several units, so the tolerance is relative only. A
-            # derivative that is zero up to rounding then fails the test. This costs time
-            # but no accuracy, since the derivatives are then computed for each design.
-            agrees = all(
-                np.allclose(nominal_slopes, slopes, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
-                for slopes in trial_slopes
-            )
-            constant_slopes.append(nominal_slopes if trial_slopes and agrees else None)
-        return constant_slopes
+        return [
+            self._find_constant_slopes(k)
+            if self._can_change_numbers(variable)
+            else np.zeros(len(self.varied_numbers))
+            for k, variable in enumerate(self.variables)
+        ]
+
+    def _can_change_numbers(self, variable: DesignVariable) -> bool:
+        """Return whether a variable can change a number of a contact, mass or load.
+
+        If it is a number of a mass or load itself, it can. Another variable, such as the
+        size of a link, can do so in two cases: masses follow from the sizes of links, or an
+        equivalent linkage, whose angles depend on sizes, replaces the contacts.
+        """
+        # `ACTIONS` are the tables of masses and loads in the file.
+        is_mass_or_load = variable.path[0] in ACTIONS
+        has_equivalent_linkage = self.equivalent_linkage is not None
+        return is_mass_or_load or self.masses_follow_sizes or has_equivalent_linkage
+
+    def _find_constant_slopes(self, k: int) -> Floats | None:
+        """Return the derivatives of the varied numbers by variable k, if they are constant.
+
+        They are computed in the design of the file and in trial designs, in which all
+        variables are changed a little. The result is None if the derivatives of these
+        designs do not agree, or no trial design is possible.
+        """
+        nominal_slopes, *trial_slopes = self.trial_slopes(k)
+        if not trial_slopes:
+            return None
+        # The derivatives have several units, so the tolerance is relative only. A
+        # derivative that is zero up to rounding then fails the test. This costs time but no
+        # accuracy, since the derivatives are then computed for each design.
+        agrees = all(
+            np.allclose(nominal_slopes, slopes, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
+            for slopes in trial_slopes
+        )
+        return nominal_slopes if agrees else None
 
     def trial_slopes(self, k: int) -> list[Floats]:
         """Return the derivatives by variable k, at the design of the file and the trials.
