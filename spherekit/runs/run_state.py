@@ -332,9 +332,9 @@ class RunState:
             for codes, part_count in _count_shared_arrays(arrays):
                 if has_sample_rows:
                     if is_interleaved:
-                        codes = _failures_of_pole(codes, batch)
+                        codes = _select_pole_failures(codes, batch)
                     else:
-                        codes = _failures_of_table(codes, data, batch)
+                        codes = _select_table_failures(codes, data, batch)
                 key = (FAILED, analysis_name, table.name)
                 self._count_statuses(key, codes, part_count, ignored)
 
@@ -399,7 +399,7 @@ class RunState:
         return errors | fractions
 
 
-def _failures_of_pole(codes: Array, batch: Batch) -> Array:
+def _select_pole_failures(codes: Array, batch: Batch) -> Array:
     """Return the status codes of a pole that differ from those of its configurations.
 
     A configuration that has failed is counted once, and not again for each of its poles.
@@ -418,7 +418,7 @@ def _failures_of_pole(codes: Array, batch: Batch) -> Array:
     return codes[codes != batch.status]
 
 
-def _failures_of_table(codes: Array, data: TableData, batch: Batch) -> Array:
+def _select_table_failures(codes: Array, data: TableData, batch: Batch) -> Array:
     """Return the status codes of failed rows of a table whose configuration did not fail.
 
     Codes that equal the status of the configuration are left out.

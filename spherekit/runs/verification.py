@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats, Indices
+from spherekit.arrays import Array, Floats, Indices, Integers
 from spherekit.conventions import TURN, Facts
 from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.geometry.vectors import nans
@@ -125,7 +125,7 @@ class _BlockRows(ArrayRows):
         return [np.argmax(np.nan_to_num(score, nan=-1.0)) for score in scores]
 
 
-def order_evenly(numbers: Indices) -> Indices:
+def order_evenly(numbers: Integers) -> Indices:
     """Return indices in an order whose first entries are spread evenly over some numbers.
 
     The numbers are ordered by the fractional part of a multiple of the golden ratio. This
