@@ -26,7 +26,7 @@ from spherekit.mechanism.joint import revolute
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.positions import configuration_graph
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
-from spherekit.positions.configuration_graph import ConfigurationGraph
+from spherekit.positions.configuration_graph import ConfigurationGraph, DeterminantSigns
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.sample_configurations import enumerate_configurations
@@ -518,10 +518,13 @@ def test_close_configurations_of_opposite_sign_stay_two_nodes(signs, equal):
     count = len(signs)
     values = configurations.values[:1] + 1e-7 * np.arange(count)[:, None]
     same_sample = np.zeros(count, dtype=int)
-    assert graph._find_equal(same_sample, values, np.array(signs)).tolist() == equal
+    determinant_signs = DeterminantSigns(
+        sign=np.array(signs), is_regular=np.array(signs) != 0.0
+    )
+    assert graph._find_equal(same_sample, values, determinant_signs).tolist() == equal
     # Configurations of different samples are never equal.
     different_samples = np.arange(count)
-    different = graph._find_equal(different_samples, values, np.array(signs))
+    different = graph._find_equal(different_samples, values, determinant_signs)
     assert different.tolist() == list(range(count))
 
 

@@ -60,7 +60,7 @@ class GearMesh(NamedTuple):
         """Numbers of the R pairs whose variables the rolling contact relates."""
         return {*self.angle_signs[0], *self.angle_signs[1]}
 
-    def angle_factors(self, wheel_factors: tuple[Any, Any]) -> dict[int, Any]:
+    def angle_factors(self, first_sine: Any, second_sine: Any) -> dict[int, Any]:
         """Return the factor of each pair variable in sin(r) f - sin(s) g.
 
         This difference is constant while the two wheels roll. The first wheel has the pitch
@@ -70,14 +70,16 @@ class GearMesh(NamedTuple):
 
         Parameters
         ----------
-        wheel_factors
-            The factors sin(r) and -sin(s): floats, or balls (floats with error bounds).
+        first_sine, second_sine
+            sin(r) and sin(s): floats, or balls (floats with error bounds).
         """
+        signs_of_first_wheel, signs_of_second_wheel = self.angle_signs
         factor_by_pair = {}
-        for wheel_factor, signs in zip(wheel_factors, self.angle_signs, strict=True):
-            # The pairs of a wheel have its axis, so no pair belongs to both wheels.
-            for pair, sign in signs.items():
-                factor_by_pair[pair] = wheel_factor if sign > 0.0 else -wheel_factor
+        # The pairs of a wheel have its axis, so no pair belongs to both wheels.
+        for pair, sign in signs_of_first_wheel.items():
+            factor_by_pair[pair] = first_sine if sign > 0.0 else -first_sine
+        for pair, sign in signs_of_second_wheel.items():
+            factor_by_pair[pair] = -second_sine if sign > 0.0 else second_sine
         return factor_by_pair
 
 
@@ -93,9 +95,11 @@ class CarriedContact(NamedTuple):
     angles f and g. The circles have the radii r and s (rad) on the unit sphere. Rolling
     keeps sin(r) f - sin(s) g constant.
 
-    A circle on the sphere has two centres, opposite to each other. If the wheels touch from
-    outside, one circle is described by the centre opposite to that of its wheel. The
-    relation of an internal contact then applies to all wheels.
+    This relation, without a change of sign, applies also to wheels that touch from outside
+    and rotate in opposite senses. A circle on the sphere has two opposite centres. For both
+    circles the centre on the same side of their common tangent is taken. If the wheels
+    touch from outside, this is the opposite centre for one of them: its radius here is 180
+    degrees less that of the wheel, and its angle is counted about the opposite axis.
 
     Attributes
     ----------
@@ -122,7 +126,8 @@ class CarriedContact(NamedTuple):
         and g. Each angle is the sum of variables of R pairs with signs.
         """
         return self.mesh.angle_factors(
-            (np.sin(self.first_wheel.radius), -np.sin(self.second_wheel.radius))
+            first_sine=np.sin(self.first_wheel.radius),
+            second_sine=np.sin(self.second_wheel.radius),
         )
 
 

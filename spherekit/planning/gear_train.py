@@ -64,11 +64,11 @@ class GearTrain(NamedTuple):
         (contacts, inputs) derivatives of their rolled lengths by the inputs.
     lengths
         (contacts,) their rolled lengths (rad) at inputs of zero.
-    rolled
-        (contacts, 2) arc lengths (rad) along both circles at the point of contact, if the
-        variables of all R pairs are zero. Each includes the whole circumferences by which
-        the wheel has rolled. NaN if the mechanism is given in a reference pose, because
-        `lengths` follow from this pose.
+    wheel_lengths
+        (contacts, 2) by how much the first and the second wheel of each contact have rolled
+        (rad) if the variables of all R pairs are zero, with whole turns. This is in general
+        no assembled position, so both lengths of a contact differ. NaN if the mechanism is
+        given in a reference pose, from which `offsets` and `lengths` follow instead.
     """
 
     followers: tuple[int, ...]
@@ -77,7 +77,7 @@ class GearTrain(NamedTuple):
     contacts: tuple[int, ...]
     length_ratios: Floats
     lengths: Floats
-    rolled: Floats
+    wheel_lengths: Floats
 
     @property
     def numbers(self) -> list[float]:
@@ -155,6 +155,18 @@ def find_gear_train(
             if determined
         ]
     return None
+
+
+class TrainConstants(NamedTuple):
+    """The constants of a train that its relations do not determine.
+
+    The attributes are those of `GearTrain`: the angles of the followers at inputs of zero,
+    and the rolled lengths there and at pair angles of zero.
+    """
+
+    offsets: Floats
+    lengths: Floats
+    wheel_lengths: Floats
 
 
 class _Relations(NamedTuple):
@@ -241,61 +253,103 @@ def _solve_train(
     independent = _choose_independent_contacts(relations)
     follower_factors = relations.factors[:, followers]
     input_factors = relations.factors[:, inputs]
-    matrix = follower_factors[independent]
     first_slopes = relations.first_factors[:, followers]
-    ratios = np.asarray(-np.linalg.solve(matrix, input_factors[independent]))
+    ratios = np.asarray(
+        -np.linalg.solve(follower_factors[independent], input_factors[independent])
+    )
+    # The relations of all contacts must agree with these ratios.
     if max_abs(follower_factors @ ratios + input_factors) > RELATION_RANK_TOLERANCE:
         return None
     length_ratios = -(first_slopes @ ratios + relations.first_factors[:, inputs])
     contact_numbers = [contact.mesh.contact for contact in contacts]
-    rolled = np.full((len(contacts), 2), np.nan)
-    # The constants follow from the reference pose, or from the assembly with the smallest
-    # rolled lengths.
-    if reference is not None:
+    if reference is None:
+        constants = _find_constants_of_least_rolling(
+            contacts, joints, relations, independent=independent
+        )
+        if constants is None:
+            return None
+    else:
+        # The reference pose gives the angles and rolled lengths at its own inputs.
         reference_inputs, reference_angles, reference_lengths = (
             reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
             for pairs in (inputs, followers, contact_numbers)
         )
-        offsets = reference_angles - ratios @ reference_inputs
-        lengths = reference_lengths - length_ratios @ reference_inputs
-    else:
-        rolled = np.array(
-            [_contact_lengths_at_zero(contact, joints) for contact in contacts]
+        constants = TrainConstants(
+            offsets=reference_angles - ratios @ reference_inputs,
+            lengths=reference_lengths - length_ratios @ reference_inputs,
+            wheel_lengths=np.full((len(contacts), 2), np.nan),
         )
-        circumferences = TURN * np.abs(
-            np.sin([[wheel.radius for wheel in contact.wheels] for contact in contacts])
-        )
-        turns = find_least_rolled_turns(
-            rolled[independent],
-            circumferences[independent],
-            first_slopes[independent],
-            matrix,
-        )
-        if turns is None:
-            return None
-        rolled[independent] += turns * circumferences[independent]
-        # Angles at inputs of zero. Points of contact are equally far along both circles.
-        differences = rolled[independent, 0] - rolled[independent, 1]
-        offsets = np.linalg.solve(matrix, differences)
-        # Contacts that repeat others have to fit to these angles.
-        for k in set(range(len(contacts))) - set(independent):
-            fitting = _find_fitting_lengths(
-                rolled[k], circumferences[k], follower_factors[k] @ offsets
-            )
-            if not len(fitting):
-                return None
-            rolled_lengths = fitting[:, :1] - first_slopes[k] @ offsets
-            rolled[k] = fitting[index_of_least_rolled(rolled_lengths)]
-        lengths = rolled[:, 0] - first_slopes @ offsets
     return GearTrain(
-        tuple(followers),
-        ratios,
-        offsets,
-        tuple(contact_numbers),
-        length_ratios,
-        lengths,
-        rolled,
+        followers=tuple(followers),
+        ratios=ratios,
+        offsets=constants.offsets,
+        contacts=tuple(contact_numbers),
+        length_ratios=length_ratios,
+        lengths=constants.lengths,
+        wheel_lengths=constants.wheel_lengths,
     )
+
+
+def _find_constants_of_least_rolling(
+    contacts: Sequence[CarriedContact],
+    joints: Sequence[Joint],
+    relations: _Relations,
+    independent: list[int],
+) -> TrainConstants | None:
+    """Return the constants of the assembly in which wheels have rolled least.
+
+    Wheels can be put together with different teeth in contact. Of all assemblies, the one
+    with the smallest rolled lengths at inputs of zero is chosen.
+
+    Parameters
+    ----------
+    contacts
+        The contacts of the train.
+    joints
+        The joints of all pairs of the mechanism.
+    relations
+        The relations of the contacts.
+    independent
+        Indices of contacts whose relations determine the angles of all followers. The
+        relations of the others follow from these.
+
+    Returns
+    -------
+    The constants. None if too many whole turns would have to be tried, or if the teeth of a
+    contact that is not independent do not fit.
+    """
+    follower_factors = relations.factors[:, relations.followers]
+    first_slopes = relations.first_factors[:, relations.followers]
+    matrix = follower_factors[independent]
+    wheel_lengths = np.array(
+        [_contact_lengths_at_zero(contact, joints) for contact in contacts]
+    )
+    radii = [[wheel.radius for wheel in contact.wheels] for contact in contacts]
+    circumferences = TURN * np.abs(np.sin(radii))
+    turns = find_least_rolled_turns(
+        wheel_lengths[independent],
+        circumferences[independent],
+        first_slopes[independent],
+        matrix,
+    )
+    if turns is None:
+        return None
+    wheel_lengths[independent] += turns * circumferences[independent]
+    # The angles of the followers are those at which both wheels of each contact have rolled
+    # by the same length.
+    differences = wheel_lengths[independent, 0] - wheel_lengths[independent, 1]
+    offsets = np.linalg.solve(matrix, differences)
+    # Contacts that are not independent have to fit to these angles.
+    for k in set(range(len(contacts))) - set(independent):
+        fitting = _find_fitting_lengths(
+            wheel_lengths[k], circumferences[k], follower_factors[k] @ offsets
+        )
+        if not len(fitting):
+            return None
+        rolled_lengths = fitting[:, :1] - first_slopes[k] @ offsets
+        wheel_lengths[k] = fitting[index_of_least_rolled(rolled_lengths)]
+    lengths = wheel_lengths[:, 0] - first_slopes @ offsets
+    return TrainConstants(offsets, lengths, wheel_lengths)
 
 
 def _choose_independent_contacts(relations: _Relations) -> list[int]:

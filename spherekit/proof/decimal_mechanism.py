@@ -290,7 +290,7 @@ class DecimalMechanism(DecimalGeometry):
                 self,
                 structure=replace(structure, followers=followers),
                 meshes=meshes,
-                rolled_lengths=train.rolled.tolist(),
+                rolled_lengths=train.wheel_lengths.tolist(),
             )
             # The equations are solved once, only to see whether they can be solved. If they
             # are singular, a division by zero skips the return statement.
@@ -318,7 +318,8 @@ class DecimalMechanism(DecimalGeometry):
         relations = exact_balls(np.zeros((len(self.meshes), len(self.structure.pairs))))
         for row, mesh in zip(relations, self.meshes, strict=True):
             first_sine, second_sine = self.circle_contact(mesh.contact).sines
-            for pair, factor in mesh.angle_factors((first_sine, -second_sine)).items():
+            factors = mesh.angle_factors(first_sine, second_sine)
+            for pair, factor in factors.items():
                 row[self._structure_pair(pair)] = factor
         return relations
 
