@@ -195,45 +195,47 @@ def compile_equation(
     common_mechanism = _remove_run_data(mechanism, coordinates)
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     key = _cache_key(mechanism, step_tolerance, compact)
-    input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
-    # Whether the cache had the equation, because an earlier call has compiled it. The cache
-    # calls `compile_now` only if it does not, and `compile_now` sets this to False.
+    arguments = EquationArguments(
+        mechanism=mechanism,
+        tolerance=tolerance,
+        compact=compact,
+        coordinates=coordinates,
+        values=values,
+    )
     was_cached = True
 
     def compile_now() -> CompiledEquation:
-        """Derive and compile the equation of motion, because the cache does not have it.
-
-        The numbers of torque tables and joint limits are parameters of the equation, which
-        are set before each simulation. In `common_mechanism`, for which the equation is
-        derived, they have arbitrary values. So mechanisms that differ only in these numbers
-        share one compiled equation.
-        """
+        """Compile the equation. The cache calls this only if it has no such equation."""
         nonlocal was_cached
         was_cached = False
-        # With several degrees of freedom a configuration is given, `values`, in which the
-        # coordinates determine the rates. With one there is nothing to choose.
-        if values is None:
-            expressions = derive_single_dof_equation(common_mechanism)
-        else:
-            expressions = derive_multi_dof_equation(
-                common_mechanism, values, input_variables
-            )
-        # Compiled code cannot be pickled. A pickle contains these arguments instead, and
-        # loading it calls `compile_equation` with them. This call limits the tolerance
-        # again, so it gets the tolerance as the user gave it.
-        arguments = EquationArguments(
-            mechanism=mechanism,
-            tolerance=tolerance,
-            compact=compact,
-            coordinates=coordinates,
-            values=values,
-        )
+        expressions = _derive_equation(arguments, common_mechanism)
         return _compile_expressions(
             expressions, common_mechanism, step_tolerance, arguments
         )
 
     equation = FUNCTION_CACHE.get(common_mechanism, key, compile_now)
     return equation, was_cached
+
+
+def _derive_equation(
+    arguments: EquationArguments, common_mechanism: Mechanism
+) -> EquationExpressions:
+    """Return the equation of motion as symbolic expressions.
+
+    Parameters
+    ----------
+    arguments
+        The arguments of `compile_equation`.
+    common_mechanism
+        Their mechanism with arbitrary values of torque tables and joint limits. These
+        values are parameters of the equation, which are set before each simulation.
+    """
+    # With one degree of freedom there is no choice of coordinates.
+    if arguments.values is None:
+        return derive_single_dof_equation(common_mechanism)
+    mechanism = arguments.mechanism
+    input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
+    return derive_multi_dof_equation(common_mechanism, arguments.values, input_variables)
 
 
 def _compile_again(arguments: EquationArguments) -> CompiledEquation:

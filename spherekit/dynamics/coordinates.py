@@ -183,21 +183,17 @@ def _complete_motion(
 ) -> CoordinateMotion:
     """Return a motion with all derivatives, from the first derivatives of the variables.
 
-    The rates r_i of all variables by coordinate i keep the loops closed: J r_i = 0, with
-    the Jacobian J of the loop-closure equations. The derivative of this equation by
-    coordinate k is J dr_i = -J_k r_i with J_k = dJ/dq_k. It is solved for dr_i, the second
-    derivatives by i and k.
+    These are the second derivatives of the variables, and the angular velocities of the
+    links with their derivatives.
 
     Parameters
     ----------
     linearisation
         n closed configurations with their Jacobians.
     rates
-        (n, m, variables) the rates r_i.
+        (n, m, variables) derivatives of the variables by each coordinate.
     closing_inverse
-        (n, variables, equations) maps y to the rates x with J x = y at which no coordinate
-        changes. It is a part of the inverse of the matrix that has the rows of J and, below
-        them, the weights of the variables in the coordinates.
+        (n, variables, equations) the matrices of `_differentiate_rates`.
     order
         1 leaves out the second derivatives.
     """
@@ -214,10 +210,10 @@ def _complete_motion(
     second = nans((n, m, m, variables))
     dw = nans((n, m, m, tree.count, 3))
     for k in range(m if order == 2 else 0):
-        # Derivatives by coordinate k of the pair axes, then J_k r_i for all i.
+        # Derivatives by coordinate k of the pair axes, of J and of all rates.
         vector_derivatives = linearisation.vector_rates(w[:, k])
-        bias = rates @ transpose(tree.jacobian(vector_derivatives))
-        second[:, :, k] = -bias @ transpose(closing_inverse)
+        jacobian_derivative = tree.jacobian(vector_derivatives)
+        second[:, :, k] = _differentiate_rates(rates, jacobian_derivative, closing_inverse)
         # Angular velocities are sums of rates times axes: the product rule has two terms.
         dw[:, :, k] = tree.body_rates(vectors[:, None], second[:, :, k])
         dw[:, :, k] += tree.body_rates(vector_derivatives[:, None], rates)
@@ -231,6 +227,42 @@ def _complete_motion(
         status=status,
         frames=linearisation.frames,
     )
+
+
+def _differentiate_rates(
+    rates: Floats, jacobian_derivative: Floats, closing_inverse: Floats
+) -> Floats:
+    """Return the derivatives of all rates by one coordinate q.
+
+    The rates r_i of the variables by coordinate i keep the loops closed: J r_i = 0, with
+    the Jacobian J of the loop-closure equations. Differentiated by q, this is
+
+        J dr_i/dq = -dJ/dq r_i.
+
+    A second condition, F dr_i/dq = 0, makes the solution unique. There are two cases:
+
+    - The coordinates are weighted sums of the variables. F (m, variables) has the weights.
+      F r_i is constant, since the rates of the coordinates by each other are 1 or 0.
+    - The coordinate is the arc length of the configuration curve. Then r is the unit
+      tangent, and F = r^T. The derivative of a unit vector is perpendicular to it.
+
+    Parameters
+    ----------
+    rates
+        (n, m, variables) the rates r_i by each of m coordinates.
+    jacobian_derivative
+        (n, equations, variables) dJ/dq.
+    closing_inverse
+        (n, variables, equations) the matrix with which x = closing_inverse y solves J x = y
+        and F x = 0.
+
+    Returns
+    -------
+    (n, m, variables) dr_i/dq.
+    """
+    # The vectors are rows here, and y = J x is written as the row y = x J^T.
+    right_sides = -(rates @ transpose(jacobian_derivative))
+    return right_sides @ transpose(closing_inverse)
 
 
 def determinacy(rates: Floats) -> Floats:

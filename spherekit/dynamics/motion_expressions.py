@@ -132,17 +132,18 @@ class EquationLayout:
     ) -> LoadState:
         """Return the expressions and symbols of the motion on which loads depend.
 
-        The magnitude of a load, such as a spring or a damper, depends on the values and
-        rates of variables. Its generalised force also depends on the rates of variables
-        and the angular velocities of links per unit rate of each coordinate.
+        Loads need two kinds of rates:
+
+        - Rates by time. The magnitude of a load, such as a damper, depends on them.
+        - Rates per unit rate of a coordinate: of all variables (tau), and the angular
+          velocities of all links (w). By the principle of virtual power, they give the
+          generalised force of the load at the coordinate. They are multiplied by the
+          determinant of the velocity equations, so that they contain no division.
 
         Parameters
         ----------
         coordinate_rates
-            Orientations of all links (`placed`), and two kinds of rates per unit rate of
-            each coordinate: of all variables (`tau`), and the angular velocities of all
-            links (`w`). They are multiplied by the determinant of the velocity equations,
-            so that they contain no division.
+            Orientations of all links (`placed`), and the rates tau and w.
         variable_rates
             Rates of the variables by time.
         """

@@ -127,15 +127,33 @@ def derive_multi_dof_equation(
 def _derive_independence(
     layout: EquationLayout, coordinate_rates: CoordinateRates, values: Floats
 ) -> Expr:
-    """Return the measure of independence of the closure equations as an expression.
+    """Return a measure of the independence of the closure equations as an expression.
 
-    It is zero where closure equations depend on each other, and 1 at the closed
-    configuration `values` (variables,).
+    It is zero where closure equations depend on each other, and 1 at the configuration
+    `values`. It is their determinant, divided by its value at this configuration: the
+    Taylor integrator heyoka controls its error relative to the largest of the state and of
+    all event functions, so a measure far above 1 would make steps less accurate.
+
+    Parameters
+    ----------
+    layout
+        Symbols of the variables.
+    coordinate_rates
+        Rates of all variables per unit rate of each coordinate.
+    values
+        (variables,) a closed configuration (rad) in which the coordinates determine the
+        motion. The closure equations are independent there, so their determinant is not 0.
+
+    Returns
+    -------
+    The measure; the determinant itself if that is constant.
     """
-    independence = _derive_closure_determinant(coordinate_rates, layout.freedoms)
-    # The Taylor integrator heyoka controls its error relative to the largest of the state
-    # and of all event functions. A measure far above 1 would make steps less accurate.
-    return _scale_to_one(independence, layout.variables, values)
+    closure_determinant = _derive_closure_determinant(coordinate_rates, layout.freedoms)
+    if not has_variables(closure_determinant):
+        return closure_determinant
+    evaluate = array_function([closure_determinant], layout.variables)
+    value = evaluate(values[:, None]).item()
+    return closure_determinant * (1.0 / value)
 
 
 def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int) -> Expr:
@@ -164,24 +182,6 @@ def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int
     for _ in range(2 * freedoms - 2):
         closure_determinant = closure_determinant * inverse_scale
     return closure_determinant
-
-
-def _scale_to_one(expression: Expr, variables: Sequence[Expr], values: Floats) -> Expr:
-    """Return an expression divided by its value at a configuration, unless it is constant.
-
-    Parameters
-    ----------
-    expression
-        An expression of the variables.
-    variables
-        Expressions of the variables.
-    values
-        (variables,) the configuration at which the result is 1.
-    """
-    if not has_variables(expression):
-        return expression
-    value = array_function([expression], variables)(values[:, None]).item()
-    return expression * (1.0 / value)
 
 
 def _derive_events(

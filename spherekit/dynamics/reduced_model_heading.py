@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,27 @@ class StoredLoad:
         if self.components:
             return None
         return TorqueTable(self.name, "", self.times, self.torques, self.repeats)
+
+
+class VelocityTerm(NamedTuple):
+    """A term of the torque at a coordinate that is quadratic in the rates of coordinates.
+
+    It is the factor times a stored function times two rates.
+
+    Attributes
+    ----------
+    function
+        Name of the stored function, such as a Christoffel symbol.
+    factor
+        The factor.
+    first, second
+        Numbers of the two coordinates whose rates are multiplied.
+    """
+
+    function: str
+    factor: float
+    first: int
+    second: int
 
 
 @dataclass(frozen=True)
@@ -179,25 +201,30 @@ class StoredHeading:
         return [f"M {a} {b}" for a, b in self._lower_triangle]
 
     @property
-    def christoffel(self) -> list[dict[str, float]]:
-        """Names and factors of the stored Christoffel symbols, for each coordinate.
+    def velocity_terms(self) -> list[list[VelocityTerm]]:
+        """The terms of the torque that are quadratic in the rates, for each coordinate.
 
-        Christoffel symbols c_i,ab are derivatives of the inertia matrix. With the rates
-        x_a' of the coordinates, they give the part of the torque at coordinate i that is
-        quadratic in the rates: the sum of c_i,ab x_a' x_b' over all a and b. Because c_i,ab
-        = c_i,ba, only the symbols with b up to a are stored. The factor of a symbol is 1.0
-        if a is b, and 2.0 otherwise, because the symbol stands for two terms of the sum.
+        The torque at coordinate i has the part sum c_i,ab x_a' x_b' over all a and b, with
+        the rates x_a' of the coordinates and the Christoffel symbols c_i,ab of the inertia
+        matrix. Because c_i,ab = c_i,ba, only the symbols with b up to a are stored, and one
+        term stands for c_i,ab and c_i,ba.
 
         Along a curve there is one coordinate x, and the only symbol is 1/2 dB/dx with the
         inertia B. The derivative dB/dx is stored, so its factor is 0.5.
         """
         if self.is_curve:
-            return [{self.derivative("B"): 0.5}]
+            return [[VelocityTerm(self.derivative("B"), 0.5, 0, 0)]]
         return [
-            {
-                f"c {coordinate} {a} {b}": 1.0 if a == b else 2.0
-                for a, b in self._lower_triangle
-            }
+            [
+                VelocityTerm(
+                    function=f"c {coordinate} {self.by[a]} {self.by[b]}",
+                    factor=1.0 if a == b else 2.0,
+                    first=a,
+                    second=b,
+                )
+                for a in range(len(self.by))
+                for b in range(a + 1)
+            ]
             for coordinate in self.by
         ]
 
@@ -368,16 +395,13 @@ class StoredHeading:
     @property
     def _velocity_torques(self) -> list[Expr]:
         """The torque at each coordinate that is quadratic in the rates, C x'."""
-        # The products of rates, in the order of the Christoffel symbols.
-        rows, columns = np.tril_indices(len(self.by))
-        rate_products = [
-            self._rates[a] * self._rates[b] for a, b in zip(rows, columns, strict=True)
-        ]
         velocity_torques: list[Expr] = []
-        for factor_by_name in self.christoffel:
+        for terms in self.velocity_terms:
+            rate_products = [
+                self._rates[term.first] * self._rates[term.second] for term in terms
+            ]
             coefficients = [
-                factor * self._function_symbol(name)
-                for name, factor in factor_by_name.items()
+                term.factor * self._function_symbol(term.function) for term in terms
             ]
             velocity_torques.append(dot(coefficients, rate_products))
         return velocity_torques

@@ -253,30 +253,46 @@ class Sampler:
             the curve of all configurations (`heading.is_curve`); with several inputs, over
             a box of their ranges.
         """
-        # The pair variables: angles of R pairs, and arcs along the profiles of contacts.
+        labels = self._label_variables(heading)
+        labels += self._label_variable_derivatives(heading)
+        if self.has_dynamics:
+            labels += self._label_inertia(heading)
+        labels += self._label_load_velocities(heading)
+        return labels
+
+    def _label_variables(self, heading: StoredHeading) -> list[FunctionLabel]:
+        """Return the labels of angles of R pairs and of arcs along contact profiles."""
         labels = []
         for number, variable in enumerate(heading.variables):
             kind = FunctionKind.CONTACT_ARC
             if self._is_angle(number):
                 kind = FunctionKind.ANGLE
             labels.append(FunctionLabel(variable, "rad", kind))
-        # Their derivatives by each coordinate.
+        return labels
+
+    def _label_variable_derivatives(self, heading: StoredHeading) -> list[FunctionLabel]:
+        """Return the labels of the derivatives of all variables by each coordinate."""
+        labels = []
         for number, variable in enumerate(heading.variables):
             kind = FunctionKind.CONTACT_ARC_DERIVATIVE
             if self._is_angle(number):
                 kind = FunctionKind.ANGLE_DERIVATIVE
             for name in heading.by_coordinates(variable):
                 labels.append(FunctionLabel(name, "", kind, derivative_of=variable))
-        if self.has_dynamics:
-            labels += self._label_inertia(heading)
+        return labels
+
+    def _label_load_velocities(self, heading: StoredHeading) -> list[FunctionLabel]:
+        """Return the labels of the velocities on which components of loads work.
+
+        A load may be a sum of components, such as the x, y and z parts of a force. The
+        error of a stored function is judged relative to its largest absolute value. Along a
+        curve, the largest value of all components of the load is used instead: they get the
+        same `FunctionLabel.vector`. Over a box of several inputs each velocity has its own.
+        """
+        labels = []
         for component, velocity_name in self.load_velocities.items():
             load = self.loads.load_of_component[component]
             unit = self.mechanism.loads[load].velocity_unit
-            # A load may be a sum of components, such as the x, y and z parts of a force,
-            # each with the velocity on which it works. The error of a function is judged
-            # relative to its scale, the largest absolute value. Functions with the same
-            # `vector` share the largest of their scales. Along a curve, the components of
-            # one load have the same `vector`. Over a box it is empty: nothing is shared.
             vector = f"load {self.loads.names[load]}" if heading.is_curve else ""
             for name in heading.by_coordinates(velocity_name):
                 kind = FunctionKind.LOAD_VELOCITY
@@ -293,23 +309,24 @@ class Sampler:
         dB/dx. All coordinates are in rad. The unit of dB/dx is written as kg m2/rad, that
         of Christoffel symbols as kg m2: the radian is a unit without dimension.
         """
-        # `heading.inertia` and `heading.christoffel` have the names of the functions.
+        # `heading` has the names of the functions.
         labels = [
             FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
         ]
-        for symbols in heading.christoffel:
-            for name in symbols:
-                if heading.is_curve:
-                    # The only Christoffel symbol is 1/2 dB/dx, and dB/dx is stored.
-                    (inertia_name,) = heading.inertia
-                    label = FunctionLabel(
-                        name,
-                        "kg m2/rad",
-                        FunctionKind.INERTIA_DERIVATIVE,
-                        derivative_of=inertia_name,
-                    )
-                else:
-                    label = FunctionLabel(name, "kg m2", FunctionKind.CHRISTOFFEL)
+        if heading.is_curve:
+            # The only Christoffel symbol is 1/2 dB/dx, and dB/dx is stored.
+            (inertia_name,) = heading.inertia
+            ((velocity_term,),) = heading.velocity_terms
+            inertia_derivative = FunctionLabel(
+                velocity_term.function,
+                "kg m2/rad",
+                FunctionKind.INERTIA_DERIVATIVE,
+                derivative_of=inertia_name,
+            )
+            return [*labels, inertia_derivative]
+        for velocity_terms in heading.velocity_terms:
+            for term in velocity_terms:
+                label = FunctionLabel(term.function, "kg m2", FunctionKind.CHRISTOFFEL)
                 labels.append(label)
         return labels
 

@@ -260,26 +260,37 @@ class Simulation:
         """
         if self.tolerance is None:
             return None
-        # The negated comparisons are also true for NaN.
+        # The comparisons are negated so that an error of NaN misses the tolerance, too.
         if self.error is not None and not self.error <= self.tolerance:
-            # The error is infinite if both simulations end for different reasons.
-            if np.isfinite(self.error):
-                evidence = f"its error is {self.error:.1e} rad"
-            else:
-                evidence = "it ends in another way with a smaller tolerance"
+            evidence = self._describe_difference(self.error)
         elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
-            # `MAX_MOMENTUM_ERROR_RATIO` says why the momentum error of a step may exceed
-            # the tolerance. The message has a power instead: an error of dp/dt times the
-            # momentum p is an error of the rate of the kinetic energy p^2 / 2.
-            evidence = (
-                f"the power of the loads and the kinetic energy differ by "
-                f"{self.checks.power:.1e} W"
-            )
+            evidence = self._describe_power_error()
         else:
             return None
         return (
             f"the simulation misses its tolerance of {self.tolerance:.1e} rad: {evidence}; "
             "simulate a shorter time, smooth the loads more, or give a larger tolerance"
+        )
+
+    def _describe_difference(self, error: float) -> str:
+        """Return the difference (rad) from a simulation with a smaller tolerance as text.
+
+        It is infinite if the two simulations end for different reasons.
+        """
+        if np.isfinite(error):
+            return f"its error is {error:.1e} rad"
+        return "it ends in another way with a smaller tolerance"
+
+    def _describe_power_error(self) -> str:
+        """Return the error of the momenta as text, in the form of a power.
+
+        A power (W) can be compared with those of the loads. It follows from the error of
+        dp/dt: times the momentum p, that is an error of the rate of the kinetic energy
+        p^2 / 2.
+        """
+        return (
+            f"the power of the loads and the kinetic energy differ by "
+            f"{self.checks.power:.1e} W"
         )
 
     @property

@@ -75,6 +75,27 @@ class Mode(NamedTuple):
     values: tuple[float, ...]
 
 
+class ModePiece(NamedTuple):
+    """A part of the range of the only input in which the values of a mode are constant.
+
+    It ends where the next part begins, the last one at the end of the range.
+
+    Attributes
+    ----------
+    start
+        Input (rad) at which the part begins.
+    known_input
+        Input (rad) of a known configuration of the mode in this part.
+    mode_values
+        (values,) the numbers that select the mode in the formulas: the signs of its dyads
+        (groups of two links), or the variables (rad) from which Newton's method starts.
+    """
+
+    start: float
+    known_input: float
+    mode_values: Floats
+
+
 class SmoothModes(NamedTuple):
     """The mode values of assembly modes that follow smooth curves through crossings.
 
@@ -118,12 +139,8 @@ class SmoothModes(NamedTuple):
     mode_values: Floats
     inputs: Floats
 
-    def pieces(self, mode: int) -> list[tuple[float, float, Floats]]:
-        """Return the parts of the input's range in which the mode values are constant.
-
-        Mode values are the numbers that select an assembly mode (way to assemble the
-        mechanism) in the formulas: the signs of its dyads (groups of two links), or the
-        variables (rad) from which Newton's method starts.
+    def pieces(self, mode: int) -> list[ModePiece]:
+        """Return the parts of the input's range in which the values of a mode are constant.
 
         Parameters
         ----------
@@ -132,12 +149,10 @@ class SmoothModes(NamedTuple):
 
         Returns
         -------
-        For each part the input (rad) at which it begins, the input (rad) of a configuration
-        with these mode values, and the values. A part ends where the next one begins, and
-        the last one at the end of the range. An interval in which no configuration of the
+        The parts in rising order of the input. An interval in which no configuration of the
         mode is known (NaN) belongs to the part before it.
         """
-        pieces: list[tuple[float, float, Floats]] = []
+        pieces: list[ModePiece] = []
         # In each interval the mode has one input and one row of values.
         for start, known_input, values in zip(
             self.starts, self.inputs[:, mode], self.mode_values[:, mode], strict=True
@@ -146,9 +161,10 @@ class SmoothModes(NamedTuple):
                 continue
             # An interval with the same values as the last part belongs to that part, even
             # if intervals without a configuration are between them.
-            if not pieces or not np.array_equal(pieces[-1][2], values):
+            if not pieces or not np.array_equal(pieces[-1].mode_values, values):
                 # The first interval begins at -inf, but the range begins at `low`.
-                pieces.append((max(start, self.low), float(known_input), values))
+                start_in_range = max(start, self.low)
+                pieces.append(ModePiece(start_in_range, float(known_input), values))
         return pieces
 
 
@@ -170,8 +186,11 @@ class LeftOutMode(NamedTuple):
     @property
     def name(self) -> str:
         """The mode in messages, such as ``1 (p0)``, or ``1`` if it has no signs."""
-        has_signs_or_name = bool(self.title.strip("~"))
-        return f"{self.number} ({self.title})" if has_signs_or_name else f"{self.number}"
+        # The title has "+" or "-" for each dyad, and "~" for each other group of links,
+        # whose modes have no sign. A title of "~" alone says nothing on the mode.
+        if all(character == "~" for character in self.title):
+            return f"{self.number}"
+        return f"{self.number} ({self.title})"
 
 
 class ModeTable(NamedTuple):

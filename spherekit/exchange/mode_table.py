@@ -106,31 +106,31 @@ fewer than four digits."""
 class ModeCandidate:
     """An assembly mode of the mechanism that may be exported with explicit formulas.
 
-    The formulas are evaluated at the inputs of `motion`. The mode is exported if they give
-    the same configurations. *Mode values* are the numbers that select the mode in the
-    formulas: signs of dyads (two links and three R pairs), or variables from which Newton's
-    method starts.
+    The formulas are evaluated at the inputs of n known configurations. The mode is exported
+    if they give the same configurations.
 
-    If modes follow smooth curves, the inputs at which curves cross divide the range of the
-    input into intervals. The values of a mode can differ between intervals. Otherwise there
-    is one interval.
+    A mode is selected in the formulas by a few numbers, its mode values. They may change at
+    inputs at which curves of configurations cross. These inputs divide the range of the
+    input into intervals. Without them there is one interval.
 
     Attributes
     ----------
     mode
         The assembly mode.
     motion
-        Well conditioned configurations of the mode, n rows in the order of the samples.
+        The known configurations, which are well conditioned: n rows in the order of the
+        samples.
     values
-        (n, variables) variables (rad) of the pairs in the formulas, in the same
-        configurations. If contacts are replaced by links, the pairs are those of these
-        links.
+        (n, variables) variables (rad) in these configurations, of the pairs that the
+        formulas have. They are those of the mechanism, or, if the formulas are written for
+        a linkage in which links replace contacts, those of the linkage.
     interval
         (n,) number of the interval in which each configuration is.
     mode_values
-        (intervals, values) in closed form the sign (+1 or -1) of each dyad, otherwise the
-        variables (rad) from which Newton's method starts. They may be NaN for an interval
-        in which the mode has no configuration.
+        (intervals, values) the mode values in each interval. In closed form they are the
+        signs (+1 or -1) of the dyads (two links and three R pairs), otherwise the variables
+        (rad) from which Newton's method starts. They may be NaN for an interval in which
+        the mode has no configuration.
     """
 
     mode: AssemblyMode

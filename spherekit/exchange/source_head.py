@@ -110,7 +110,7 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
 
     The curves of two modes can cross at some input. If a mode shall continue on its smooth
     curve there (`source.smooth_modes`), its mode values change at this input. A further
-    line then gives the values for each interval between such inputs.
+    line is then added for each part of the input's range in which they are constant.
 
     Parameters
     ----------
@@ -130,15 +130,13 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
     if source.smooth_modes is None:
         return
     pieces = source.smooth_modes.pieces(position)
-    # The items of a piece are the input at which the interval starts, the input of a known
-    # configuration with the mode values of this interval, and these values.
     if len(pieces) < 2:  # The mode has the same values everywhere.
         return
-    for start, known_input, mode_values in pieces:
-        value_text = ", ".join(f"{value:.9g}" for value in mode_values)
+    for piece in pieces:
+        value_text = ", ".join(f"{value:.9g}" for value in piece.mode_values)
         yield (
-            f"    from {start:.6g} rad on: {source.mode_argument} {value_text}; "
-            f"input {known_input:.6g}"
+            f"    from {piece.start:.6g} rad on: {source.mode_argument} {value_text}; "
+            f"input {piece.known_input:.6g}"
         )
 
 

@@ -199,13 +199,16 @@ class Source:
     def smooth_mode_fields(self) -> dict[str, Any]:
         """Names and numbers that are inserted in the template of `smooth_function`.
 
-        This function of the generated source returns the mode values (`smooth_modes`) in
-        the interval of its input. They are in a table with the axes interval, mode and
-        value. Keys of the result are:
+        An assembly mode is selected by a few numbers, its mode values. If it follows its
+        smooth curve where curves of configurations cross, these numbers change at some
+        inputs. The range of the input is therefore divided into intervals, and the source
+        has a table of mode values: for each interval and each mode a row of values. The
+        function returns the row for a given mode and input. Keys of the result are:
 
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,
         - ``low``, ``high``, ``period``: range and period of the input (rad), as text,
-        - ``intervals``, ``modes``, ``count``: the lengths of the axes of the table.
+        - ``intervals``, ``modes``, ``count``: the numbers of intervals, of modes, and of
+          values in a row of the table.
         """
         smooth_modes = self.smooth_modes
         assert smooth_modes is not None

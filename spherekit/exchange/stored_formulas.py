@@ -83,43 +83,45 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
 
 
 def profile_table(
-    profile: ProfileSide, configuration_symbols: Sequence[ExpressionNode]
+    profile_side: ProfileSide, configuration_symbols: Sequence[ExpressionNode]
 ) -> SeriesTable:
     """Return the functions of a contact profile as a stored series.
 
-    A profile is the curve along which the contact point moves on one link. Its
-    series has eight functions of the arc length s: the components of the tangent and of the
-    point (unit vectors), the geodesic curvature k and dk/ds. A derivative of an expression
-    with dk/ds contains d2k/ds2, so this ninth function is added. All are piecewise
-    Chebyshev series.
+    A profile is the curve along which the contact point moves on one link. The functions of
+    its arc length s are the components of the tangent and of the point (unit vectors), the
+    geodesic curvature k, dk/ds and d2k/ds2. The last one is in derivatives of expressions
+    that contain dk/ds.
 
     The variable of the contact is an arc length along the profile. It is s less a constant,
     the value of s at which the variable is zero (`start`).
 
     Parameters
     ----------
-    profile
+    profile_side
         The profile of one link of a contact, with the symbols of its functions.
     configuration_symbols
         Symbols of all pair variables.
     """
-    profile_series = profile.series
-    series = profile_series.series
+    # The symbols of the nine functions in the formulas, in the order of their series.
+    function_symbols: Any = (*profile_side.contact_symbols, profile_side.last_derivative)
+    profile_series = profile_side.series
     # The curve, with the number of its pair variable (`variable`) and `start`.
-    contact_profile = profile.track
-    # Axes of the coefficients: cells, orders, functions. The last function is dk/ds, so its
-    # derivative is d2k/ds2. It has one order less, so a highest coefficient of zero is
-    # added.
-    last_derivative = series.derivative.coefficients[:, :, -1:]
-    padded_derivative = np.pad(last_derivative, ((0, 0), (0, 1), (0, 0)))
-    coefficients = np.concatenate([series.coefficients, padded_derivative], axis=2)
-    # The symbols of these nine functions in the formulas, d2k/ds2 last.
-    function_symbols: Any = (*profile.contact_symbols, profile.last_derivative)
+    contact_profile = profile_side.track
     return SeriesTable(
         terms=function_symbols,
         variable=configuration_symbols[contact_profile.variable],
         start=contact_profile.start,
-        series=PiecewiseChebyshev(series.edges, coefficients),
+        series=_append_last_derivative(profile_series.series),
         length=profile_series.length,
         closed=profile_series.closed,
     )
+
+
+def _append_last_derivative(functions: PiecewiseChebyshev) -> PiecewiseChebyshev:
+    """Return series of several functions, and of the derivative of the last function."""
+    # Axes of the coefficients: cells, orders, functions.
+    last_derivative = functions.derivative.coefficients[:, :, -1:]
+    # A derivative has one order less, so a highest coefficient of zero is added.
+    padded_derivative = np.pad(last_derivative, ((0, 0), (0, 1), (0, 0)))
+    coefficients = np.concatenate([functions.coefficients, padded_derivative], axis=2)
+    return PiecewiseChebyshev(functions.edges, coefficients)

@@ -21,6 +21,7 @@ from spherekit.planning.pole_plan import (
     LinePole,
     Plan,
     Pole,
+    PrimaryPole,
     Step,
     pole_of,
     table_cells,
@@ -191,42 +192,71 @@ def _pole_links(pole_plan: Plan, pole: Pole) -> list[str]:
 def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
     """Yield descriptions of a step in the construction of pole axes.
 
-    A pole P_ij is the axis of the relative rotation of the bodies i and j. It lies on the
-    great circle through P_ik and P_jk for each third body k, and on the contact plane of a
-    sliding contact between i and j. A description has these keys:
+    A pole is the axis of the relative rotation of two bodies. Usually a step gives one pole
+    and has one description. In some parts of a mechanism the poles do not follow one by one
+    (`BlockPoles`). Velocity equations give all of them at once. The page shows nevertheless
+    how they would follow one by one if one of them, the opening pole, were known:
+
+    - The first description has the poles that do not follow in this way.
+    - A further description follows for each of the others.
+
+    The keys of a description are those of `_make_step_facts`.
+    """
+    if not isinstance(step, BlockPoles):
+        yield _single_pole_facts(pole_plan, step)
+        return
+    following_poles = {inner_step.pole for inner_step in step.steps_from_opening}
+    solved_poles = [pole for pole in step.poles if pole not in following_poles]
+    yield _make_step_facts(pole_plan, step, solved_poles)
+    for inner_step in step.steps_from_opening:
+        yield _single_pole_facts(pole_plan, inner_step)
+
+
+def _single_pole_facts(pole_plan: Plan, step: PrimaryPole | LinePole) -> Facts:
+    """Return the description of a step that gives one pole.
+
+    The pole P_ij of the bodies i and j may be the axis of a pair. If it is not, it lies on
+    the great circle through P_ik and P_jk for each third body k, and on the contact plane
+    of a sliding contact between i and j.
+    """
+    facts = _make_step_facts(pole_plan, step, [step.pole])
+    if isinstance(step, LinePole):
+        first_body, second_body = step.pole
+        for third_body in step.via:
+            poles_on_circle = (
+                pole_of(third_body, first_body),
+                pole_of(third_body, second_body),
+            )
+            line = [_pole_links(pole_plan, pole) for pole in poles_on_circle]
+            facts["lines"].append(line)
+        facts["contacts"] = pole_plan.mechanism.names_of(step.contacts)
+    return facts
+
+
+def _make_step_facts(pole_plan: Plan, step: Step, poles: Sequence[Pole]) -> Facts:
+    """Return a description of a step, without great circles and contacts.
+
+    It has these keys:
 
     - ``text``: the step in words.
     - ``lines``: for each great circle the two poles through which it passes.
     - ``contacts``: names of the sliding contacts whose planes are used.
     - ``poles``: the poles that the step gives. A pole is a list of two names of links.
 
-    Usually great circles give one pole after the other, and the step has one description.
-    In some parts of a mechanism no pole can be found in this way (`BlockPoles`). The first
-    description then has the poles that velocity equations give. Further descriptions
-    follow for the poles that great circles give from there on.
+    Parameters
+    ----------
+    pole_plan
+        The plan by which poles are constructed.
+    step
+        The step.
+    poles
+        The poles that the step gives.
     """
-    lines_of_text = describe(pole_plan, step).split("\n")
-    description = lines_of_text[0]
-    lines: Sequence[list[list[str]]] = []
-    contacts: Sequence[str] = []
-    if isinstance(step, BlockPoles):
-        # Each of these steps has one pole from great circles.
-        poles_from_circles = {inner_step.pole for inner_step in step.steps_from_opening}
-        solved_poles = [pole for pole in step.poles if pole not in poles_from_circles]
-    else:
-        solved_poles = [step.pole]
-    if isinstance(step, LinePole):
-        lines = [
-            [_pole_links(pole_plan, pole_of(third_body, body)) for body in step.pole]
-            for third_body in step.via
-        ]
-        contacts = pole_plan.mechanism.names_of(step.contacts)
-    yield {
-        "text": description,
-        "lines": lines,
-        "contacts": contacts,
-        "poles": [_pole_links(pole_plan, pole) for pole in solved_poles],
+    # The text of a block has a further line for each inner step.
+    first_line = describe(pole_plan, step).split("\n")[0]
+    return {
+        "text": first_line,
+        "lines": [],
+        "contacts": [],
+        "poles": [_pole_links(pole_plan, pole) for pole in poles],
     }
-    if isinstance(step, BlockPoles):
-        for inner_step in step.steps_from_opening:
-            yield from _step_facts(pole_plan, inner_step)

@@ -166,18 +166,24 @@ class PageQuantities:
         """The pole axes whose sense the page chooses, for each input that moves.
 
         Link a relative to b, and b relative to a, are two poles, because their quantities
-        have different names.
+        have different names. The suffix at the end of these names says which input moves.
         """
-        mechanism = self._mechanism
-        joined_links = [
-            frozenset(pair.links) for pair in mechanism.pairs if pair.kind.has_axis
-        ]
-        return [
-            ReversiblePole(link, reference, suffix)
-            for link, reference in permutations(mechanism.links, 2)
-            if frozenset((link, reference)) not in joined_links
-            for suffix in self.input_suffixes
-        ]
+        reversible_poles: list[ReversiblePole] = []
+        for link, reference in permutations(self._mechanism.links, 2):
+            if not self._has_pair_axis(link, reference):
+                for suffix in self.input_suffixes:
+                    reversible_poles.append(ReversiblePole(link, reference, suffix))
+        return reversible_poles
+
+    def _has_pair_axis(self, link: str, reference: str) -> bool:
+        """Return whether the pole axis of two links is the axis of a pair between them.
+
+        The mechanism file states the sense of such an axis, so the page does not choose it.
+        """
+        return any(
+            pair.kind.has_axis and {*pair.links} == {link, reference}
+            for pair in self._mechanism.pairs
+        )
 
     def signed_quantities(self, names: Iterable[str]) -> dict[ReversiblePole, list[str]]:
         """Return the quantities that change their signs with the sense of a pole, by pole.

@@ -87,36 +87,72 @@ def slider_range(
     magnitude, or 1 if it is zero.
     """
     value = variable.value
-    degrees_to_file_unit = np.radians(1.0) if document.data["angle_unit"] == "rad" else 1.0
-    half_range = (
-        SLIDER_REACH_DEG * degrees_to_file_unit if variable.is_angle else abs(value) or 1.0
-    )
+    if variable.is_angle:
+        half_range = SLIDER_REACH_DEG * _degrees_to_file_unit(document)
+    else:
+        half_range = abs(value) or 1.0
     # The largest power of ten that divides the range of the slider (twice `half_range`)
     # into at least 100 steps.
     step = float(10.0 ** np.floor(np.log10(half_range / 50.0)))
-    # Numbers may be typed over a wider range than the slider has. The format has limits for
-    # angles only, in degrees.
+    least, most = _find_typed_limits(document, mechanism, variable, half_range)
+    # At the limit of an arc two axes of pairs lie on one line. At that of a latitude, 90
+    # degrees, the axis lies on the z axis of the ground. The slider therefore ends one step
+    # before `least` and `most`. If the number of the file is less than a step from them,
+    # the slider ends at this number.
+    lowest_end = min(least + step, value)
+    highest_end = max(most - step, value)
+    return SliderRange(
+        low=max(value - half_range, lowest_end),
+        high=min(value + half_range, highest_end),
+        least=least,
+        most=most,
+        step=step,
+    )
+
+
+def _find_typed_limits(
+    document: Document, mechanism: Mechanism, variable: DesignVariable, half_range: float
+) -> tuple[float, float]:
+    """Return the smallest and the largest number that may be typed beside a slider.
+
+    Numbers may be typed over a range that is `TYPED_TO_SLIDER_RATIO` times as wide as that
+    of the slider, as far as the file can be read with them.
+
+    Parameters
+    ----------
+    document
+        The mechanism file.
+    mechanism
+        The mechanism of that file.
+    variable
+        The number of the file that the slider changes.
+    half_range
+        Half the range of the slider, in the unit of the file.
+    """
+    value = variable.value
     least = value - TYPED_TO_SLIDER_RATIO * half_range
     most = value + TYPED_TO_SLIDER_RATIO * half_range
-    limits = _find_format_limits(mechanism, variable)
-    if limits is not None:
-        least = max(least, limits[0] * degrees_to_file_unit)
-        most = min(most, limits[1] * degrees_to_file_unit)
+    # The format has limits for angles only.
+    limits_deg = _find_format_limits(mechanism, variable)
+    if limits_deg is not None:
+        degrees_to_file_unit = _degrees_to_file_unit(document)
+        least = max(least, limits_deg[0] * degrees_to_file_unit)
+        most = min(most, limits_deg[1] * degrees_to_file_unit)
     # Other parts of the file may narrow the limits: if a mass is given along an arc, for
-    # example, the arc must be neither 0 nor 180 degrees. So the file is read with the end
-    # of the slider, and then with the limit of typed numbers. With the first number that is
-    # refused, bisection finds the farthest accepted one. If this is the end of the slider,
-    # bisection within its shorter range locates the limit more closely.
+    # example, the arc must be neither 0 nor 180 degrees. So the file is read with numbers
+    # of the range. The end of the slider is tried before the limit of typed numbers: if it
+    # is refused, the search in its shorter range locates the limit more closely.
     slider_start = max(value - half_range, least)
     slider_end = min(value + half_range, most)
-    least = _find_last_accepted(document, variable, [slider_start, least])
-    most = _find_last_accepted(document, variable, [slider_end, most])
-    # At the limit of an arc two axes of pairs lie on one line. At that of a latitude, 90
-    # degrees, the axis lies on the z axis of the ground. The slider ends one step before,
-    # but still includes the number of the file.
-    low = max(value - half_range, min(least + step, value))
-    high = min(value + half_range, max(most - step, value))
-    return SliderRange(low, high, least, most, step)
+    return (
+        _find_last_accepted(document, variable, [slider_start, least]),
+        _find_last_accepted(document, variable, [slider_end, most]),
+    )
+
+
+def _degrees_to_file_unit(document: Document) -> float:
+    """Return one degree in the unit of angles in the file."""
+    return np.radians(1.0) if document.data["angle_unit"] == "rad" else 1.0
 
 
 def _find_format_limits(

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.display.rerun.chart_frame import (
     CHART_BOUNDS,
     FRAME_HEIGHT,
@@ -81,14 +81,7 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     legend. If each row has a text (`words`), such as what is done in a step, it is written
     below the frame.
     """
-    row_count, point_count = diagram.places.shape[:2]
-    low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
-    is_visible = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
-    visible_count = is_visible.sum(axis=1)  # (rows,)
-    # The tone of a point is the number of its colour in a list.
-    point_colours = [colours.tone_colour(tone) for tone in diagram.tones]
-    rgb = np.array(point_colours, np.uint8)  # (points, 3)
-    visible_rgb = np.broadcast_to(rgb, (row_count, point_count, 3))[is_visible]
+    is_visible = _is_in_frame(diagram)
     # The places of a diagram are in the units of its axes, with y up. `_place` converts
     # them to the units of the chart, with y down.
     places = _place(diagram, diagram.places)
@@ -97,31 +90,99 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     visible_places = np.where(is_visible[..., None], places, np.nan)
     name_places = place_labels(diagram.names, visible_places, LETTER_WIDTH)
 
-    # The number of visible points and lines changes from row to row. Each column therefore
-    # lists them for all rows, one row after another, and `partition` says how many each row
-    # has.
-    points = rr.Points2D.columns(positions=places[is_visible], colors=visible_rgb)
-    yield "points", points.partition(visible_count)
-    # The viewer writes a text `LABEL_DROP` below its position. Names are moved up by this
-    # length, and up is the direction of negative y.
-    names = rr.Points2D.columns(
-        positions=name_places[is_visible] - [0.0, LABEL_DROP],
-        labels=np.tile(diagram.names, (row_count, 1))[is_visible].tolist(),
-        colors=visible_rgb,
-    )
-    yield "names", names.partition(visible_count)
-    leaders = np.stack([places[is_visible], name_places[is_visible]], axis=1)
-    yield "leaders", rr.LineStrips2D.columns(strips=list(leaders)).partition(visible_count)
-
-    ends, is_line_visible = clip_lines(diagram)
-    lines = rr.LineStrips2D.columns(strips=_place(diagram, ends)[is_line_visible])
-    yield "lines", lines.partition(is_line_visible.sum(axis=1))
+    yield "points", _point_columns(diagram, places, is_visible)
+    yield "names", _name_columns(diagram, name_places, is_visible)
+    yield "leaders", _leader_columns(places, name_places, is_visible)
+    yield "lines", _line_columns(diagram)
     if diagram.readings is not None:
         yield "legend", _reading_columns(diagram)
     if diagram.words:
         place = [0.5 * _frame_width(diagram), FRAME_HEIGHT + STEP_TEXT_DROP]
-        places = np.tile(place, (row_count, 1))
-        yield "step", rr.Points2D.columns(positions=places, labels=diagram.words)
+        step_places = np.tile(place, (len(diagram.places), 1))
+        yield "step", rr.Points2D.columns(positions=step_places, labels=diagram.words)
+
+
+def _is_in_frame(diagram: Diagram) -> Bools:
+    """Return whether each point (rows, points) is within the frame of the diagram."""
+    low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
+    is_in_frame: Bools = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
+    return is_in_frame
+
+
+def _point_columns(diagram: Diagram, places: Floats, is_visible: Bools) -> Columns:
+    """Return the places and colours of the visible points of all rows.
+
+    Parameters
+    ----------
+    diagram
+        The diagram.
+    places
+        (rows, points, 2) places in the units of the chart.
+    is_visible
+        (rows, points) whether a point is drawn.
+    """
+    # The number of visible points changes from row to row. The column lists those of all
+    # rows, one row after another, and `partition` is told how many each row has.
+    points = rr.Points2D.columns(
+        positions=places[is_visible], colors=_visible_colours(diagram, is_visible)
+    )
+    return points.partition(is_visible.sum(axis=1))
+
+
+def _name_columns(diagram: Diagram, name_places: Floats, is_visible: Bools) -> Columns:
+    """Return the places, texts and colours of the names of the visible points.
+
+    Parameters
+    ----------
+    diagram
+        The diagram.
+    name_places
+        (rows, points, 2) places of the names in the units of the chart.
+    is_visible
+        (rows, points) whether a point is drawn.
+    """
+    row_count = len(is_visible)
+    # The viewer writes a text `LABEL_DROP` below its position. Names are moved up by this
+    # length, and up is the direction of negative y.
+    positions = name_places[is_visible] - [0.0, LABEL_DROP]
+    names = rr.Points2D.columns(
+        positions=positions,
+        labels=np.tile(diagram.names, (row_count, 1))[is_visible].tolist(),
+        colors=_visible_colours(diagram, is_visible),
+    )
+    return names.partition(is_visible.sum(axis=1))
+
+
+def _visible_colours(diagram: Diagram, is_visible: Bools) -> np.ndarray:
+    """Return the colours (visible points of all rows, 3), red, green and blue."""
+    # The tone of a point is the number of its colour in a list.
+    point_colours = [colours.tone_colour(tone) for tone in diagram.tones]
+    rgb = np.array(point_colours, np.uint8)  # (points, 3)
+    visible_rgb: np.ndarray = np.broadcast_to(rgb, (*is_visible.shape, 3))[is_visible]
+    return visible_rgb
+
+
+def _leader_columns(places: Floats, name_places: Floats, is_visible: Bools) -> Columns:
+    """Return the leaders, from each visible point to its name.
+
+    Parameters
+    ----------
+    places, name_places
+        (rows, points, 2) places of the points and of their names, in the units of the
+        chart.
+    is_visible
+        (rows, points) whether a point is drawn.
+    """
+    leaders = np.stack([places[is_visible], name_places[is_visible]], axis=1)
+    columns = rr.LineStrips2D.columns(strips=list(leaders))
+    return columns.partition(is_visible.sum(axis=1))
+
+
+def _line_columns(diagram: Diagram) -> Columns:
+    """Return the parts of the lines of all rows that are within the frame."""
+    ends, is_line_visible = clip_lines(diagram)
+    lines = rr.LineStrips2D.columns(strips=_place(diagram, ends)[is_line_visible])
+    return lines.partition(is_line_visible.sum(axis=1))
 
 
 def _reading_columns(diagram: Diagram) -> Columns:

@@ -539,11 +539,6 @@ class RerunRecorder:
         The result is a mapping from the path of a link (its name in the tree of the
         recording) to the names that are drawn with the link.
         """
-        # Each page has an object that places names so that they do not cover each other.
-        # The page None is a part of all pages, so a new page begins with the names of the
-        # page None.
-        if scene.page not in self._names:
-            self._names[scene.page] = deepcopy(self._names[None])
         layout = self._open_charts.layout
         # A link is new if nothing has been recorded at its path on this page.
         new_bodies = [
@@ -552,7 +547,18 @@ class RerunRecorder:
             if isinstance(item, Body)
             and layout.path(scene.page, item) not in self._outputs.known_paths
         ]
-        return self._names[scene.page].place_names(new_bodies)
+        return self._find_names(scene.page).place_names(new_bodies)
+
+    def _find_names(self, page: Page) -> Names:
+        """Return the object that places the names on a page.
+
+        It remembers where names are, so that new ones do not cover them. What belongs to
+        the page None is shown on all pages. A new page therefore begins with a copy that
+        remembers the names of the page None.
+        """
+        if page not in self._names:
+            self._names[page] = deepcopy(self._names[None])
+        return self._names[page]
 
     def _introduce(
         self,
