@@ -217,6 +217,9 @@ class LinkMotion:
         distance_from_zero = speed / growth
         # The 1 is a reserve: without it, the bound would vanish if the axis does not turn.
         turning_rate = 1.0 + self._axis_turning_rate(pole)
+        # Where w is exactly zero, the rate is not defined (NaN). The distance is zero
+        # there, so that any finite rate gives the same error.
+        turning_rate = np.where(np.isnan(turning_rate), 1.0, turning_rate)
         error = distance_from_zero * turning_rate + self.rounding / growth
         return dw / growth[:, None], error
 
@@ -225,20 +228,21 @@ class LinkMotion:
 
         It is the part of w' at right angles to the axis, divided by |w|. Here w is the
         relative angular velocity along the axis, and w' its derivative by the arc length.
+        Where w is exactly zero, it has no direction, and the rate is NaN.
 
-        At a zero of w the direction of w is only rounding. The formula then gives huge
-        numbers without a meaning. The result is therefore at most 1 / e, where e is the
-        error bound (rad) of the axis along w. Near the zero, e and this limit are about 1.
-        Elsewhere e is so small that the limit has no effect.
+        Near a zero of w its direction is only rounding, and the formula gives huge numbers
+        without a meaning. The result is therefore at most 1 / e, where e is the error bound
+        (rad) of the axis along w. Near the zero, e and this limit are about 1. Elsewhere e
+        is so small that the limit has no effect.
         """
         _, dw = self.relative(*pole)
         speed, _ = self.speeds(pole)
         axis, axis_error = self._axis_by_velocity(pole)
         along_axis = axis * np.vecdot(axis, dw)[:, None]
-        turning_rate = np.linalg.norm((dw - along_axis) / speed[:, None], axis=1)
+        across_axis = dw - along_axis
+        turning_rate = np.linalg.norm(across_axis / speed[:, None], axis=1)
         limit = 1.0 / np.clip(axis_error, EPS, 1.0)
-        # The rate is NaN where w is exactly zero.
-        return np.nan_to_num(np.minimum(turning_rate, limit))
+        return np.minimum(turning_rate, limit)
 
 
 def bound_velocity_rounding(
@@ -414,21 +418,28 @@ class CurveMotion:
         # it is about speed / growth.
         speed, growth = links.speeds(pole)
         is_near_rest = speed <= NEAR_REST_RAD * growth
-        # At a double zero w touches zero and does not reverse.
-        sign_changes = rest_points.s[~rest_points.is_double]
-        # On a closed curve s may be up to two laps long, and the zeros repeat.
-        sign_changes = np.append(sign_changes, sign_changes + self.curve.length)
-        # Near a zero the direction is that of the derivative of w. On both sides of the
-        # zero the derivative has the sense that w has after it (at larger s). Points a
-        # little before the zero therefore have to count as points after it. They are at
-        # most `NEAR_REST_RAD` before it, and are moved forward by twice this distance.
-        compared_s = s + 2.0 * NEAR_REST_RAD * is_near_rest
-        passed_zeros = np.searchsorted(sign_changes, compared_s, side="right")
-        sense = np.where(passed_zeros % 2 == 1, -1.0, 1.0)
-        divisor = np.where(is_near_rest, growth, speed) * sense
+        sense_of_w = self._sense_after_reversals(rest_points, s)
+        # On both sides of a zero, dw has the direction that w has behind the zero. The
+        # sense of dw is therefore that of w at a point that is surely behind the zero,
+        # which is at most `NEAR_REST_RAD` ahead.
+        sense_of_dw = self._sense_after_reversals(rest_points, s + 2.0 * NEAR_REST_RAD)
         with np.errstate(invalid="ignore", divide="ignore"):
-            direction = np.where(is_near_rest[:, None], dw, w) / divisor[:, None]
-            return np.nan_to_num(direction)
+            direction_by_w = w / (speed * sense_of_w)[:, None]
+            direction_by_dw = dw / (growth * sense_of_dw)[:, None]
+        direction = np.where(is_near_rest[:, None], direction_by_dw, direction_by_w)
+        return np.nan_to_num(direction)
+
+    def _sense_after_reversals(self, rest_points: RestPoints, s: Floats) -> Floats:
+        """Return 1.0 after an even number of reversals of a relative motion, else -1.0.
+
+        Reversals are counted from the start of the curve to each arc length s (n,).
+        """
+        # At a double zero the rate touches zero and does not reverse.
+        reversals = rest_points.s[~rest_points.is_double]
+        # On a closed curve s may be up to two laps long, and the zeros repeat.
+        reversals = np.append(reversals, reversals + self.curve.length)
+        reversal_counts = np.searchsorted(reversals, s, side="right")
+        return np.where(reversal_counts % 2 == 1, -1.0, 1.0)
 
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
         """Return all points at which the two links of a pole rest relative to each other.
