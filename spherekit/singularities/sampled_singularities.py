@@ -5,12 +5,13 @@ also at dead centres, where rates by the input are infinite.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from spherekit.arrays import Floats, Integers
+from spherekit.arrays import Bools, Floats, Integers
 from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_plan import pole_of
@@ -63,6 +64,26 @@ class Occurrence(NamedTuple):
     q: float
     modes: list[int]
     is_inside: bool
+
+
+@dataclass(frozen=True)
+class _CrossingDistances:
+    """Distances of n configurations from crossings of configuration curves.
+
+    The distance of two configurations is the largest difference of their variables (rad).
+    It is infinite if there is no crossing.
+
+    Attributes
+    ----------
+    any_crossing
+        (n,) distances from the nearest crossing. If a crossing was not located exactly, the
+        last point of a curve before it is taken.
+    located_crossing
+        (n,) distances from the nearest crossing that was located exactly.
+    """
+
+    any_crossing: Floats
+    located_crossing: Floats
 
 
 class SampledSingularities:
@@ -148,7 +169,17 @@ class SampledSingularities:
         self.report = SingleFreedomSingularities(
             self.position_analysis, self.curves, named_outputs
         )
-        self._locate_rows(values[:, part.variables], assembly_mode)
+        part_values = values[:, part.variables]
+        self.curve, self.s = self._find_curve_points(part_values, assembly_mode)
+        distances = self._distances_to_crossings(part_values)
+        is_on_curve = self.curve >= 0
+        # Where curves cross, the closure equations are singular. Curves are followed only
+        # up to a little before the crossing, so a row in this gap is on no curve.
+        is_near_crossing = distances.any_crossing < NEAR_CROSSING_RAD
+        self.status = np.where(is_near_crossing, Status.AT_SINGULARITY, Status.MODE_LOST)
+        self.status[is_on_curve] = Status.OK
+        is_at_crossing = distances.located_crossing < AT_CROSSING_RAD
+        self.crossed = ~is_on_curve & is_at_crossing
         self.range: tuple[float, float] = position_analysis.range
         # The inputs `passed` are those of a simulation, which passes a part of each curve.
         self._passed_ranges: dict[int, tuple[float, float]] | None = None
@@ -156,14 +187,10 @@ class SampledSingularities:
             self.range = float(np.min(passed)), float(np.max(passed))
             self._passed_ranges = self._find_passed_ranges(passed)
 
-    def _locate_rows(self, values: Floats, assembly_mode: Integers) -> None:
-        """Locate each row on the configuration curves.
-
-        The attributes `curve` and `s` get the number of the curve of each row and its arc
-        length on this curve. `status` is OK on a curve. Where curves cross, the closure
-        equations are singular, so curves are followed only up to a little before the
-        crossing. A row on no curve is AT_SINGULARITY near a crossing, and MODE_LOST
-        elsewhere. `crossed` states whether the row is at a crossing itself.
+    def _find_curve_points(
+        self, values: Floats, assembly_mode: Integers
+    ) -> tuple[Integers, Floats]:
+        """Return the configuration curve on which each row is, and its arc length there.
 
         Parameters
         ----------
@@ -172,39 +199,49 @@ class SampledSingularities:
             the part of the mechanism that moves the outputs.
         assembly_mode
             (n,) assembly mode of each row.
+
+        Returns
+        -------
+        curve_numbers, s
+            (n,) numbers of the curves, -1 for rows on none, and (n,) arc lengths (rad), NaN
+            for rows on none.
         """
         curve_numbers = np.full(len(values), -1)
         s = nans(len(values))
         is_finite = all_finite(values, 1)
-        # First the curves that have pieces of the assembly mode of the row. If the row is
-        # on none of them, all other curves.
-        for is_other_mode in (False, True):
-            for number, item in enumerate(self.configurations.curves):
-                has_mode = np.isin(assembly_mode, self.modes_of(item.pieces))
-                has_no_curve = curve_numbers < 0
-                is_candidate = is_finite & has_no_curve & (has_mode != is_other_mode)
-                (rows,) = np.nonzero(is_candidate)
-                positions = item.curve.find(values[rows])
-                is_on_curve = np.isfinite(positions)
-                curve_numbers[rows[is_on_curve]] = number
-                s[rows[is_on_curve]] = positions[is_on_curve]
-        has_no_curve = curve_numbers < 0
-        status = np.where(has_no_curve, Status.MODE_LOST, Status.OK)
-        # A row on no curve that is within `NEAR_CROSSING_RAD` of a crossing is in the gap
-        # before it. Within the much smaller `AT_CROSSING_RAD` it is the crossing itself, if
-        # the crossing was located exactly.
-        is_crossing = np.zeros(len(values), dtype=bool)
+
+        def search_curve(number: int, is_candidate: Bools) -> None:
+            """Store the points of a curve at which candidates without a curve are."""
+            (rows,) = np.nonzero(is_candidate & is_finite & (curve_numbers < 0))
+            positions = self.curves[number].find(values[rows])
+            is_on_curve = np.isfinite(positions)
+            curve_numbers[rows[is_on_curve]] = number
+            s[rows[is_on_curve]] = positions[is_on_curve]
+
+        # (curves, n) whether a piece of the curve has the assembly mode of the row.
+        has_mode = [
+            np.isin(assembly_mode, self.modes_of(item.pieces))
+            for item in self.configurations.curves
+        ]
+        # First each row is searched on the curves of its own mode, then on all others.
+        for number, is_own_mode in enumerate(has_mode):
+            search_curve(number, is_own_mode)
+        for number, is_own_mode in enumerate(has_mode):
+            search_curve(number, ~is_own_mode)
+        return curve_numbers, s
+
+    def _distances_to_crossings(self, values: Floats) -> "_CrossingDistances":
+        """Return how far configurations (n, variables) are from the nearest crossing."""
+        any_crossing = np.full(len(values), np.inf)
+        located_crossing = np.full(len(values), np.inf)
         for point in self.report.crossings:
             difference = self.curves[point.curve].wrapped(values - point.values)
             distance = max_abs(difference, axis=1)
-            is_near = has_no_curve & (distance < NEAR_CROSSING_RAD)
-            status[is_near] = Status.AT_SINGULARITY
-            is_located = point.crossing is not None
-            is_crossing |= has_no_curve & (distance < AT_CROSSING_RAD) & is_located
-        self.curve = curve_numbers
-        self.s = s
-        self.status = status
-        self.crossed = is_crossing
+            # `fmin` ignores NaN, the distance of a row without a configuration.
+            any_crossing = np.fmin(any_crossing, distance)
+            if point.crossing is not None:
+                located_crossing = np.fmin(located_crossing, distance)
+        return _CrossingDistances(any_crossing, located_crossing)
 
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of the assembly modes of pieces of curves.
@@ -230,8 +267,7 @@ class SampledSingularities:
         configuration that does not occur in the range is yielded once, as not inside, with
         the input that is nearest to the range.
 
-        If the rows are a simulation, only configurations that it passes are inside. A
-        configuration on a curve of which the simulation passes nothing is yielded once.
+        If the rows are a simulation, only configurations that it passes are inside.
 
         Parameters
         ----------
@@ -245,8 +281,13 @@ class SampledSingularities:
             (rad) is moved to its start.
         """
         first_curve, _ = places[0]
+        inputs = self._find_inputs(first_curve, values[self._driven], margin)
+        if self._passed_ranges is not None and first_curve not in self._passed_ranges:
+            # The simulation passes nothing of the curve. All occurrences are then outside,
+            # and the first one is enough to report the configuration.
+            inputs = inputs[:1]
         is_passed = any(self._is_passed(curve, s) for curve, s in places)
-        for q in self._find_inputs(first_curve, values[self._driven], margin):
+        for q in inputs:
             # A piece is a part of a curve that is one assembly mode.
             pieces: list[Piece] = []
             for curve, s in places:
@@ -258,8 +299,7 @@ class SampledSingularities:
         """Return all inputs in the range at which the configuration with an input q occurs.
 
         They differ from q by whole periods of the input. If none is in the range, the
-        nearest one outside is returned. If a simulation passes nothing of the curve, one
-        input is enough, because the configuration only counts as not passed.
+        nearest one outside is returned.
 
         Parameters
         ----------
@@ -271,23 +311,21 @@ class SampledSingularities:
         """
         low, high = self.range
         inputs, _ = turns_in_range(np.array([q]), low, high, self._period(curve))
-        if self._passed_ranges is not None and curve not in self._passed_ranges:
-            inputs = inputs[:1]
-        if self.count_periods_in_range(curve) > 0:
-            inputs = np.where(high - inputs < margin, low, inputs)
+        has_whole_periods = self.count_periods_in_range(curve) > 0
+        if has_whole_periods:
+            is_at_upper_end = high - inputs < margin
+            inputs = np.where(is_at_upper_end, low, inputs)
         occurrence_inputs: list[float] = inputs.tolist()
         return occurrence_inputs
 
     def _pieces_at(self, curve: int, s: float, q: float) -> Iterator[Piece]:
         """Yield the pieces of a curve that include an arc length s at an input q.
 
-        A piece is a part of the curve that is one assembly mode. The same configuration, at
-        arc length s, occurs at inputs that differ by whole periods. If the range has
-        several periods, the same part of the curve is one piece in each of them. The inputs
-        of these pieces differ by `Piece.shift`, a multiple of the period. Only the pieces
-        whose input at s is q are yielded. For example, let the range be 0 to 720 deg with a
-        period of 360 deg, and let the input on the curve at s be 30 deg. One piece there
-        has the shift 0 and the input 30 deg, another one the shift 360 and the input 390.
+        A piece is a part of the curve that is one assembly mode. If the range of the input
+        has several periods, the same part of the curve is one piece in each of them. For
+        example, let the range be 0 to 720 deg with a period of 360 deg. One piece includes
+        s at the input 30 deg, another one includes s at 390 deg. Only one of them is
+        yielded, depending on q.
 
         Parameters
         ----------
@@ -296,39 +334,50 @@ class SampledSingularities:
         q
             The input (rad).
         """
+        for piece, input_in_piece in self._pieces_with_inputs(curve, s):
+            # Both inputs belong to the configuration at s.
+            periods_between = round((input_in_piece - q) / self._period(curve))
+            if self._is_same_input(curve, periods_between):
+                yield piece
+
+    def _pieces_with_inputs(self, curve: int, s: float) -> Iterator[tuple[Piece, float]]:
+        """Yield each piece of a curve that includes an arc length, with its input (rad).
+
+        The input is that of the piece at this arc length (rad).
+        """
         arc_curve = self.curves[curve]
-        # The input of a piece at s equals q or differs from it by some periods. In general
-        # the piece is yielded only if this number of periods is 0. There are two
-        # exceptions, so it has to be a multiple of `period_step`.
-        period_step: float
-        if self.is_simulation:
-            # A simulation has no range with several periods: any number is accepted.
-            period_step = 1
-        elif number_in_range := self.count_periods_in_range(curve):
-            # The range has a whole number of periods, such as 2. Its ends are one
-            # configuration, so the input of the piece may be at one end and q at the other.
-            period_step = number_in_range
-        else:
-            # The input must be q itself: the remainder n % inf is 0 only for n = 0.
-            period_step = np.inf
-        input_offset = float(arc_curve.at(s).values[0, self._driven]) - q
-        # A piece of a closed curve may begin in the lap before and end in the lap after.
+        input_on_curve = float(arc_curve.at(s).values[0, self._driven])
+        # A piece of a closed curve may begin in the lap before and end in the lap after. In
+        # each lap the arc length grows by `length`, and the input by `rise`.
         laps = (0, 1, -1) if arc_curve.closed else (0,)
         for lap in laps:
+            s_in_lap = s + lap * arc_curve.length
+            input_in_lap = input_on_curve + lap * arc_curve.rise[self._driven]
             for piece in self.configurations.curves[curve].pieces:
-                # The input of the piece at s in this lap is the input of the curve at s,
-                # plus the growth of the input in the laps (`arc_curve.rise` in each), plus
-                # `shift`. It differs from q by a whole number of periods.
-                growth_in_laps = lap * arc_curve.rise[self._driven]
-                difference = input_offset + growth_in_laps + piece.shift
-                periods = round(difference / self._period(curve))
-                if periods % period_step != 0:
-                    continue
-                s_in_lap = s + lap * arc_curve.length
                 start = piece.start - PIECE_END_TOLERANCE_RAD
                 stop = piece.stop + PIECE_END_TOLERANCE_RAD
                 if start <= s_in_lap <= stop:
-                    yield piece
+                    # `shift`, some whole periods, moves the piece into the range.
+                    yield piece, input_in_lap + piece.shift
+
+    def _is_same_input(self, curve: int, periods_between: int) -> bool:
+        """Return whether two inputs that differ by some periods count as the same input.
+
+        Parameters
+        ----------
+        curve
+            Number of the curve, which has the period.
+        periods_between
+            Number of periods between the inputs, of either sign.
+        """
+        if self.is_simulation:
+            # The input of a simulation may make any number of periods.
+            return True
+        periods_in_range = self.count_periods_in_range(curve)
+        if periods_in_range > 0:
+            # The two ends of the range are one configuration. They count as the same input.
+            return periods_between % periods_in_range == 0
+        return periods_between == 0
 
     def _is_passed(self, curve: int, s: float) -> bool:
         """Return whether a simulation passes an arc length; True without a simulation."""
@@ -447,18 +496,20 @@ class SampledSingularities:
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return how near the rows are to singularities, for each output.
 
-        The relation c y' = d q' connects the rate q' of the input and a rate y'. c is 0 at
-        type II (the input rests), d is 0 at type I (the output rests). There are up to two
-        relations. In form i, y' is the rate of the output: of its link relative to its
-        reference link. In form ii, y' is the rate of the same link relative to the
-        reference link of the input.
+        One of the measures are the coefficients of a relation c y' = d q'. It connects the
+        rate q' of the input and a rate y' of the output link. c is 0 at type II (the input
+        rests), d is 0 at type I (the output rests). An output has one or two relations:
+
+        - In form i, y' is the rate of the output link relative to its own reference link.
+        - In form ii, y' is its rate relative to the reference link of the input.
 
         Returns
         -------
         The keys are the index of an output and a form of its relation. The values are
-        columns (n,) by name, NaN in rows on no curve:
+        columns (n,) by name, NaN in rows on no curve. Only ``c`` and ``d`` depend on the
+        form:
 
-        - ``c`` and ``d``: the coefficients of the form,
+        - ``c`` and ``d``: the coefficients of the relation,
         - ``output_rate`` and ``input_rate``: rates of the output and the input as the
           configuration moves along its curve, by the arc length of the curve,
         - ``distance_I`` and ``distance_II`` (rad): angles that vanish at the type. They
@@ -474,27 +525,43 @@ class SampledSingularities:
             angles = self.transmission_angles(self.curves[number].at(s).values)
             for output, transmission in enumerate(angles):
                 curve_relations = self.report.evaluate_relations(number, s, output)
-                values = {
+                values_of_both_forms = {
                     "input_rate": curve_relations.input_rate,
                     "output_rate": curve_relations.output_rate,
                     "transmission": transmission,
+                    **self._distances_and_margins(number, s, output),
                 }
-                for kind in (Type.I, Type.II):
-                    values[f"distance_{kind}"] = self.angle(kind, number, s, output)
-                    values[f"input_margin_{kind}"] = self._input_margin(
-                        number, output, kind, s
-                    )
-                # Only c and d depend on the form. A column is NaN until the rows of a curve
-                # are filled in.
                 for relation in curve_relations.relations:
-                    values["c"] = relation.c
-                    values["d"] = relation.d
-                    output_columns = columns.setdefault((output, relation.form), {})
+                    values = {**values_of_both_forms, "c": relation.c, "d": relation.d}
+                    empty_columns = {name: nans(len(self.s)) for name in values}
+                    output_columns = columns.setdefault(
+                        (output, relation.form), empty_columns
+                    )
                     for name, values_of_rows in values.items():
-                        if name not in output_columns:
-                            output_columns[name] = nans(len(self.s))
                         output_columns[name][rows] = values_of_rows
         return dict(sorted(columns.items()))
+
+    def _distances_and_margins(
+        self, curve: int, s: Floats, output: int
+    ) -> dict[str, Floats]:
+        """Return the columns of `measures` that state how far types I and II are.
+
+        Parameters
+        ----------
+        curve, s
+            Number of the curve, and arc lengths (m,) on it (rad).
+        output
+            Index of the output among the outputs.
+
+        Returns
+        -------
+        (m,) angles (rad) by the names ``distance_I``, ``input_margin_I`` and so on.
+        """
+        columns: dict[str, Floats] = {}
+        for kind in (Type.I, Type.II):
+            columns[f"distance_{kind}"] = self.angle(kind, curve, s, output)
+            columns[f"input_margin_{kind}"] = self._input_margin(curve, output, kind, s)
+        return columns
 
     def transmission_angles(self, values: Floats) -> list[Floats]:
         """Return the transmission angle of each output at configurations.
