@@ -270,11 +270,9 @@ def local_minima(
 ) -> tuple[Floats, Floats]:
     """Return the local minima of the sine of an angle along a configuration curve.
 
-    The angle is a distance from a singularity, or a transmission angle. An end of the range
-    of the input is included if the sine is not smaller a little inwards from it. The
-    distance inwards is `INWARD_PART` times the length of the piece of the curve. The same
-    applies to both ends of an open curve, unless curves cross at one of them. Such a curve
-    ends a little before the crossing, where other curves continue it.
+    The angle is a distance from a singularity, or a transmission angle. Minima are of two
+    kinds: points between two points with larger sines, and ends (see `_find_ends`) at which
+    the sine is not larger than a little inwards.
 
     Parameters
     ----------
@@ -310,26 +308,46 @@ def local_minima(
         is_in_one_lap = (positions >= grid[1]) & (positions < grid[1] + curve.length)
         positions = np.mod(positions[is_in_one_lap], curve.length)
         squares = squares[is_in_one_lap]
-    # Ends at which the value is not larger than a little inwards.
-    ends, inward = _ends_in_range(sampled, number)
-    end_squares = squared_sine(ends)
-    is_minimum = end_squares <= np.minimum(squared_sine(inward), limit**2)
-    positions = np.append(positions, ends[is_minimum])
+    ends = _find_ends(sampled, number)
+    end_squares = squared_sine(ends.s)
+    is_minimum = end_squares <= np.minimum(squared_sine(ends.inward_s), limit**2)
+    positions = np.append(positions, ends.s[is_minimum])
     squares = np.append(squares, end_squares[is_minimum])
     return positions, np.sqrt(squares)
 
 
-def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
-    """Return the ends of the range and of the curve, and points a little inward.
+@dataclass(frozen=True)
+class _PieceEnds:
+    """Some ends of pieces of a curve. A piece is a part that is one assembly mode.
 
-    A measure of the distance to singularities can be smallest at such an end. The caller
-    compares its values at the end and a little inward.
+    Attributes
+    ----------
+    s
+        (k,) arc lengths (rad) of the ends.
+    inward_s
+        (k,) arc lengths (rad) of points inside the piece, a little away from each end: the
+        part `INWARD_PART` of the length of the piece.
+    q
+        (k,) inputs (rad) of the ends, in the range.
+    """
 
-    The curve consists of pieces, each of which is one assembly mode. An end of a piece is
-    an end of the range if its input is the lowest or the highest. A range of whole periods
-    has no ends, because configurations repeat. The ends of an open curve are included too,
-    except an end at a crossing with another curve. The curve stops a little before the
-    crossing, so the measure at its last point is not that of a true end.
+    s: Floats
+    inward_s: Floats
+    q: Floats
+
+
+def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
+    """Return the points at which a curve ends or leaves the range of the input.
+
+    The curve consists of pieces. Their ends are of three kinds:
+
+    - The input is the lowest or the highest of the range. Such an end is included, unless
+      the range consists of whole periods. It then has no ends, because configurations
+      repeat.
+    - The curve is open and ends. Such an end is included, unless other curves cross there.
+      The last point of the curve is then no true end: it is a little before the crossing,
+      and other curves continue behind it.
+    - The input turns back, and another piece follows. Such an end is not included.
 
     Parameters
     ----------
@@ -337,31 +355,39 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
         The singularities on all curves, and the range.
     number
         Number of the curve.
-
-    Returns
-    -------
-    ends, inward
-        (k,) arc lengths (rad) of the ends, and of a point inside the piece near each end.
-        Their distance is the part `INWARD_PART` of the length of the piece.
     """
     curve = sampled.curves[number]
-    pieces = sampled.configurations.curves[number].pieces
-    # (pieces, 2) arc lengths of start and stop, and (pieces, 1) whole periods that are
-    # added to the input on the curve. They move the piece into the range.
-    rows = [(piece.start, piece.stop, piece.shift) for piece in pieces]
-    ends, shifts = np.split(np.reshape(rows, (-1, 3)), [2], axis=1)
-    input_variable = sampled.position_analysis.solver.input_variable
-    inputs_on_curve = curve.at(ends.ravel()).values[:, input_variable]
-    q = inputs_on_curve.reshape(ends.shape) + shifts
-    is_end = np.zeros(ends.shape, dtype=bool)
-    if not sampled.count_periods_in_range(number):
-        distance_to_range = np.min(np.abs(q[..., None] - sampled.range), axis=2)
-        is_end |= distance_to_range < RANGE_END_TOLERANCE_RAD
+    ends = _find_piece_ends(sampled, number)
+    is_included = np.zeros(len(ends.s), dtype=bool)
+    has_whole_periods = sampled.count_periods_in_range(number) > 0
+    if not has_whole_periods:
+        for limit in sampled.range:
+            is_included |= np.abs(ends.q - limit) < RANGE_END_TOLERANCE_RAD
     if not curve.closed:
-        # `curve.ends` states why the curve ends, first at its start.
-        for position, status in zip((0.0, curve.length), curve.ends, strict=True):
-            if status is not Status.AT_SINGULARITY:
-                is_end |= np.abs(ends - position) < RANGE_END_TOLERANCE_RAD
-    # Forwards from the start of each piece, backwards from its stop.
-    inward = ends + INWARD_PART * np.diff(ends) * [1.0, -1.0]
-    return ends[is_end], inward[is_end]
+        start_status, stop_status = curve.ends
+        if start_status is not Status.AT_SINGULARITY:
+            is_included |= np.abs(ends.s) < RANGE_END_TOLERANCE_RAD
+        if stop_status is not Status.AT_SINGULARITY:
+            is_included |= np.abs(ends.s - curve.length) < RANGE_END_TOLERANCE_RAD
+    return _PieceEnds(
+        s=ends.s[is_included], inward_s=ends.inward_s[is_included], q=ends.q[is_included]
+    )
+
+
+def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
+    """Return the start and the stop of each piece of a curve, one piece after another."""
+    pieces = sampled.configurations.curves[number].pieces
+    starts = np.array([piece.start for piece in pieces], dtype=float)
+    stops = np.array([piece.stop for piece in pieces], dtype=float)
+    inward_distances = INWARD_PART * (stops - starts)
+    # One row (start, stop) for each piece, then all rows one after another.
+    s = np.column_stack([starts, stops]).ravel()
+    inward_s = np.column_stack(
+        [starts + inward_distances, stops - inward_distances]
+    ).ravel()
+    # The input on the curve may be outside of the range. Whole periods of the input, the
+    # `shift` of each piece, move it into the range.
+    shifts = np.repeat([piece.shift for piece in pieces], 2)
+    input_variable = sampled.position_analysis.solver.input_variable
+    inputs_on_curve = sampled.curves[number].at(s).values[:, input_variable]
+    return _PieceEnds(s=s, inward_s=inward_s, q=inputs_on_curve + shifts)

@@ -138,7 +138,17 @@ class SingleFreedomSingularities:
     ) -> None:
         """Prepare velocities along the curves, and choose the links of all relations.
 
-        The class explains the parameters.
+        Parameters
+        ----------
+        position_analysis
+            A mechanism with one degree of freedom.
+        curves
+            Its configuration curves.
+        outputs
+            Motions of a link relative to another: a text such as ``"4/1"``, or numbers or
+            names of both links.
+        input
+            The input, given like an output. By default it is the motion of the driven pair.
         """
         mechanism = position_analysis.mechanism
         if len(position_analysis.inputs) != 1:
@@ -148,29 +158,14 @@ class SingleFreedomSingularities:
                 "there is a single degree of freedom; lock the other inputs"
             )
         self.position_analysis = position_analysis
-
-        @cache
-        def plan_poles(poles: tuple[Pole, ...]) -> Plan | None:
-            """Return the order in which some poles are constructed from each other.
-
-            It is None if there is no such order, for example because counting links and
-            pairs does not give one degree of freedom. The order is the same on all curves,
-            so the result is stored.
-            """
-            try:
-                # `by_rank`: counting links and pairs gives a wrong number of degrees of
-                # freedom, but the rank of the velocity equations gives one.
-                return plan(mechanism, poles, by_rank=position_analysis.by_rank)
-            except PlanError:
-                return None
-
-        self._plan_poles = plan_poles
+        # The plan of some poles is the same on all curves, so it is stored.
+        self._plan_poles = cache(self._find_plan)
         self.curve_motions = [
-            CurveMotion(position_analysis, curve, plan_poles) for curve in curves
+            CurveMotion(position_analysis, curve, self._plan_poles) for curve in curves
         ]
+        # From here on each motion is a pair of numbers: moving link, reference link.
         if input is None:
             # A pair's variable is the angle of its second link relative to its first one.
-            # The pole (i, r) of the input begins with the link that turns.
             first, second = mechanism.ends[position_analysis.assembly.input]
             self.input = (second, first)
         else:
@@ -178,45 +173,77 @@ class SingleFreedomSingularities:
         self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)
         self.links = [self._choose_links(output) for output in self.outputs]
 
-    def _choose_links(self, output: tuple[int, int]) -> dict[Form, FourLinks]:
-        """Return the links of the relations between an output and the input, by form.
+    def _find_plan(self, poles: tuple[Pole, ...]) -> Plan | None:
+        """Return the order in which some poles are constructed from each other.
 
-        Form "i" is the relation of the output link relative to its reference link. Form
-        "ii" is that of the output link relative to the reference link of the input, if
-        these are different links, and if the output link is not the input link itself. Both
-        are used because they fail, with c = d = 0, at different configurations.
+        A pole is the axis about which two links turn relative to each other. The result is
+        None if there is no such order, for example because counting links and pairs does
+        not give one degree of freedom.
+        """
+        mechanism = self.position_analysis.mechanism
+        # The number of degrees of freedom follows from counting links and pairs. If this
+        # gives a wrong number, it follows from the rank of the velocity equations.
+        by_rank = self.position_analysis.by_rank
+        try:
+            return plan(mechanism, poles, by_rank=by_rank)
+        except PlanError:
+            return None
+
+    def _choose_links(self, output: tuple[int, int]) -> dict[Form, FourLinks]:
+        """Return the links of the one or two relations between an output and the input.
+
+        A relation is an equation c y' = d q', where q' is the rate of the input. The
+        coefficients c and d follow from the axes about which four links turn relative to
+        each other. There are two relations, because each becomes useless (c = d = 0) at
+        some configurations, which are not the same for both:
+
+        - In form "i", y' is the rate of the output: of its link o relative to its reference
+          link s.
+        - In form "ii", y' is the rate of link o relative to the reference link r of the
+          input. This form exists only if link o is none of the two links of the input.
 
         Parameters
         ----------
         output
             Numbers of the output link and of its reference link.
+
+        Returns
+        -------
+        The links i and r of the input, and the links o and s, by form. In form "ii", s is
+        an auxiliary link, which can be any other link.
         """
-        links_by_form: dict[Form, FourLinks] = {"i": FourLinks(*self.input, *output)}
-        links = links_by_form["i"]
-        if links.o in (links.r, links.i):
+        input_link, input_reference = self.input
+        output_link, output_reference = output
+        links = FourLinks(
+            i=input_link, r=input_reference, o=output_link, s=output_reference
+        )
+        links_by_form: dict[Form, FourLinks] = {"i": links}
+        if output_link in self.input:
             return links_by_form
-        # The formulas of form "ii" use s as an auxiliary link, which can be any fourth one.
-        # The reference link of the output is taken, unless it is that of the input.
-        auxiliary_link: int | None = links.s
-        if links.s == links.r:
+        auxiliary_link: int | None = output_reference
+        if output_reference == input_reference:
             auxiliary_link = self._choose_auxiliary_link(links)
         if auxiliary_link is not None:
             links_by_form["ii"] = replace(links, s=auxiliary_link)
         return links_by_form
 
     def _choose_auxiliary_link(self, links: FourLinks) -> int | None:
-        """Return the auxiliary link that makes a relation of form "ii" most accurate.
+        """Return the auxiliary link of the second relation of an output and the input.
 
-        Both coefficients of this relation contain the sine of the angle between two pole
-        axes: those about which the output link and the input link turn relative to the
-        auxiliary link. They vanish where these axes are parallel. The link is therefore
-        taken whose axes are farthest from parallel, by the sum of these sines over the
-        nodes of all configuration curves. The result is None if there is no further link.
+        The relation is an equation c y' = d q'. q' is the rate of the input link, and y'
+        that of the output link, both relative to the reference link of the input. Its
+        coefficients are computed with the help of any further link, the auxiliary link.
+
+        Both coefficients contain the sine of the angle between two axes: those about which
+        the output link and the input link turn relative to the auxiliary link. The relation
+        is most accurate if these axes are far from parallel. The link is therefore taken
+        with the greatest sum of these sines over the nodes of all configuration curves. The
+        result is None if there is no further link.
 
         Parameters
         ----------
         links
-            The input link i, the output link o, and their reference links.
+            The input link i, the output link o, and their reference links r and s.
         """
         link_count = len(self.position_analysis.mechanism.links)
         candidates = [link for link in range(link_count) if link not in links.different]
@@ -273,15 +300,11 @@ class SingleFreedomSingularities:
         )
 
     def _compute_relations(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
-        """Return the equations that connect the rates of an output and of the input.
+        """Return the one or two equations between the rates of an output and of the input.
 
         Each is a relation c y' = d q', where q' is the rate of the input. c and d are
         computed from pole axes alone, the axes about which links turn relative to each
-        other. There are one or two relations, which differ in the rate y':
-
-        - It is the rate of the output in the first relation (form "i").
-        - It is the rate of the output link relative to the reference link of the input in
-          the second one (form "ii"), if it exists.
+        other. `_choose_links` explains the two relations and their links.
 
         Parameters
         ----------
@@ -290,9 +313,10 @@ class SingleFreedomSingularities:
         axes
             (n, 3) unit vectors along the pole axes, by pole (pair of links).
         """
+        links_by_form = self.links[output]
         return [
             make_relation(form, links, pole_axis=lambda pole: axes[pole])
-            for form, links in self.links[output].items()
+            for form, links in links_by_form.items()
         ]
 
     @cached_property
@@ -422,7 +446,8 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        For each singularity its one or two relations, as in `CurveRelations`.
+        For each singularity its relations. There are one or two, which differ in the links
+        from whose axes c and d are computed; `_choose_links` explains them.
         """
         poles = tuple(self.poles(output))
         axes = link_motion.pole_axes(poles, self._plan_poles(poles))
@@ -561,20 +586,16 @@ class SingleFreedomSingularities:
             # pole axes of links that rest relative to each other.
             bends=None,
         )
-        # The input and an output are pairs of links. If the output is the input itself, c
-        # and d never vanish, and no note is needed.
-        is_input = {*self.outputs[output]} == {*self.input}
-        relations: list[RelationAt] = []
-        # By the rates, the configuration is of type III on each curve. A relation gives a
-        # type, too: `relation.type`. If it is not III, `_check_types` adds a note. It is
-        # None if neither c nor d vanishes, and the note is then replaced here.
+        # The configuration is of type III, whatever curve the mechanism follows.
         types = [Type.III] * curve_count
-        for relations_of_curve in self._check_types(output, link_motion, types):
-            for relation in relations_of_curve:
-                if relation.type is None and not is_input:
-                    relation = replace(relation, note=ONE_CURVE_NOTE)
-                relations.append(relation)
-        return tuple(relations)
+        relations_by_curve = self._check_types(output, link_motion, types)
+        relations = list(chain.from_iterable(relations_by_curve))
+        # The input and an output are pairs of links. If the output is the input itself, c
+        # and d are constants, which never vanish on any curve.
+        is_input = {*self.outputs[output]} == {*self.input}
+        if is_input:
+            return tuple(relations)
+        return tuple(_note_single_curve(relation) for relation in relations)
 
     @cached_property
     def everywhere(self) -> int | None:
@@ -606,6 +627,18 @@ class SingleFreedomSingularities:
             default=0,
         )
         return least if least > 1 else None
+
+
+def _note_single_curve(relation: RelationAt) -> RelationAt:
+    """Return a relation at a crossing of curves, with a note if it is that of one curve.
+
+    A relation c y' = d q' of the configuration alone has c = d = 0 at a crossing. If
+    neither vanishes (the type is None), they are those of the motion along one curve. The
+    relation then has a general note that its type differs from that of the crossing, which
+    is replaced by a note that gives this cause.
+    """
+    neither_vanishes = relation.type is None
+    return replace(relation, note=ONE_CURVE_NOTE) if neither_vanishes else relation
 
 
 def _vanishes_on_curve(relation: Relation) -> bool:
