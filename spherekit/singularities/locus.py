@@ -673,24 +673,58 @@ class SingularityLocus:
         rank = self.motion_dimension + 1
         svd = decompose(linearised.equations)
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
+        # Each column of the null space has g coordinates of a change of the configuration,
+        # then k coordinates of a change of the motion. Combinations of the columns are used
+        # whose changes of the configuration are orthonormal.
+        configuration_changes = null_space[:, : self.degrees_of_freedom]
         motion_changes = linearised.motion_changes(null_space)
-        # The basis of the null space is replaced by one whose changes of the variables are
-        # orthonormal: with the singular value decomposition U S W of these changes, they
-        # become U, and the changes of x are multiplied by W^T S^-1. If an element of S
-        # (`lengths`) is zero, the locus is not regular. The smallest divisor, a ratio that
-        # serves elsewhere to recognise redundant equations, then prevents a division by 0.
-        configuration_part = null_space[:, : self.degrees_of_freedom]
-        left, lengths, mixing = np.linalg.svd(configuration_part, full_matrices=False)
-        divisors = np.maximum(lengths, REDUNDANT_EQUATION_RATIO)[:, None]
-        # The smallest singular value relative to the greatest one, times the smallest
-        # length: at an irregular point a tangent hardly changes the variables.
-        condition = svd.values[:, rank - 1] * lengths[:, -1]
-        condition = condition / np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
+        combinations = _orthonormalise(configuration_changes)
+        # A point is irregular for two reasons: an equation depends on the others, or a
+        # tangent hardly changes the configuration.
+        smallest_singular_value = svd.values[:, rank - 1]
+        greatest_singular_value = np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
+        smallest_length = combinations.lengths[:, -1]
+        condition = smallest_singular_value * smallest_length / greatest_singular_value
         return _LocusTangents(
-            values=linearised.space.basis @ left,
-            motion_derivatives=motion_changes @ np.swapaxes(mixing, 1, 2) / divisors,
+            values=linearised.space.basis @ combinations.orthonormal,
+            motion_derivatives=combinations.combine(motion_changes),
             reciprocal_condition=np.where(svd.is_finite, condition, 0.0),
         )
+
+
+@dataclass(frozen=True)
+class _OrthonormalCombinations:
+    """Combinations of the j columns of n matrices that are orthonormal vectors.
+
+    They follow from the singular value decompositions U S W of the matrices M:
+    U = M W^T S^-1.
+
+    Attributes
+    ----------
+    orthonormal
+        (n, rows, j) the combinations U.
+    lengths
+        (n, j) singular values S in descending order. If the smallest is zero, the columns
+        of M are dependent.
+    right
+        (n, j, j) orthogonal matrices W.
+    """
+
+    orthonormal: Floats
+    lengths: Floats
+    right: Floats
+
+    def combine(self, columns: Floats) -> Floats:
+        """Return the same combinations of other columns (n, rows, j)."""
+        # The least divisor prevents a division by zero if the columns of M are dependent.
+        divisors = np.maximum(self.lengths, REDUNDANT_EQUATION_RATIO)[:, None]
+        return columns @ np.swapaxes(self.right, 1, 2) / divisors
+
+
+def _orthonormalise(matrices: Floats) -> _OrthonormalCombinations:
+    """Return orthonormal combinations of the columns of matrices (n, rows, j)."""
+    left, lengths, right = np.linalg.svd(matrices, full_matrices=False)
+    return _OrthonormalCombinations(orthonormal=left, lengths=lengths, right=right)
 
 
 def append_conditions(

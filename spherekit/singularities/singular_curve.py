@@ -95,8 +95,7 @@ class SingularCurve:
         A chord is the straight line from one node to the next. Each point is selected by
         its projection onto a chord. Newton's method brings it onto the curve. The method
         solves for the configuration and its singular motion: unit rates of all V variables
-        in which the inputs (type II) or the output (type I) rest. It starts from values
-        between those of the two nodes.
+        in which the inputs (type II) or the output (type I) rest.
 
         Parameters
         ----------
@@ -105,29 +104,39 @@ class SingularCurve:
         parts
             (n,) position of the projection on each chord, from 0 to 1.
         """
-        nodes = self.nodes
+        # Newton's method starts from values between those of the two nodes.
+        start_values = self.chords.predict(chord_numbers, parts)
+        start_motions = self._interpolate_motions(chord_numbers, parts)
+        # One equation for each point, direction . values = component, prescribes the
+        # component (rad) of the variables along the chord.
         directions = self.chords.directions[chord_numbers]  # unit vectors (n, V)
         lengths = self.chords.chord_lengths[chord_numbers]
-        # Singular motions (n, V) for the start, interpolated between the nodes.
-        start_motions = nodes.motions[chord_numbers]
-        motion_changes = nodes.motions[chord_numbers + 1] - start_motions
-        # One linear equation, conditions @ values = targets, prescribes the component of
-        # the variables along each chord.
-        projections = np.vecdot(directions, nodes.values[chord_numbers])
+        components_of_nodes = np.vecdot(directions, self.nodes.values[chord_numbers])
+        components = components_of_nodes + parts * lengths
+        # Each point also gets a basis of the rates that keep its loops closed. Callers
+        # compute determinants with it, whose signs must not change by chance. The basis is
+        # therefore aligned with that of the first node of the chord.
+        first_node_bases = self.nodes.bases.rows(chord_numbers)
         points = self.locus.correct(
-            values=self.chords.predict(chord_numbers, parts),
-            motions=start_motions + parts[:, None] * motion_changes,
+            values=start_values,
+            motions=start_motions,
             conditions=directions[:, None],
-            targets=(projections + parts * lengths)[:, None],
-            # Each point also gets a basis of the rates that keep its loops closed. Callers
-            # compute determinants with it, whose signs must not change by chance. The basis
-            # therefore has nearly the directions of that of the first node of the chord.
-            reference=nodes.bases.rows(chord_numbers),
+            targets=components[:, None],
+            reference=first_node_bases,
         )
         # A curve has one tangent (index 0). Its sign is arbitrary in the result, and is
         # changed to the direction of the curve.
         along_chord = np.vecdot(points.tangents[:, :, 0], directions)
         return orient_tangents(points, np.where(along_chord < 0.0, -1.0, 1.0))
+
+    def _interpolate_motions(self, chord_numbers: Indices, parts: Floats) -> Floats:
+        """Return rates (n, V) between the singular motions of the two nodes of a chord.
+
+        Chord k starts at node k. `parts` (n,) are 0 at its start and 1 at its end.
+        """
+        first_motions = self.nodes.motions[chord_numbers]
+        motion_changes = self.nodes.motions[chord_numbers + 1] - first_motions
+        return first_motions + parts[:, None] * motion_changes
 
     def find(self, values: Floats, motions: Floats) -> Bools:
         """Return which configurations are on the curve.
@@ -180,15 +189,7 @@ class SingularCurve:
             Returns one value (n,) for each of n points of the curve. Its values have sizes
             near 1, such as determinants of unit vectors.
         """
-        node_values = function(self.nodes)
-        # A function such as a determinant uses the basis of possible rates that each point
-        # has (`LocusPoints.bases`). Its sign changes if a vector of the basis is reversed.
-        # So the basis of each node is aligned with that of the node before. On a closed
-        # curve the last node is the first one again, with the basis of the first node. Its
-        # value is computed again with a basis that is aligned with that of the node before.
-        if self.closed:
-            last_chord = np.array([len(node_values) - 2])
-            node_values[-1] = function(self.points_on_chords(last_chord, np.ones(1)))[0]
+        node_values = self._comparable_node_values(function)
         starts = node_values[:-1]
         stops = node_values[1:]
         is_clear = np.maximum(np.abs(starts), np.abs(stops)) > VANISHING_FUNCTION
@@ -204,6 +205,27 @@ class SingularCurve:
         )
         return self.points_on_chords(chord_numbers, parts)
 
+    def _comparable_node_values(self, function: LocusFunction) -> Floats:
+        """Return the values (n,) of a function at all nodes, with comparable signs.
+
+        A function such as a determinant depends on the basis of possible rates that each
+        point has (`LocusPoints.bases`). Its sign changes if a vector of the basis is
+        reversed. Signs of successive nodes are comparable, because the basis of each node
+        is aligned with that of the node before.
+
+        The last node of a closed curve is an exception: it is the first node again, with
+        the basis of the first node. Here its value is computed with a basis that is aligned
+        with that of the node before.
+        """
+        node_values = function(self.nodes)
+        if self.closed:
+            # The last node, as the end of the last chord (part 1). The points of a chord
+            # have bases that are aligned with that of its first node.
+            last_chord = len(node_values) - 2
+            last_node = self.points_on_chords(np.array([last_chord]), parts=np.ones(1))
+            node_values[-1] = function(last_node)[0]
+        return node_values
+
     def cusps(self) -> LocusPoints:
         """Return the cusps of the curve in the plane of the inputs or of the output.
 
@@ -212,14 +234,16 @@ class SingularCurve:
         there. At a cusp, the tangent of the curve is therefore parallel to the singular
         motion, in which the inputs, or the output, rest.
 
-        No cusps are searched if only a part of the mechanism moves in singular motions, and
-        this part has one degree of freedom. The test then is not possible, because the
-        motions of this part have one coordinate, and directions in a plane have two.
+        Both are compared as vectors in the plane of all motions of a mechanism with two
+        degrees of freedom. If only a part of the mechanism moves in singular motions, and
+        this part has one degree of freedom, its motions are no plane but a line. No cusps
+        are then searched.
         """
-        if self.locus.motion_dimension < self.locus.degrees_of_freedom:
-            no_points = self.nodes.rows(slice(0))
-            return no_points
-        return self.zeros(cusp_determinants)
+        motions_are_plane = self.locus.motion_dimension == self.locus.degrees_of_freedom
+        if motions_are_plane:
+            return self.zeros(cusp_determinants)
+        no_points = self.nodes.rows(slice(0))
+        return no_points
 
 
 def cusp_determinants(points: LocusPoints) -> Floats:

@@ -8,6 +8,7 @@ the inputs.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -362,18 +363,37 @@ def _subdivide_triangle(
             polygon.append(side_vertices[k])
         elif is_inside[k] != is_inside[(k + 1) % 3]:
             return []
+    if not polygon:
+        return []
     if len(polygon) == 6:
         # All sides are halved: four triangles.
         a, ab, b, bc, c, ca = polygon
         return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    if not polygon:
-        return []
-    # All triangles share one vertex, the apex of a fan. It is a new vertex, if there is
-    # one. With a corner as apex, one triangle could consist of this corner, a new vertex on
-    # a side and the other end of this side. These three are on one line.
-    start = next((k for k, vertex in enumerate(polygon) if vertex in side_vertices), 0)
-    apex, *rim = polygon[start:] + polygon[:start]
-    return [(apex, rim[k], rim[k + 1]) for k in range(len(rim) - 1)]
+    # All triangles share an apex, which is a new vertex if there is one. For example, let
+    # the new vertex m be on side 12. With the apex m the triangles are m23 and m31. With
+    # corner 1 as the apex, one would be 1m2, whose three vertices are on one line.
+    apex_position = 0
+    for k, vertex in enumerate(polygon):
+        if vertex in side_vertices:
+            apex_position = k
+            break
+    return _fan_triangles(polygon, apex_position)
+
+
+def _fan_triangles(polygon: list[int], apex_position: int) -> list[tuple[int, ...]]:
+    """Return triangles that cover a convex polygon and share one of its vertices, the apex.
+
+    Parameters
+    ----------
+    polygon
+        Numbers of the vertices, in the order of the border.
+    apex_position
+        Position of the apex in this list.
+    """
+    # The other vertices, in the order of the border from the apex on.
+    others = polygon[apex_position + 1 :] + polygon[:apex_position]
+    apex = polygon[apex_position]
+    return [(apex, first, second) for first, second in pairwise(others)]
 
 
 def singular_surface(
