@@ -96,28 +96,32 @@ class CoincidentPlanes:
 
     Each plane contains the pole axes of three links, which are in one plane by the theorem
     of Aronhold and Kennedy.
+
+    Attributes
+    ----------
+    first, second
+        Names of the three axes in each plane.
     """
 
     first: tuple[str, ...]
     second: tuple[str, ...]
 
     def sine(self, poles: SixPoles) -> Floats:
-        """Return the sine (n,) of the angle of the planes, NaN if an axis is unknown.
+        """Return how far (n,) the two planes are from coinciding, as the sine of an angle.
 
-        The planes coincide if it is 0. If the three axes of a plane are parallel, up to
-        `VANISHING_SINE`, they do not determine it. The result is then 0 if any plane
-        contains all six axes. Otherwise it is the largest sine of the angles between the
-        axes and the plane that is nearest to all of them.
+        In general it is the angle between the planes. If the axes in one of them are
+        parallel, they determine no plane. The result is then the largest sine of the angles
+        between all six axes and the plane nearest to them. It is NaN if an axis is unknown.
         """
-        # The normal of each plane, and the sine of the largest angle between its axes.
+        # `plane` returns the normal of the plane of three axes, and the sine of the largest
+        # angle between two of them.
         first_normal, first_sine = poles.plane(self.first)
         second_normal, second_sine = poles.plane(self.second)
-        sine = np.linalg.norm(cross(first_normal, second_normal), axis=-1)
-        sine_to_common_plane = _sine_to_best_plane(
-            poles.stacked([*self.first, *self.second])
-        )
-        has_no_plane = np.minimum(first_sine, second_sine) < VANISHING_SINE
-        return np.where(has_no_plane, sine_to_common_plane, sine)
+        sine_between_planes = np.linalg.norm(cross(first_normal, second_normal), axis=-1)
+        all_axes = poles.stacked([*self.first, *self.second])
+        sine_to_common_plane = _sine_to_best_plane(all_axes)
+        has_parallel_axes = np.minimum(first_sine, second_sine) < VANISHING_SINE
+        return np.where(has_parallel_axes, sine_to_common_plane, sine_between_planes)
 
     def describe(self, links: FourLinks, names: Sequence[str]) -> str:
         """Return the condition in words, with the names of all links."""
@@ -456,14 +460,8 @@ def _explain_disagreement(
     # The same two links rotate relative to each other as input and as output.
     if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
-    # c and d are both 0. This says nothing about rates if all six axes are in one plane,
-    # because every triple product is then 0. A relation of other links can decide: in form
-    # ii the fourth link can be any link, and with another one the axes need not be in one
-    # plane. If links rest relative to each other, this is reported as the cause instead.
     if kind == Type.III:
-        cause = "the six axes of the chosen links lie in one plane"
-        if resting_links:
-            cause = f"links {', '.join(resting_links)} stand still relative to each other"
+        cause = _explain_vanishing_coefficients(resting_links)
         return (
             f"c = d = 0, but the rates give type {type_by_rates}: {cause}; a relation of "
             "other links decides"
@@ -478,3 +476,20 @@ def _explain_disagreement(
         f"c and d give: {vanishing}; the rates give type {type_by_rates}; a coefficient "
         "nearly vanishes, or is not known accurately enough"
     )
+
+
+def _explain_vanishing_coefficients(resting_links: Sequence[str]) -> str:
+    """Return why both coefficients of a relation vanish, if its rates give another type.
+
+    The coefficients are triple products of the pole axes of four links. All of them are
+    zero if the axes are in one plane. Links that rest relative to each other are named as
+    the cause instead, if there are any.
+
+    Parameters
+    ----------
+    resting_links
+        Names of links that rest relative to each other, such as ``3 and 4``.
+    """
+    if resting_links:
+        return f"links {', '.join(resting_links)} stand still relative to each other"
+    return "the six axes of the chosen links lie in one plane"

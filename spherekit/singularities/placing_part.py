@@ -17,6 +17,7 @@ from spherekit.positions.configuration_space import EQUAL_CONFIGURATION_RAD
 from spherekit.positions.input_turning_points import (
     RUN_COST_S,
     RUN_TIME_S,
+    InputTurningPoints,
     find_input_turning_points,
 )
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -106,23 +107,32 @@ def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -
     """Return whether assembly modes of the whole and of the part meet at the same inputs.
 
     The part determines the positions of the links of interest. Assembly modes meet at dead
-    centres, where the input turns back. All inputs of one revolution are compared, because
-    the links that are left out may have a dead centre outside the range. The result is
-    False if some dead centres of the whole are doubtful.
+    centres, where the input turns back. If the whole has a dead centre that the part has
+    not, links outside of the part stop the input. The result is False, too, if the search
+    may have missed dead centres of the whole, because this is then not known.
     """
-    # The search for dead centres has two limits of time. It is not made if its functions
-    # take longer than `RUN_COST_S` to evaluate once, and it ends after `RUN_TIME_S`. Dead
-    # centres that it cannot exclude are doubtful.
-    whole_points, part_points = (
-        find_input_turning_points(analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S)
-        for analysis in (whole, part)
-    )
+    whole_points = _find_dead_centres(whole)
+    part_points = _find_dead_centres(part)
+    if len(whole_points.doubtful) > 0:
+        return False
     whole_inputs = whole_points.turning_inputs
     part_inputs = part_points.turning_inputs
-    if len(whole_points.doubtful) or len(whole_inputs) != len(part_inputs):
+    if len(whole_inputs) != len(part_inputs):
         return False
     differences = np.abs(whole_inputs - part_inputs)
     return bool(np.all(differences < EQUAL_TURNING_INPUT_RAD))
+
+
+def _find_dead_centres(position_analysis: PositionAnalysis) -> InputTurningPoints:
+    """Return the dead centres of a mechanism in one revolution of its input.
+
+    The search has two limits of time. It is not made if its functions take longer than
+    `RUN_COST_S` to evaluate once, and it ends after `RUN_TIME_S`. Intervals of the input in
+    which it cannot exclude dead centres are doubtful.
+    """
+    return find_input_turning_points(
+        position_analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S
+    )
 
 
 def _match_modes(

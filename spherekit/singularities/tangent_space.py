@@ -42,11 +42,11 @@ class OutputPart:
     driven
         The variables among them that are inputs.
     variable_senses
-        (V,) one number for each variable of the whole mechanism. The path in the tree from
-        the reference link to the output link passes some pairs. The number is +1 if it goes
-        from the first to the second link of the pair, -1 if it goes the other way, and 0
-        for pairs that are not on the path. These are the factors with which the angular
-        velocities of the pairs add up to that of the output.
+        (V,) factors with which the angular velocities of the pairs add up to that of the
+        output, one for each variable of the whole mechanism. They follow from the path in
+        the tree from the reference link to the output link: +1 if the path goes from the
+        first to the second link of the pair of the variable, -1 if it goes the other way,
+        and 0 if the pair is not on the path.
     """
 
     tree: LoopTree
@@ -75,31 +75,59 @@ def find_output_part(
     pairs = moving_pairs(mechanism, assembly, (link, relative_to))
     if len(pairs) == len(mechanism.pairs):
         return None
-    pair_links = [mechanism.ends[pair] for pair in pairs]
-
-    # Bodies of the part are numbered anew: 0 is the reference link, 1 the output link. The
-    # position of a link in `bodies` is its new number.
-    numbered_links = [relative_to, link]
-    for ends in pair_links:
-        numbered_links += ends
-    bodies = list(dict.fromkeys(numbered_links))
     owners = mechanism.variable_owners
     variables = tuple(variable for variable, owner in enumerate(owners) if owner in pairs)
-    # The arguments are: number of bodies, both bodies of each pair, pair of each variable.
-    tree = LoopTree(
-        len(bodies),
-        tuple((bodies.index(first), bodies.index(second)) for first, second in pair_links),
-        tuple(pairs.index(owners[variable]) for variable in variables),
-    )
-    # `tree.paths[1]` belongs to the path from the root to body 1, the output link. For each
-    # variable it is 1 if the path passes its pair from the first to the second link, -1 if
-    # it passes it the other way, and 0 if the pair is not on the path.
+    tree = _make_tree(mechanism, pairs, variables, first_links=(relative_to, link))
+    # The output link is body 1 of the tree, and its reference link the root.
+    output_path = tree.paths[1]
     variable_senses = np.zeros(len(owners))
-    variable_senses[list(variables)] = tree.paths[1]
+    variable_senses[list(variables)] = output_path
     # An input is an R pair, which has only one variable.
     input_variables = [mechanism.variables_of(pair)[0] for pair in assembly.inputs]
     driven = tuple(variable for variable in input_variables if variable in variables)
     return OutputPart(tree, variables, driven, tuple(variable_senses.tolist()))
+
+
+def _make_tree(
+    mechanism: Mechanism,
+    pairs: tuple[int, ...],
+    variables: tuple[int, ...],
+    first_links: tuple[int, int],
+) -> LoopTree:
+    """Return the loops that some pairs of a mechanism close.
+
+    A `LoopTree` numbers its bodies and pairs from 0 without gaps, so the links and pairs of
+    the mechanism get new numbers.
+
+    Parameters
+    ----------
+    mechanism
+        The whole mechanism, with its own numbers of links, pairs and variables.
+    pairs, variables
+        The pairs, and the variables of these pairs.
+    first_links
+        The links that become body 0, which is the root of the tree, and body 1.
+    """
+    links = list(first_links)
+    for pair in pairs:
+        links += mechanism.ends[pair]
+    # Each link once, in this order. Its position is the number of its body.
+    distinct_links = list(dict.fromkeys(links))
+    body_of_link = {link: body for body, link in enumerate(distinct_links)}
+    new_number_of_pair = {pair: number for number, pair in enumerate(pairs)}
+
+    ends: list[tuple[int, int]] = []
+    for pair in pairs:
+        first_link, second_link = mechanism.ends[pair]
+        ends.append((body_of_link[first_link], body_of_link[second_link]))
+    owners = mechanism.variable_owners
+    return LoopTree(
+        count=len(distinct_links),
+        ends=tuple(ends),
+        pair_of_variable=tuple(
+            new_number_of_pair[owners[variable]] for variable in variables
+        ),
+    )
 
 
 @dataclass(frozen=True)
