@@ -156,17 +156,17 @@ class SingularCurve:
         (n,) whether the configuration and its singular motion are on the curve.
         """
         # The items of `projections` are pairs of a configuration and a chord near it. A
-        # configuration may have several chords. `distances` are the lengths (rad) from
-        # the start of the chord to the projection. `differences` (m, V) are those of the
+        # configuration may have several chords. `distances_along` are the lengths (rad)
+        # from the start of the chord to the projection. `offsets` (m, V) are those of the
         # configuration from the start of the chord, less whole periods.
         projections = self.chords.project(values, self.periods)
         chord_numbers = projections.chords
         chord_lengths = self.chords.chord_lengths[chord_numbers]
         # Projections as parts of the chords, from 0 to 1.
-        parts = projections.distances / chord_lengths
+        parts = projections.distances_along / chord_lengths
         points = self.points_on_chords(chord_numbers, parts)
         # The configurations, moved by whole periods to the chords.
-        shifted_values = self.nodes.values[chord_numbers] + projections.differences
+        shifted_values = self.nodes.values[chord_numbers] + projections.offsets
         distance = max_abs(shifted_values - points.values, axis=1)
         configurations = projections.configurations
         motion_cosine = np.abs(np.vecdot(points.motions, motions[configurations]))
