@@ -156,50 +156,70 @@ def run_command(words):
     return status, errors.getvalue()
 
 
+ALL_STATUSES = range(5)
+"""Exit statuses of spherekit, from 0 for success to 4, as `docs/messages.md` lists them."""
+ACCEPTED = (0,)
+REFUSED = (1, 2)
+"""A file or an argument does not allow the command (1), or the parser refuses it (2)."""
+
+
+def allowed_statuses(command, option, value):
+    """Return the exit statuses that a command may have for a value of an option.
+
+    An option that names an output file takes any text. An option given twice (value None)
+    may be accepted or refused.
+    """
+    if value is None or option in OUTPUT_OPTIONS:
+        return ALL_STATUSES
+    if value in MEANINGFUL.get((command, option), ()):
+        return ACCEPTED
+    if value in DECIDED_BY_ROUNDING.get((command, option), ()):
+        return (0, 1)
+    return REFUSED
+
+
+def words_of_option(command, option, value):
+    """Return an option with its value as words of the command line.
+
+    If the option takes several values, all are equal. With the value None the option is
+    given twice, without a value.
+    """
+    (action,) = (a for a in options_of(command) if option in a.option_strings)
+    if value is None:
+        return [option, option]
+    if isinstance(action.nargs, int) and action.nargs > 1:
+        return [option, *[value] * action.nargs]
+    return [f"{option}={value}"]
+
+
 @pytest.mark.parametrize(("command", "option", "value"), list(cases()))
 def test_absurd_options_are_refused_in_a_sentence(
     command, option, value, tmp_path, monkeypatch
 ):
-    """A command with an absurd value of an option is refused without traceback or warning.
+    """A command with an absurd value of an option ends without traceback or warning.
 
-    Values that mean something for the option (`MEANINGFUL`) must be accepted. Options that
-    name an output file accept any text, and a flag given twice may be accepted.
-
-    A folder and a file that no command can read exist, because their names are among the
-    absurd values.
+    It is refused in a sentence that begins with "spherekit", unless `allowed_statuses`
+    says that the value may be accepted.
     """
     if option == "--traceback" and command in ("view", "synthesize"):
         pytest.skip("shows the trace of an error, as it says")
+    # Two of the absurd values are the names of a folder and of a file that no command can
+    # read, so these exist.
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     (tmp_path / "rubbish.toml").write_bytes(bytes(range(256)))
 
-    (action,) = (a for a in options_of(command) if option in a.option_strings)
-    if value is None:
-        added = [option, option]
-    elif isinstance(action.nargs, int) and action.nargs > 1:
-        added = [option, *[value] * action.nargs]
-    else:
-        added = [f"{option}={value}"]
-    status, errors = run_command([command, *BASE_ARGUMENTS[command], *added])
+    option_words = words_of_option(command, option, value)
+    status, errors = run_command([command, *BASE_ARGUMENTS[command], *option_words])
 
-    # All exit statuses from 0, success, to 4. Python itself would return others.
-    assert status in range(5)
     assert "Traceback" not in errors
     assert not re.search(r"Warning\b|\.py:\d", errors)
     assert "spherekit did not expect this warning" not in errors, errors
     assert "\u202e" not in errors  # the value is escaped where it is quoted
-    if value is None or option in OUTPUT_OPTIONS:
-        return
-    if value in MEANINGFUL.get((command, option), ()):
-        assert status == 0, errors
-        return
-    if value in DECIDED_BY_ROUNDING.get((command, option), ()):
-        assert status in (0, 1), errors
-        return
-    # A file or argument does not allow the command (1), or the parser refuses it (2).
-    assert status in (1, 2), (status, errors)
-    assert errors.startswith("spherekit"), errors
+    statuses = allowed_statuses(command, option, value)
+    assert status in statuses, (status, errors)
+    if statuses == REFUSED:
+        assert errors.startswith("spherekit"), errors
 
 
 @pytest.mark.parametrize("more", [[], ["--starts", "2"], ["--seed", "3"]])

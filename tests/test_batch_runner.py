@@ -116,6 +116,39 @@ def test_kernel_agrees_with_reference_on_grids_of_two_inputs(name, samples):
     assert differences.share == np.mean(is_ok)
 
 
+def set_slice_rows(monkeypatch, slice_rows):
+    """Let a kernel compute rows in slices of exactly this number of rows.
+
+    A slice is a multiple of SLICE_ROWS rows, and large enough for SLICE_NUMBERS results.
+    With 1 result it has exactly SLICE_ROWS rows.
+    """
+    monkeypatch.setattr(batch_runner, "SLICE_NUMBERS", 1)
+    monkeypatch.setattr(batch_runner, "SLICE_ROWS", slice_rows)
+
+
+def record_continued_signs(monkeypatch):
+    """Return a list to which every later run appends the signs of its pole directions.
+
+    Each entry is an array (poles, rows) of 1 and -1, in the order of the rows of a motion.
+    """
+    recorded_signs = []
+
+    def continue_and_record_signs(*arguments):
+        sign_function = continue_signs(*arguments)
+        # A sign function has the arguments directions, rows and modes. Only the rows matter
+        # here, and all are asked for.
+        recorded_signs.append(sign_function(None, slice(None), None))
+        return sign_function
+
+    monkeypatch.setattr(batch_runner, "continue_signs", continue_and_record_signs)
+    return recorded_signs
+
+
+def count_sign_changes(signs):
+    """Return how often signs (poles, rows) differ from those of the row before."""
+    return np.count_nonzero(np.diff(signs))
+
+
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["watt", "two_dof_spm", "three_rrr"])
 def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
@@ -130,31 +163,20 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
     # The kernel is compiled for any number of rows, if the compiler heyoka is installed.
     if available():
         monkeypatch.setattr(batch_runner, "MIN_COMPILED_ROWS", 0)
-    sign_functions = []
-
-    def recorded_continue_signs(*arguments):
-        sign_functions.append(continue_signs(*arguments))
-        return sign_functions[-1]
-
-    monkeypatch.setattr(batch_runner, "continue_signs", recorded_continue_signs)
-    # A slice is a multiple of SLICE_ROWS rows, and large enough for SLICE_NUMBERS results.
-    # With 1 result it has exactly SLICE_ROWS rows.
-    monkeypatch.setattr(batch_runner, "SLICE_NUMBERS", 1)
+    recorded_signs = record_continued_signs(monkeypatch)
     usual_slice_rows = batch_runner.SLICE_ROWS
     for slice_rows in (usual_slice_rows, 1):
-        monkeypatch.setattr(batch_runner, "SLICE_ROWS", slice_rows)
+        set_slice_rows(monkeypatch, slice_rows)
         evaluations = evaluate_both_ways(sk.load(name), samples=300)
         differences = find_differences(evaluations)
         assert differences.are_none, differences
-        # `share` is the part of all rows that the kernel computed. Only rows that are OK
-        # can be: two of the six modes of `three_rrr` close at 20 of the 300 samples only.
-        is_ok = evaluations.reference_motion.status == Status.OK
-        assert differences.share > 0.7 * np.mean(is_ok)
-    # Arguments of a sign function: directions, rows and modes. Only the rows matter here,
-    # and all are asked for. The result is (poles, rows).
-    signs = [sign_function(None, slice(None), None) for sign_function in sign_functions]
+        # Only rows that are OK can be computed by the kernel: two of the six modes of
+        # `three_rrr` close at 20 of the 300 samples only.
+        share_of_kernel = differences.share
+        share_of_ok_rows = np.mean(evaluations.reference_motion.status == Status.OK)
+        assert share_of_kernel > 0.7 * share_of_ok_rows
     # The comparison means something only if signs change within the motion.
-    assert sum(np.count_nonzero(np.diff(x)) for x in signs) > 10
+    assert sum(count_sign_changes(signs) for signs in recorded_signs) > 10
 
 
 @pytest.mark.slow

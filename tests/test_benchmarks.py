@@ -72,21 +72,40 @@ def test_nothing_is_compared_without_another_program():
     assert comparison_section(record["benchmarks"]) is None
 
 
-def test_the_page_states_the_commit_once_if_it_is_the_same_everywhere(tmp_path):
-    path = tmp_path / "record.json"
-    record = read_record(path)
-    record_sections(record, "peers", [PEERS], MACHINE, "12345678")
-    record_sections(
-        record, "other", [Section("Other", "x", ("a",), [(1,)])], MACHINE, "12345678"
-    )
-    write_record(record, path)
-    text = page_text(read_record(path))
-    assert text.count("12345678") == 1
-    assert text.index("spherekit beside other programs") < text.index("## Other")
-    record_sections(
-        record, "other", [Section("Other", "x", ("a",), [(1,)])], MACHINE, "abcdef99"
-    )
+def record_of_two_benchmarks(commit, other_commit):
+    """Return a record of the benchmark "peers" and of another one, with their commits.
+
+    The other benchmark has one section with the heading "Other".
+    """
+    other = Section("Other", "x", ("a",), [(1,)])
+    record = {}
+    record_sections(record, "peers", [PEERS], MACHINE, commit)
+    record_sections(record, "other", [other], MACHINE, other_commit)
+    return record
+
+
+def test_the_page_states_the_commit_once_if_it_is_the_same_everywhere():
+    record = record_of_two_benchmarks("12345678", other_commit="12345678")
+    assert page_text(record).count("12345678") == 1
+
+
+def test_the_page_states_the_commit_of_each_section_if_they_differ():
+    record = record_of_two_benchmarks("12345678", other_commit="abcdef99")
     assert page_text(record).count("Taken at commit") == 2
+
+
+def test_the_page_begins_with_the_comparison_with_other_programs():
+    """The heading of the comparison is before the heading of any recorded section."""
+    text = page_text(record_of_two_benchmarks("12345678", other_commit="12345678"))
+    assert text.index("spherekit beside other programs") < text.index("## Other")
+
+
+def test_a_record_that_is_written_and_read_again_gives_the_same_page(tmp_path):
+    path = tmp_path / "record.json"
+    assert read_record(path) == {}  # there is no file yet
+    record = record_of_two_benchmarks("12345678", other_commit="12345678")
+    write_record(record, path)
+    assert page_text(read_record(path)) == page_text(record)
 
 
 def test_results_of_another_machine_are_refused():

@@ -240,19 +240,35 @@ def test_the_curves_that_leave_a_crossing_are_searched_once(monkeypatch):
     assert np.allclose(np.abs(folded), np.pi, rtol=0, atol=1e-3)
 
 
-def test_curves_whose_input_is_far_from_the_range_are_not_measured(monkeypatch):
-    """Ranges that a curve does not reach are recognised without its arc length.
+def curve_with_a_rocking_pair():
+    """Return a curve of Stephenson's six-bar, and the number of a variable that rocks.
 
-    No range that it reaches is lost, wherever the range begins, and with any period.
+    The angle of this pair stays within 1 rad on the whole curve.
     """
-    curve = PositionAnalysis(sk.load("stephenson")).configurations.curves[0].curve
-    random = np.random.default_rng(5)
-    rocking = int(np.flatnonzero(np.ptp(curve.nodes.values, axis=0) < 1.0)[0])
-    lowest = np.min(curve.nodes.values[:, rocking])
-    unmeasured = replace(curve)
-    assert monotone_pieces(unmeasured, rocking, lowest - 1.0, lowest - 0.5, TURN) == []
-    assert "table" not in vars(unmeasured)
+    configurations = PositionAnalysis(sk.load("stephenson")).configurations
+    curve = configurations.curves[0].curve
+    ranges_rad = np.ptp(curve.nodes.values, axis=0)
+    rocking_variables = np.flatnonzero(ranges_rad < 1.0)
+    return curve, int(rocking_variables[0])
 
+
+def test_a_range_that_a_curve_does_not_reach_is_recognised_without_its_arc_length():
+    curve, rocking = curve_with_a_rocking_pair()
+    lowest = np.min(curve.nodes.values[:, rocking])
+    # The table of arc lengths is computed when it is first needed, and is not copied.
+    unmeasured_curve = replace(curve)
+    pieces = monotone_pieces(unmeasured_curve, rocking, lowest - 1.0, lowest - 0.5, TURN)
+    assert pieces == []
+    assert "table" not in vars(unmeasured_curve)
+
+
+def test_no_range_that_a_curve_reaches_is_skipped(monkeypatch):
+    """The early test of ranges loses no piece, wherever a range begins, with any period.
+
+    The pieces are those that are found without the early test (`_may_reach_range`).
+    """
+    curve, rocking = curve_with_a_rocking_pair()
+    random = np.random.default_rng(5)
     cases = [
         (float(low), float(low + random.uniform(0.01, 3.0)), period)
         for low in random.uniform(-20.0, 20.0, 12)
@@ -260,10 +276,15 @@ def test_curves_whose_input_is_far_from_the_range_are_not_measured(monkeypatch):
     ]
 
     def find_piece_starts():
+        """Return the start and the shift of each piece, in a list for each case."""
         found = [monotone_pieces(curve, rocking, *case) for case in cases]
         return [[(piece.start, piece.shift) for piece in pieces] for pieces in found]
 
     starts = find_piece_starts()
-    assert 5 < sum(map(bool, starts)) < len(cases) - 5
+    # There are ranges that the curve reaches, and others.
+    reached_ranges = sum(map(bool, starts))
+    assert 5 < reached_ranges < len(cases) - 5
+
     monkeypatch.setattr(configuration_space, "_may_reach_range", lambda *_: True)
-    assert starts == find_piece_starts()
+    starts_without_early_test = find_piece_starts()
+    assert starts == starts_without_early_test

@@ -10,16 +10,41 @@ from mechanism_examples.named_mechanisms import four_bar
 import spherekit as sk
 from spherekit.errors import SolveError
 
+DIRECTION_DERIVATIVE_COLUMNS = ["dux_dq", "duy_dq", "duz_dq", "direction_dq_error_bound"]
+"""Derivative du/dq of a pole direction u by the input q, and its error bound."""
+MAX_DIRECTION_DERIVATIVE_ERROR = 1e-6
+"""`spherekit` leaves out du/dq if a bound of its error exceeds this number."""
+
+
+def assert_direction_derivatives_are_whole(rows):
+    """Assert that du/dq and its bound are all there, or all missing, in each row."""
+    is_missing = rows[DIRECTION_DERIVATIVE_COLUMNS].isna()
+    assert is_missing.any(axis=1).equals(is_missing.all(axis=1))
+
+
+def assert_direction_derivatives_are_uncertain(rows):
+    """Assert that du/dq would have a large error in each of these rows.
+
+    With the relative angular velocity v per unit rate of the input, the direction is
+    u = v / |v|, and du/dq is the part of dv/dq at right angles to u, over |v|. The error of
+    du/dq times |v| is about the sum of three errors: those of v, of dv/dq, and of u times
+    |dv/dq|. The acceleration coefficient, the part of dv/dq along u, stands for |dv/dq|.
+    """
+    velocity_size = rows["velocity_coefficient"].abs()  # |v|
+    velocity_error = rows["velocity_coefficient_error_bound"].abs()
+    derivative_error = rows["acceleration_coefficient_error_bound"]
+    direction_error = rows["error_bound"]
+    derivative_size = rows["acceleration_coefficient"].abs()  # instead of |dv/dq|
+    error_sum = velocity_error + derivative_error + direction_error * derivative_size
+    assert (error_sum >= MAX_DIRECTION_DERIVATIVE_ERROR * velocity_size).all()
+
 
 def run(mechanism, samples=7, search=False):
-    """Run `poles` with warnings as errors, and return its table.
+    """Run `poles` with warnings as errors, check its table, and return it.
 
-    Assertions:
-
-    - A row with status OK has no NaN except in the derivative du/dq of a pole direction u
-      by the input q. Its components are all missing or none.
-    - The derivative is missing only if its error would be large.
-    - Rows out of reach have no coefficient.
+    Rows with status OK have no NaN, except in the derivative du/dq of a pole direction u by
+    the input q. It is missing only if its error would be large. Rows out of reach have no
+    coefficient.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -27,25 +52,12 @@ def run(mechanism, samples=7, search=False):
     assert not result.failures
     frame = result.frame()
     ok_rows = frame[frame["status"] == "OK"]
-    derivative_columns = [f"du{axis}_dq" for axis in "xyz"]
-    may_be_missing = [*derivative_columns, "direction_dq_error_bound"]
-    assert not ok_rows.drop(columns=may_be_missing).isna().any().any()
-    is_missing = ok_rows[may_be_missing].isna()
-    assert is_missing.any(axis=1).equals(is_missing.all(axis=1))
-
-    rows = ok_rows[is_missing.any(axis=1)]
-    # With the relative angular velocity v per unit rate of the input, the direction is
-    # u = v / |v|, and du/dq is the part of dv/dq at right angles to u, over |v|. The error
-    # of du/dq times |v| is about the sum of three errors: those of v, of dv/dq, and of u
-    # times |dv/dq|. The acceleration coefficient, the part of dv/dq along u, stands for
-    # |dv/dq|. `spherekit` leaves out du/dq if a bound of its error exceeds 1e-6.
-    error_sum = rows["velocity_coefficient_error_bound"].abs()
-    error_sum += rows["acceleration_coefficient_error_bound"]
-    error_sum += rows["error_bound"] * rows["acceleration_coefficient"].abs()
-    velocity_size = rows["velocity_coefficient"].abs()  # |v|
-    assert (error_sum >= 1e-6 * velocity_size).all()
-    out_of_reach = frame["status"] == "OUT_OF_REACH"
-    assert frame.loc[out_of_reach, "velocity_coefficient"].isna().all()
+    assert not ok_rows.drop(columns=DIRECTION_DERIVATIVE_COLUMNS).isna().any().any()
+    assert_direction_derivatives_are_whole(ok_rows)
+    has_no_derivative = ok_rows["direction_dq_error_bound"].isna()
+    assert_direction_derivatives_are_uncertain(ok_rows[has_no_derivative])
+    out_of_reach_rows = frame[frame["status"] == "OUT_OF_REACH"]
+    assert out_of_reach_rows["velocity_coefficient"].isna().all()
     return frame
 
 
