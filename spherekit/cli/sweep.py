@@ -85,7 +85,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         action="append",
         help=(
             "keep only designs and assembly modes that meet this condition, such as "
-            "closes>0.99 (the loops close at more than 99 % of the samples); may be "
+            "closes>0.99 (the loops close at more than 99 %% of the samples); may be "
             "repeated"
         ),
     )

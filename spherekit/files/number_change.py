@@ -198,9 +198,8 @@ def _explain_missing_number(
         prefix = ".".join(map(str, reached.path))
     # `_number_paths` adds the location of a number as its first key, and shorter keys, such
     # as "links.2.arc", after it. In the message the shorter ones come first.
-    alternatives = [
-        other_key for other_key in reversed(path_by_key) if other_key.startswith(prefix)
-    ]
+    keys = list(path_by_key)
+    alternatives = [other_key for other_key in keys[::-1] if other_key.startswith(prefix)]
     available = alternatives or [*reached.entries]
     return f"{problem} Available: {listing(available)}" if available else problem
 

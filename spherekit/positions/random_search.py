@@ -402,7 +402,9 @@ class DistinctConfigurations:
         singular_values = np.linalg.svd(linearisation.jacobian, compute_uv=False)
         smallest = singular_values[:, -1]
         is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
-        copy_tolerance = compute_copy_tolerances(linearisation.closure_residual, smallest)
+        copy_tolerance = compute_copy_tolerances(
+            linearisation.closure_residual, np.asarray(smallest)
+        )
         rolled_variables = [length.variable for length in self._rolled_lengths]
         rolled_sum = np.sum(np.abs(values[:, rolled_variables]), axis=1)
         for row in np.argsort(rolled_sum, kind="stable").tolist():

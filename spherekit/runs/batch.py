@@ -296,8 +296,10 @@ class Batch:
 
     def _make_lazy_column(
         self, i: int, j: int, moved: int, quantity: str, component: int | None
-    ) -> LazyColumn:
+    ) -> LazyColumn | Floats:
         """Return a column (n,) of a quantity of a pole, computed when it is read.
+
+        It is an array, computed now, if no compiled function has the quantity.
 
         Parameters
         ----------
