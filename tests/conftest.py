@@ -1,7 +1,8 @@
 """Environment of all tests, and which of them run by default.
 
-Of a test marked `many` the first case runs by default; the others are slow. Where the mark
-says how many are slow, as `many(slow=8)`, those after them are long.
+The first case of a test marked `many` runs by default. The next `SLOW_CASES` cases are slow,
+and all further cases are long. The mark can state another number of slow cases, as in
+`many(slow=8)`, or `many(slow="all")` for texts of which every one has to be checked.
 """
 
 import os
@@ -20,6 +21,10 @@ os.environ.setdefault("RUST_LOG", "error")
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.path.insert(0, str(Path(__file__).parent))
+
+SLOW_CASES = 4
+"""Cases of a test marked `many` that are slow, after the first one. With more of them, the
+slow tests take longer than the 40 minutes that `.ci/run` may take."""
 
 SWITCHES = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 
@@ -45,7 +50,8 @@ def pytest_collection_modifyitems(items):
         if mark is None:
             continue
         test = item.nodeid.partition("[")[0]
-        if cases[test] > mark.kwargs.get("slow", len(items)):
+        slow_cases = mark.kwargs.get("slow", SLOW_CASES)
+        if slow_cases != "all" and cases[test] > slow_cases:
             item.add_marker(pytest.mark.long)
         elif cases[test] > 0:
             item.add_marker(pytest.mark.slow)

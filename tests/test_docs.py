@@ -103,7 +103,7 @@ NEEDS = {
 """The packages of extras, by what the Python of a page has in it that needs them."""
 
 
-@pytest.mark.many
+@pytest.mark.many(slow="all")
 @pytest.mark.parametrize("page", pages_with("python"))
 def test_python_runs(page, folder):
     for word, package in NEEDS.items():

@@ -455,7 +455,7 @@ DOCUMENTED = dict(documented())
 NEEDS = {"import_mechanism": "mujoco", "RunResult.plot": "matplotlib"}
 
 
-@pytest.mark.many
+@pytest.mark.many(slow="all")
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_the_examples_of_help_do_what_they_say(name, tmp_path, monkeypatch):
     """Every example in the help of a public function prints what is written there."""

@@ -98,7 +98,7 @@ def check_console(text, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.many
+@pytest.mark.many(slow="all")
 @pytest.mark.parametrize("page", [*PAGES, *REFERENCE_PAGES])
 def test_a_reader_can_type_a_guide_from_an_empty_folder(
     page, tmp_path, capsys, monkeypatch
