@@ -1,7 +1,7 @@
 """Environment of all tests, and which of them run by default.
 
-The first case of a test marked `many` runs by default. The next `SLOW_CASES` cases are slow,
-and all further cases are long. The mark can state another number of slow cases, as in
+The first case of a test marked `many` runs by default. The next `SLOW_CASES` cases are
+slow, and all further cases are long. The mark can state another number of slow cases, as in
 `many(slow=8)`, or `many(slow="all")` for texts of which every one has to be checked.
 """
 
