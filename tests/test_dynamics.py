@@ -446,41 +446,77 @@ def test_a_crossing_of_curves_ends_a_simulation_unless_it_may_be_passed():
     assert table["theta_21"].to_numpy() == pytest.approx(crank_and_rocker[:, 0], abs=1e-9)
 
 
+CROSSING_ERROR_RAD = 1e-12
+"""An arc of a parallelogram that is longer by this angle moves its two curves apart by
+about its square root, 1e-6 rad. Simulations treat such a point as a crossing."""
+AVOIDING_ERROR_RAD = 1e-9
+"""The same for curves that are about 3e-5 rad apart. Simulations stay on one of them."""
+
+
+def imperfect_parallelogram(error_rad):
+    """Return a parallelogram with one arc that is too long, so that its curves avoid.
+
+    Near the flat configuration, configurations satisfy a quadratic equation. The error of
+    the arc changes its constant term, which moves the two curves of configurations apart by
+    about the square root of the error. Without loads a simulation keeps its energy.
+    """
+    arcs = PARALLELOGRAM_ARCS + [0.0, 0.0, error_rad, 0.0]
+    return replace(example_mechanisms.four_bar(arcs), loads=())
+
+
+def is_on_one_curve(mechanism, values):
+    """Return whether all configurations (n, variables) are on the same curve."""
+    curves = [item.curve for item in PositionAnalysis(mechanism).configurations.curves]
+    # `find` returns NaN for a configuration that is not on the curve.
+    return any(np.all(np.isfinite(curve.find(values))) for curve in curves)
+
+
 @pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize(("off", "end"), [(1e-12, "singularity"), (1e-9, "time")])
-def test_simulations_tell_curves_that_avoid_each_other_from_crossing_ones(engine, off, end):
-    """One arc of a parallelogram is longer by `off` (rad), so its curves do not cross.
-
-    Near the crossing of a parallelogram, configurations satisfy a quadratic equation. A
-    change `off` of its constant term moves the two curves apart by about the root of `off`.
-    With a gap of 1e-6 rad the simulation ends as at a crossing (or passes one, if it may).
-    With 3e-5 rad it stays on the configuration curve that it started on, and without loads
-    it keeps its energy.
-    """
-    arcs = PARALLELOGRAM_ARCS + [0.0, 0.0, off, 0.0]
-    mechanism = replace(example_mechanisms.four_bar(arcs), loads=())
-    start = Start(1.0, -1.0)
+def test_a_simulation_ends_where_curves_are_too_near_to_be_told_from_a_crossing(engine):
     simulation = forward_dynamics.simulate(
-        mechanism, start, 4.0, tolerance=1e-7, engine=engine
+        imperfect_parallelogram(CROSSING_ERROR_RAD),
+        Start(1.0, -1.0),
+        4.0,
+        tolerance=1e-7,
+        engine=engine,
     )
-    assert simulation.end.kind == end
-    if end == "time":
-        history = simulation.at(np.linspace(0.0, simulation.end.t, 25))
-        items = PositionAnalysis(mechanism).configurations.curves
-        # `find` returns NaN for a configuration that is not on the curve.
-        is_on_curve = [
-            np.all(np.isfinite(item.curve.find(history.values))) for item in items
-        ]
-        assert any(is_on_curve)
-        assert np.ptp(history.kinetic) < 1e-7 * np.max(history.kinetic)
-    if engine == "numpy":
-        passing = forward_dynamics.simulate(
-            mechanism, start, 4.0, tolerance=1e-7, crossings="pass"
-        )
-        has_crossed = any(event.kind == "crossing" for event in passing.events)
-        assert passing.end.kind == "time"
-        assert has_crossed == (end == "singularity")
+    assert simulation.end.kind == "singularity"
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_simulation_stays_on_its_curve_where_curves_avoid_each_other(engine):
+    """The simulation reaches its end time on one curve, and keeps its energy."""
+    mechanism = imperfect_parallelogram(AVOIDING_ERROR_RAD)
+    simulation = forward_dynamics.simulate(
+        mechanism, Start(1.0, -1.0), 4.0, tolerance=1e-7, engine=engine
+    )
+    assert simulation.end.kind == "time"
+    history = simulation.at(np.linspace(0.0, simulation.end.t, 25))
+    assert is_on_one_curve(mechanism, history.values)
+    assert np.ptp(history.kinetic) < 1e-7 * np.max(history.kinetic)
+
+
+@pytest.mark.many
+@pytest.mark.parametrize(
+    ("error_rad", "passes_a_crossing"),
+    [(CROSSING_ERROR_RAD, True), (AVOIDING_ERROR_RAD, False)],
+)
+def test_a_simulation_that_may_pass_crossings_passes_curves_that_are_very_near(
+    error_rad, passes_a_crossing
+):
+    """With `crossings="pass"` both simulations reach their end time."""
+    simulation = forward_dynamics.simulate(
+        imperfect_parallelogram(error_rad),
+        Start(1.0, -1.0),
+        4.0,
+        tolerance=1e-7,
+        crossings="pass",
+    )
+    assert simulation.end.kind == "time"
+    has_crossed = any(event.kind == "crossing" for event in simulation.events)
+    assert has_crossed == passes_a_crossing
 
 
 @pytest.mark.parametrize(

@@ -261,44 +261,70 @@ def test_the_message_offers_a_pose_that_is_reached():
     assert findings(result)["feasible"]
 
 
+def random_start_and_axis(random):
+    """Return the normal of a random mid-plane, and an axis in this plane (unit vectors)."""
+    first, second = random.normal(size=(2, 3))
+    axis = np.cross(first, second)  # at right angles to `first`
+    return first / np.linalg.norm(first), axis / np.linalg.norm(axis)
+
+
+def is_within_reach(plane, normal):
+    """Return whether all legs reach a mid-plane, with a margin of 1e-3 in the sines.
+
+    A leg reaches the plane if the angle between its base axis and the plane is at most its
+    arc. The sine of this angle is |axis . normal|. Next to the limit both elbows of the leg
+    coincide, hence the margin.
+    """
+    sines = np.abs(plane.axes @ normal)
+    return not np.any(sines > np.sin(plane.arcs) - 1e-3)
+
+
+def has_all_elbows(plane, normals):
+    """Return whether all legs reach each of the mid-planes (n,) with these normals (n, 3).
+
+    The elbow of a leg, the axis between its two links, is NaN if the leg does not reach the
+    plane. The sign of a leg chooses one of its two possible elbows. Both exist in the same
+    planes, so all signs are 1.
+    """
+    elbows, _ = plane.elbows(normals, np.ones(3))
+    return ~np.any(np.isnan(elbows[..., 0]), axis=1)
+
+
 @pytest.mark.slow
 def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     """The closed form of the reachable angle agrees with 4001 samples, for random axes.
 
     The platform is the mirror image of the base in the mid-plane. If this plane turns by
     half an angle about an axis in itself, the platform turns by the whole angle. At each
-    sample its normal is turned, and the elbows (axes between the two links of each leg) are
-    computed. An elbow is in the mid-plane, at an arc from the base axis of its leg. It is
-    NaN if the angle between that axis and the plane is larger than the arc.
+    sample the normal of the plane is turned, and the elbows of the legs are computed.
+
+    All vectors are in mirror axes. Only the axis of `rotation_about` is in axes of the
+    base: `form.frame` leads from mirror axes to these.
     """
     form = mid_plane_form(sk.load("two_dof_spm"))
     largest_angle = 3.0
-    theta = np.linspace(0.0, largest_angle, 4001)
-    step = largest_angle / 4000
-    ended = 0
-    for first, second in np.random.default_rng(7).normal(size=(8, 2, 3)):
-        # The normal at the start. The sine of the angle between a base axis and the plane
-        # is |axis . normal|. Starts at which it is beyond the arc of the leg are left out,
-        # and those next to this limit, where both elbows of the leg coincide.
-        start = first / np.linalg.norm(first)
-        sines = np.abs(form.plane.axes @ start)
-        if np.any(sines > np.sin(form.plane.arcs) - 1e-3):
+    sampled_angles = np.linspace(0.0, largest_angle, 4001)
+    spacing = largest_angle / 4000
+    random = np.random.default_rng(7)
+    ended_rotations = 0
+    for _ in range(8):
+        start_normal, axis = random_start_and_axis(random)
+        if not is_within_reach(form.plane, start_normal):
             continue
-        # An axis in the mid-plane, at right angles to its normal `first`. Normals are in
-        # mirror axes, from which `form.frame` leads to axes of the base.
-        axis = np.cross(first, second)
-        axis_in_base = form.frame @ (axis / np.linalg.norm(axis))
-        # The sign of a leg chooses one of its two possible elbows. Both exist up to the
-        # same angle, so all signs are 1.
-        signs = np.ones(3)
-        rotation = form.rotation_about(start, axis_in_base, largest_angle, signs)
-        turned = rotation_about_axis(form.frame.T @ axis_in_base, 0.5 * theta) @ start
-        elbows, _ = form.plane.elbows(turned, signs)
-        is_beyond = np.any(np.isnan(elbows[..., 0]), axis=1)
-        first_beyond = theta[np.argmax(is_beyond)] if np.any(is_beyond) else largest_angle
-        assert first_beyond - step - 1e-9 <= rotation.reached <= first_beyond + 1e-9
-        ended += int(np.any(is_beyond))
-    assert ended > 1
+        rotation = form.rotation_about(
+            start_normal, form.frame @ axis, largest_angle, np.ones(3)
+        )
+
+        turned_normals = rotation_about_axis(axis, 0.5 * sampled_angles) @ start_normal
+        is_beyond = ~has_all_elbows(form.plane, turned_normals)
+        if np.any(is_beyond):
+            ended_rotations += 1
+            first_angle_beyond = sampled_angles[np.argmax(is_beyond)]
+        else:
+            first_angle_beyond = largest_angle
+        assert first_angle_beyond - spacing - 1e-9 <= rotation.reached
+        assert rotation.reached <= first_angle_beyond + 1e-9
+    assert ended_rotations > 1
 
 
 def pose_text(names, values):

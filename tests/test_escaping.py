@@ -155,40 +155,70 @@ def code_without_comments(path, language):
 NEEDED = {"c": GCC, "cpp": GPP, "js": NODE}
 
 
+def skip_without_compiler(language):
+    """Skip a test if the compiler or interpreter of a language is not installed.
+
+    Languages without an entry in `NEEDED` need none.
+    """
+    if not NEEDED.get(language, "always"):
+        pytest.skip(f"there is no compiler of {language}")
+
+
+def sources_with_hostile_citations(language, folder):
+    """Return a source for each hostile citation (`TEXTS`), by the title of the citation."""
+    return {
+        title: write_source(folder, text, language, f"printed_{number}")
+        for number, (title, text) in enumerate(TEXTS.items())
+    }
+
+
 @pytest.mark.many
 @pytest.mark.parametrize("language", MARK)
 def test_hostile_citations_change_only_the_comments_of_sources(
     language, harmless, tmp_path
 ):
-    """Whatever a citation contains, the code of the source stays and it compiles.
+    """Whatever a citation contains, the code of the source stays the same.
 
     `TEXTS` are hostile citations. They try to end a comment, to hide characters or to
     change the direction of writing. The fixture `harmless` exports the same mechanism with
-    a plain citation. Its code without comments is the expected one. All words of a hostile
-    citation can still be read in the comment at the head of the source.
+    a plain citation. Its code without comments is the expected one.
     """
-    # The value of a language is None if its compiler is not installed. Languages without an
-    # entry need none.
-    if not NEEDED.get(language, "always"):
-        pytest.skip(f"there is no compiler of {language}")
+    skip_without_compiler(language)
     expected_code = code_without_comments(harmless(language), language)
     all_texts_path = export_with_command(tmp_path, ALL_HOSTILE_TEXTS, language)
     assert code_without_comments(all_texts_path, language) == expected_code
-    path_by_title = {}
-    for number, (title, text) in enumerate(TEXTS.items()):
-        path = write_source(tmp_path, text, language, f"printed_{number}")
-        path_by_title[title] = path
-    compiled_paths = [harmless(language), all_texts_path]
-    # For the other sources `code_without_comments` calls the preprocessor of C or the
-    # parser of Python, which would refuse a wrong comment. For JavaScript it only drops
-    # lines that begin with //, so Node must read all sources.
-    if language == "js":
-        compiled_paths += path_by_title.values()
-    assert_compiles(compiled_paths, language)
-    for title, text in TEXTS.items():
-        path = path_by_title[title]
+    for title, path in sources_with_hostile_citations(language, tmp_path).items():
         assert code_without_comments(path, language) == expected_code, title
-        comment = comment_of(path, language)
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("language", MARK)
+def test_sources_with_hostile_citations_compile(language, harmless, tmp_path):
+    """The compiler accepts the source with all hostile citations together.
+
+    Sources with a single hostile citation are compiled in JavaScript only. In C and C++
+    their comments are judged by the preprocessor, and in Python by the parser, in the test
+    before this one. For JavaScript that test only drops lines that begin with //, so that
+    Node has to read each source.
+    """
+    skip_without_compiler(language)
+    paths = [
+        harmless(language),
+        export_with_command(tmp_path, ALL_HOSTILE_TEXTS, language),
+    ]
+    if language == "js":
+        paths += sources_with_hostile_citations(language, tmp_path).values()
+    assert_compiles(paths, language)
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("language", MARK)
+def test_all_words_of_a_hostile_citation_are_in_the_comment(language, tmp_path):
+    """The comment at the head of the source shows no hidden character of the citation."""
+    skip_without_compiler(language)
+    path_by_title = sources_with_hostile_citations(language, tmp_path)
+    for title, text in TEXTS.items():
+        comment = comment_of(path_by_title[title], language)
         assert not escaping.HIDDEN_CHARACTERS.search(comment.replace("\n", "")), title
         assert_readable(text, comment)
 

@@ -42,6 +42,40 @@ def run_program(folder, head, body, sources=()):
     return float(finished.stdout)
 
 
+def prototypes_after(text, example):
+    """Return what the comment with the example asks to copy to a file that calls it.
+
+    After the example call, the source of C continues in this way::
+
+        */
+        void four_bar(const double motion[], ...);
+        extern const double four_bar_modes[2][1];
+
+        enum {
+            four_bar_theta_32 = 0,
+            ...
+        };
+
+    The prototypes and the names of results (`enum`) are returned.
+    """
+    after_example = text.partition(example)[2]
+    parts = re.search(r"^\*/\n(.*?\n)\n(enum \{.*?\};)", after_example, re.S)
+    prototypes = parts[1]
+    names_of_results = parts[2]
+    return prototypes + names_of_results
+
+
+def inputs_of_example(example, count):
+    """Return the first numbers of ``motion[...] = {...}``: the inputs (rad)."""
+    numbers = re.search(r"motion\[\d+\] = \{(.*?)\}", example)[1].split(",")
+    return [float(number) for number in numbers[:count]]
+
+
+def pair_of_example(example, name):
+    """Return the pair whose angle the example prints, as ``result[NAME_theta_PAIR]``."""
+    return re.search(rf"result\[{name}_theta_(\w+)\]", example)[1]
+
+
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -56,22 +90,21 @@ def test_the_example_call_of_c_gives_the_first_variable(name, options, tmp_path)
     """The prototypes are copied to another file, as the source says, with the example.
 
     The example is in assembly mode 0 at the inputs that it states, and prints the first
-    result, which is the angle of a pair.
+    result, which is the angle of a pair. Angles are compared up to whole turns.
     """
     sk.export(name, tmp_path / "source.c", **options)
     text = (tmp_path / "source.c").read_text("ascii")
     example = example_in(text)
-    after_example = text.partition(example)[2]
-    prototypes = re.search(r"^\*/\n(.*?\n)\n(enum \{.*?\};)", after_example, re.S)
-    head = prototypes[1] + prototypes[2]
-    printed = run_program(tmp_path, head, example, ["source.c"])
+    head = prototypes_after(text, example)
+    printed_angle = run_program(tmp_path, head, example, ["source.c"])
 
-    stated = re.search(r"motion\[\d+\] = \{(.*?)\}", example)[1].split(",")
     mechanism = sk.load(name)
-    inputs = [float(number) for number in stated[: len(mechanism.inputs)]]
-    pair = re.search(rf"result\[{name}_theta_(\w+)\]", example)[1]
-    expected = np.ravel(sk.evaluate(mechanism, inputs, assembly_mode=0).variable(pair))
-    assert np.exp(1j * printed) == pytest.approx(np.exp(1j * expected[0]), abs=1e-7)
+    inputs = inputs_of_example(example, count=len(mechanism.inputs))
+    evaluation = sk.evaluate(mechanism, inputs, assembly_mode=0)
+    expected_angle = np.ravel(evaluation.variable(pair_of_example(example, name)))[0]
+    assert np.exp(1j * printed_angle) == pytest.approx(
+        np.exp(1j * expected_angle), abs=1e-7
+    )
 
 
 def test_the_example_call_of_a_coupling_table_gives_the_first_variable(tmp_path):

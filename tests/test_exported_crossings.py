@@ -8,8 +8,9 @@ flat-foldable vertex the fold angles have a closed form that is used as well.
 import ctypes
 import json
 import subprocess
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -180,6 +181,71 @@ def distances_from_crossings(smooth, q):
     return np.min(away, axis=1, initial=2.0)
 
 
+@dataclass(frozen=True)
+class ExpectedMode:
+    """One assembly mode by `sk.evaluate`, and how much sources may differ from it.
+
+    Attributes
+    ----------
+    evaluated
+        Result of `sk.evaluate` at inputs (n,).
+    is_accurate
+        (n,) True for the inputs that are compared, k of them: status OK, and a small error
+        bound of the configuration.
+    angle_tolerance_rad
+        (k,) largest difference of angles. It is ten times the error bound of the
+        configuration, and `ANGLE_TOLERANCE_RAD`.
+    rate_rounding
+        (k,) rounding of rates beside a crossing. Sources compute the triple product t of
+        the axes of a dyad as the square root of t^2, and divide by it to get rates.
+        Rounding changes t^2 by about 1e-16, so rates have the relative error 1e-16 / t^2.
+        Near a crossing t is proportional to the distance from it.
+    """
+
+    evaluated: Any
+    is_accurate: Any
+    angle_tolerance_rad: Any
+    rate_rounding: Any
+
+    def compare_angle(self, pair, angles, language):
+        """Assert that a source has the right angles (n,) of a pair, up to whole turns."""
+        expected = self.evaluated.variable(pair)[self.is_accurate]
+        gap = np.abs(np.exp(1j * angles[self.is_accurate]) - np.exp(1j * expected))
+        assert np.all(gap <= self.angle_tolerance_rad), (language, pair)
+
+    def compare_rate(self, pair, rates, language):
+        """Assert that a source has the right rates (n,) of a pair, per rate of the input.
+
+        A rate differs by the error of the angles times its derivative. This derivative is
+        not computed. It is assumed to be at most 1e3 times the square of the rate.
+        """
+        expected = self.evaluated.variable_coefficient(pair)[self.is_accurate]
+        assumed_derivative = 1e3 * np.maximum(1.0, np.abs(expected)) ** 2
+        tolerance = assumed_derivative * self.angle_tolerance_rad + self.rate_rounding
+        gap = np.abs(rates[self.is_accurate] - expected)
+        assert np.all(gap <= tolerance), (language, pair)
+
+
+def expected_mode(mechanism, mode_number, smooth, q):
+    """Return an assembly mode at inputs q (n,) in rad by `sk.evaluate`.
+
+    It follows its smooth curve through crossings. `smooth` is the table of mode values of
+    the formulas, which names the crossings.
+    """
+    evaluated = sk.evaluate(
+        mechanism, q, poles=[], assembly_mode=mode_number, crossings="pass"
+    )
+    error_rad = evaluated.configuration_error
+    is_accurate = (evaluated.status == sk.Status.OK) & (error_rad < MAX_ERROR_RAD)
+    distances = distances_from_crossings(smooth, q)[is_accurate]
+    return ExpectedMode(
+        evaluated,
+        is_accurate,
+        angle_tolerance_rad=ANGLE_TOLERANCE_RAD + 10.0 * error_rad[is_accurate],
+        rate_rounding=RATE_ROUNDING / distances**2,
+    )
+
+
 def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     """Compare joint angles and their rates by sources with `sk.evaluate`, in all modes.
 
@@ -195,6 +261,7 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
         Number of modes whose signs change at a crossing.
     """
     exported_formulas = formulas(mechanism, ["theta_*", "rate_*"], crossings="pass")
+    mechanism = exported_formulas.mechanism
     smooth = exported_formulas.mode_table.smooth
     q = inputs_about(smooth, seed)
     compared = 0
@@ -202,42 +269,20 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     for row, mode in enumerate(exported_formulas.modes):
         if len(smooth.pieces(row)) > 1:
             changing_modes += 1
-        evaluated = sk.evaluate(
-            exported_formulas.mechanism,
-            q,
-            poles=[],
-            assembly_mode=mode.number,
-            crossings="pass",
-        )
-        error = evaluated.configuration_error
-        is_accurate = (evaluated.status == sk.Status.OK) & (error < MAX_ERROR_RAD)
-        is_out_of_reach = evaluated.status == sk.Status.OUT_OF_REACH
-        angle_tolerance = ANGLE_TOLERANCE_RAD + 10.0 * error[is_accurate]
-        # Sources compute the triple product t of the axes of a dyad as the square root of
-        # t^2, and divide by it to get rates. Rounding changes t^2 by about 1e-16, so rates
-        # have the relative error 1e-16 / t^2. Near a crossing t is proportional to the
-        # distance from it.
-        rounding = RATE_ROUNDING / distances_from_crossings(smooth, q)[is_accurate] ** 2
-        compared += np.sum(is_accurate)
+        expected = expected_mode(mechanism, mode.number, smooth, q)
+        compared += np.sum(expected.is_accurate)
+        is_out_of_reach = expected.evaluated.status == sk.Status.OUT_OF_REACH
         for language, results in results_by_language(
             exported_formulas, folder, row, q, languages
         ):
+            # A configuration out of reach has results that are NaN.
             assert np.all(np.any(np.isnan(results[:, is_out_of_reach]), axis=0)), language
             for key, values in zip(exported_formulas.results, results, strict=True):
                 kind, _, pair = key.partition("_")
                 if kind == "theta":
-                    expected = evaluated.variable(pair)[is_accurate]
-                    gap = np.abs(np.exp(1j * values[is_accurate]) - np.exp(1j * expected))
-                    assert np.all(gap <= angle_tolerance), (language, mode, key)
-                elif pair in exported_formulas.mechanism.angles:
-                    expected = evaluated.variable_coefficient(pair)[is_accurate]
-                    # A rate differs by the error of the angles times its derivative. This
-                    # derivative is not computed. It is assumed to be at most 1e3 times the
-                    # square of the rate.
-                    size = np.maximum(1.0, np.abs(expected)) ** 2
-                    gap = np.abs(values[is_accurate] - expected)
-                    tolerance = 1e3 * angle_tolerance * size + rounding
-                    assert np.all(gap <= tolerance), (language, mode, key)
+                    expected.compare_angle(pair, values, language)
+                elif pair in mechanism.angles:
+                    expected.compare_rate(pair, values, language)
     return compared, changing_modes
 
 
@@ -287,36 +332,47 @@ def test_sources_of_several_dyads_that_change_at_once(tmp_path):
     assert compared > 100 and changed == 4
 
 
+SIX_BAR_AT_A_CHANGE_POINT = """
+format = 1
+name = "flat"
+angle_unit = "deg"
+ground = "s1"
+[links]
+s1 = { axes = ["c1", "c2", "d3"], arcs = [70, 80], angles = [40] }
+s2 = { axes = ["c2", "c3"], arcs = [30] }
+s3 = { axes = ["c3", "c4"], arcs = [60] }
+s4 = { axes = ["c4", "c1", "d1"], arcs = [40, 45], angles = [30] }
+s5 = { axes = ["d1", "d2"], arcs = [50] }
+s6 = { axes = ["d2", "d3"], arcs = [60] }
+[pairs]
+c1 = { type = "R", links = ["s4", "s1"], zero = 0 }
+c2 = { type = "R", links = ["s1", "s2"], zero = 0 }
+c3 = { type = "R", links = ["s2", "s3"], zero = 0 }
+c4 = { type = "R", links = ["s3", "s4"], zero = 0 }
+d1 = { type = "R", links = ["s4", "s5"] }
+d2 = { type = "R", links = ["s5", "s6"] }
+d3 = { type = "R", links = ["s1", "s6"] }
+[inputs.c1]
+from = -170
+to = 190
+"""
+"""The links s1 to s4 are a four-bar with the arcs 70, 30, 60 and 40 deg. At the input 0 all
+its axes are in one plane, since 70 + 30 = 60 + 40. The crank s4 also drives a second dyad,
+the links s5 and s6."""
+
+
 @pytest.mark.slow
 def test_a_six_bar_at_the_change_point_of_one_of_its_dyads(tmp_path):
     """Generated source code of a six-bar agrees with `sk.evaluate` near a change point.
 
-    The links s1 to s4 are a four-bar with the arcs 70, 30, 60 and 40 deg. At the input 0
-    all its axes are in one plane, since 70 + 30 = 60 + 40. The crank s4 also drives a
-    second dyad, the links s5 and s6. So there are four assembly modes, one for each choice
-    of the signs of both dyads.
+    There are four assembly modes, one for each choice of the signs of both dyads. Only the
+    sign of the first dyad, s2 and s3, can change at the change point.
     """
-    text = four_bar_text((70, 30, 60, 40), -170, 190, zero="0")
-    further_dyad = (
-        '[links.s5]\naxes = ["d1", "d2"]\narcs = [50]\n'
-        '[links.s6]\naxes = ["d2", "d3"]\narcs = [60]\n'
-        '[pairs.d1]\ntype = "R"\nlinks = ["s4", "s5"]\n'
-        '[pairs.d2]\ntype = "R"\nlinks = ["s5", "s6"]\n'
-        '[pairs.d3]\ntype = "R"\nlinks = ["s1", "s6"]\n'
-    )
-    text = text.replace(
-        '[links.s1]\naxes = ["c1", "c2"]\narcs = [70]',
-        '[links.s1]\naxes = ["c1", "c2", "d3"]\narcs = [70, 80]\nangles = [40]',
-    ).replace(
-        '[links.s4]\naxes = ["c4", "c1"]\narcs = [40]',
-        '[links.s4]\naxes = ["c4", "c1", "d1"]\narcs = [40, 45]\nangles = [30]',
-    )
-    before_inputs, brackets, inputs = text.partition("[inputs")
-    mechanism = loaded(before_inputs + further_dyad + brackets + inputs)
-    compared, changed = compare_sources(mechanism, tmp_path)
+    mechanism = loaded(SIX_BAR_AT_A_CHANGE_POINT)
+    compared, changing_modes = compare_sources(mechanism, tmp_path)
     # Each mode is compared at no more than 40 inputs, so more than one mode was compared.
-    # `changed` is the number of modes whose signs of dyads change at the change point.
-    assert compared > 40 and changed >= 2
+    assert compared > 40
+    assert changing_modes >= 2
 
 
 def test_a_mechanism_whose_modes_do_not_cross(tmp_path):
@@ -328,21 +384,36 @@ def test_a_mechanism_whose_modes_do_not_cross(tmp_path):
     assert compared > 20 and changed == 0
 
 
+def mode_values_at(smooth, row, q):
+    """Return the mode values (values, n) of a mode at inputs q (n,): signs of its dyads.
+
+    The table `smooth` divides the inputs into intervals, each from its start to the next
+    one, in which these values are constant. `row` is that of the mode in the table.
+    """
+    interval = np.searchsorted(smooth.starts, q) - 1
+    return smooth.mode_values[interval, row].T
+
+
 def test_fold_angles_of_a_source_keep_their_ratio():
-    """Half tangents of fold angles keep their ratio at the flat state (Huffman 1976)."""
+    """Tangents of half the fold angles keep their ratio through the flat state.
+
+    Huffman (1976) showed this for flat-foldable vertices. The ratios to the input crease c1
+    are compared on both sides of the flat state, the input 0, in both modes.
+    """
     exported_formulas = formulas(
         load_case("flatfold_through"), ["theta_*"], crossings="pass"
     )
     smooth = exported_formulas.mode_table.smooth
+    fold_angles = exported_formulas.numpy_function(exported_formulas.outputs)
+    input_crease = list(exported_formulas.results).index("theta_c1")
     q = np.radians([-35.0, -20.0, -3.0, 3.0, 20.0, 35.0])
-    interval = np.searchsorted(smooth.starts, q) - 1
     for row in range(2):
-        function = exported_formulas.numpy_function(exported_formulas.outputs)
-        angles = function(
-            q[None], smooth.mode_values[interval, row].T, exported_formulas.size_values
+        # (creases, inputs) in rad
+        angles = fold_angles(
+            q[None], mode_values_at(smooth, row, q), exported_formulas.size_values
         )
-        folds = np.tan(0.5 * angles)
-        ratios = folds / folds[list(exported_formulas.results).index("theta_c1")]
+        half_tangents = np.tan(0.5 * angles)
+        ratios = half_tangents / half_tangents[input_crease]
         assert np.ptp(ratios, axis=1).max() < 1e-9
 
 

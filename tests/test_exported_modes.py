@@ -278,24 +278,37 @@ def test_the_source_of_the_miura_unit_has_the_miura_fold_and_names_what_it_lacks
     assert exported.mode_table.undetermined == numbers
 
 
-@pytest.mark.slow
-def test_each_mode_of_the_miura_unit_has_a_source_of_its_own(tmp_path, capsys):
-    """Modes that the source of all modes lacks are in sources of a single mode.
+def modes_without_common_source():
+    """Return the numbers of the modes of the Miura unit that need a source of their own.
 
-    In such a mode some creases are folded by 0 or 180 degrees. How many modes the source
-    lacks depends on which of the repeated equations it has, and so on the processor.
+    The closure equations of the Miura unit repeat each other. The source of all modes has
+    a choice of equations that are independent in the Miura fold. In other modes, where some
+    creases are folded by 0 or 180 degrees, these equations do not determine the angles, so
+    the source lacks such modes. How many they are depends on the chosen equations, and so
+    on the processor.
     """
+    numbers = formulas(sk.load("miura_unit")).mode_table.undetermined
+    assert numbers
+    return numbers
+
+
+@pytest.mark.slow
+def test_an_export_names_the_option_for_a_mode_that_its_source_lacks(tmp_path, capsys):
     path = tmp_path / "x.c"
     assert main(["export", "miura_unit", "--to", "c", "-o", str(path)]) == 0
     printed = capsys.readouterr().out
-    undetermined = formulas(sk.load("miura_unit")).mode_table.undetermined
-    assert undetermined
-    assert f"--assembly-mode {undetermined[0]}" in printed
-    for number in undetermined:
+    assert f"--assembly-mode {modes_without_common_source()[0]}" in printed
+
+
+@pytest.mark.slow
+def test_each_mode_of_the_miura_unit_has_a_source_of_its_own():
+    """A source of one mode has this mode, although the source of all modes lacks it."""
+    for number in modes_without_common_source():
         exported = formulas(sk.load("miura_unit"), assembly_mode=number)
         (mode,) = exported.modes
         assert mode.number == number
         assert not exported.mode_table.left_out
+        # A crease of this mode is folded by 0 or 180 degrees.
         assert np.min(np.abs(np.sin(mode.values))) < 1e-12
         assert exported.mode_table.largest_difference < 1e-9
 
@@ -309,12 +322,12 @@ def test_working_modes_of_a_coaxial_wrist(tmp_path):
     assert len(signs) == 8
 
 
-def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, capsys):
-    """A mode with wrong signs is noticed before the export, left out, and named.
+@pytest.fixture
+def wrong_sign_of_mode_1(monkeypatch):
+    """Let the export look for mode 1 of the four-bar with a wrong sign of its dyad.
 
-    The formulas of a four-bar select one of its two assembly modes by the sign of its dyad,
-    1 or -1 (`mode_values`). Here mode 1, named p0 in the file, gets 1 instead of -1. It is
-    left out, and mode 0 is still exported. If only mode 1 is wanted, the export is refused.
+    The formulas of a four-bar select one of its two assembly modes by this sign, 1 for mode
+    0 and -1 for mode 1 (`mode_values`). Here both modes get 1.
     """
     find_candidate = mode_table._find_candidate
 
@@ -324,17 +337,31 @@ def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, 
         return replace(candidate, mode_values=np.abs(candidate.mode_values))
 
     monkeypatch.setattr(mode_table, "_find_candidate", find_wrong_candidate)
+
+
+@pytest.mark.usefixtures("wrong_sign_of_mode_1")
+def test_a_mode_that_formulas_do_not_give_is_left_out_and_named(tmp_path, capsys):
+    """Mode 1, which the file names p0, is left out, and mode 0 is still exported."""
     path = tmp_path / "x.c"
     assert main(["export", "four_bar", "--to", "c", "-o", str(path)]) == 0
     message = capsys.readouterr().out
     assert "left out: assembly mode 1 (p0): the formulas do not give this mode" in message
     text = path.read_text("utf-8")
+    assert "not written: 1 (p0)" in text
     # The table of modes in the source has one row and one column.
-    assert "not written: 1 (p0)" in text and "four_bar_modes[1][1]" in text
-    # What the page says of its contents.
-    assert "0 modes" not in sk.page("four_bar", tmp_path / "x.html").holds
+    assert "four_bar_modes[1][1]" in text
+
+
+@pytest.mark.usefixtures("wrong_sign_of_mode_1")
+def test_a_mode_that_formulas_do_not_give_is_not_exported_alone(tmp_path):
     with pytest.raises(EngineError, match="no assembly mode can be written: 1"):
-        sk.export("four_bar", path, assembly_mode=1)
+        sk.export("four_bar", tmp_path / "x.c", assembly_mode=1)
+
+
+@pytest.mark.usefixtures("wrong_sign_of_mode_1")
+def test_a_page_has_the_modes_that_formulas_give(tmp_path):
+    """The page says in words (`holds`) what it contains, with the number of its modes."""
+    assert "0 modes" not in sk.page("four_bar", tmp_path / "x.html").holds
 
 
 @pytest.mark.slow

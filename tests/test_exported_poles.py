@@ -4,7 +4,9 @@ A run has no pole there, status NO_POLE. Its directions come from the plan's gre
 and from rates of rows, those of formulas from rates as terms alone.
 """
 
+from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,6 +88,70 @@ CASES = {
 }
 
 
+@dataclass(frozen=True)
+class RelativeRotation:
+    """How one link rotates relative to another while one input moves.
+
+    Attributes
+    ----------
+    pole
+        Unit vector (3,) of the axis, NaN if there is none.
+    coefficient
+        Angular velocity about the pole per rate of the input.
+    """
+
+    pole: Any
+    coefficient: Any
+
+    @property
+    def has_pole(self):
+        """Whether there is an axis."""
+        return not np.isnan(self.pole[0])
+
+
+def rotation_by_formulas(results, link, reference_link, input_suffix):
+    """Return the rotation of a link relative to another by the results of formulas."""
+    links = f"{link}_{reference_link}"
+    pole = np.array([results[f"pole_{links}_{x}{input_suffix}"] for x in "xyz"])
+    return RelativeRotation(pole, results[f"velocity_coefficient_{links}{input_suffix}"])
+
+
+def rotation_by_evaluate(evaluated, row, link, reference_link, moving_input):
+    """Return the rotation of a link relative to another in a row of `sk.evaluate`."""
+    links = f"{link}/{reference_link}"
+    return RelativeRotation(
+        evaluated.direction(links, moving_input)[row],
+        evaluated.velocity_coefficient(links, moving_input)[row],
+    )
+
+
+def assert_same_rotation(by_formulas, by_evaluate):
+    """Assert that coefficients are equal, and angular velocities too if there is a pole.
+
+    Pole and coefficient may change their sign together. If formulas have no pole, the links
+    rest: the coefficients are zero up to rounding.
+    """
+    # If two links rest only up to rounding, `sk.evaluate` can still give an axis, as the
+    # intersection of great circles through other poles. Formulas compute the axis from the
+    # rates alone and give NaN. So only `sk.evaluate` may have a pole that formulas lack.
+    assert by_evaluate.has_pole or not by_formulas.has_pole
+    sign = np.sign(by_formulas.coefficient * by_evaluate.coefficient)
+    expected_coefficient = by_evaluate.coefficient * sign
+    assert by_formulas.coefficient == pytest.approx(expected_coefficient, abs=1e-12)
+    if by_formulas.has_pole:
+        velocity = by_formulas.coefficient * by_formulas.pole
+        expected_velocity = by_evaluate.coefficient * by_evaluate.pole
+        assert velocity == pytest.approx(expected_velocity, abs=1e-9)
+    else:
+        assert abs(by_formulas.coefficient) < 1e-9
+        assert abs(by_evaluate.coefficient) < 1e-9
+
+
+NEVER_RESTING = ("planetary_bevel", "folded_kite")
+"""In the first, no links rest. In the second, they rest only up to rounding. In the other
+mechanisms of `CASES` some links must rest."""
+
+
 @pytest.mark.parametrize(
     "name",
     [pytest.param(x, marks=pytest.mark.slow) if x == "three_rrr" else x for x in CASES],
@@ -93,53 +159,45 @@ CASES = {
 def test_links_that_rest_have_no_pole(name):
     """Formulas give NaN for the pole of two links that rest relative to each other.
 
-    Velocity coefficient times pole is compared with `sk.evaluate` for all pairs of links
-    and all inputs; pole and coefficient may change sign together.
-
-    If two links rest only up to rounding, `sk.evaluate` can still give an axis, as the
-    intersection of great circles through other poles. Formulas compute the axis from the
-    rates alone and give NaN. So `sk.evaluate` must have a pole wherever formulas have one,
-    but not the reverse. In "planetary_bevel" no links rest, and in "folded_kite" they rest
-    only up to rounding. In the other mechanisms some links must rest.
+    Formulas are compared with `sk.evaluate` for all pairs of links and all inputs.
     """
     exported_formulas = formulas(CASES[name](), ["pole_*", "*_coefficient_*"])
     mechanism = exported_formulas.mechanism
     inputs = mechanism.input_pairs
-    function = exported_formulas.numpy_function(exported_formulas.outputs)
     resting_count = 0
     for mode in exported_formulas.modes:
         # (1, inputs) the inputs (rad) of a configuration of the mode.
         q = np.array([mode.at])
         evaluated = sk.evaluate(mechanism, q if len(inputs) > 1 else q[0])
-        # Poles and coefficients depend on the inputs alone, not on their rates.
-        motion = q.T
-        mode_values = np.array(mode.values).reshape(-1, 1)
-        columns = function(motion, mode_values, exported_formulas.size_values)
-        results = dict(zip(exported_formulas.results, columns[:, 0], strict=True))
+        results = results_of_formulas(exported_formulas, mode)
         row = row_of_mode(evaluated, exported_formulas, results, mode)
-        for a, b in combinations(mechanism.links, 2):
-            for pair in inputs:
-                suffix = "" if len(inputs) == 1 else f"_by_{pair}"
-                pole = np.array([results[f"pole_{b}_{a}_{x}{suffix}"] for x in "xyz"])
-                coefficient = results[f"velocity_coefficient_{b}_{a}{suffix}"]
-                acceleration = results[f"acceleration_coefficient_{b}_{a}{suffix}"]
-                direction = evaluated.direction(f"{b}/{a}", pair)[row]
-                expected = evaluated.velocity_coefficient(f"{b}/{a}", pair)[row]
-                sign = np.sign(coefficient * expected)
-                has_pole = not np.isnan(pole[0])
-                has_expected_pole = not np.isnan(direction[0])
-                resting_count += not has_expected_pole
-                assert has_expected_pole or not has_pole, (a, b, pair)
-                # The coefficients are equal but for their signs.
-                assert coefficient == pytest.approx(expected * sign, abs=1e-12)
-                if has_pole:
-                    velocity = coefficient * pole
-                    assert velocity == pytest.approx(expected * direction, abs=1e-9)
-                else:
-                    assert abs(coefficient) < 1e-9
-                    assert abs(expected) < 1e-9
+        for reference_link, link in combinations(mechanism.links, 2):
+            for moving_input in inputs:
+                suffix = "" if len(inputs) == 1 else f"_by_{moving_input}"
+                by_formulas = rotation_by_formulas(results, link, reference_link, suffix)
+                by_evaluate = rotation_by_evaluate(
+                    evaluated, row, link, reference_link, moving_input
+                )
+                assert_same_rotation(by_formulas, by_evaluate)
+                if not by_formulas.has_pole:
+                    acceleration = results[
+                        f"acceleration_coefficient_{link}_{reference_link}{suffix}"
+                    ]
                     assert abs(acceleration) < 1e-9 or np.isnan(acceleration)
-    assert resting_count or name in ("planetary_bevel", "folded_kite")
+                if not by_evaluate.has_pole:
+                    resting_count += 1
+    assert resting_count or name in NEVER_RESTING
+
+
+def results_of_formulas(exported_formulas, mode):
+    """Return the results of formulas by name, in a configuration of an assembly mode."""
+    function = exported_formulas.numpy_function(exported_formulas.outputs)
+    # Each argument is a column. Poles and coefficients depend on the inputs alone, not on
+    # their rates.
+    motion = np.array([mode.at]).T
+    mode_values = np.array(mode.values).reshape(-1, 1)
+    columns = function(motion, mode_values, exported_formulas.size_values)
+    return dict(zip(exported_formulas.results, columns[:, 0], strict=True))
 
 
 def row_of_mode(evaluated, exported_formulas, results, mode):

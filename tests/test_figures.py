@@ -441,21 +441,25 @@ def test_a_path_on_another_one_is_dashed_so_that_both_are_visible(four_bar):
 
 
 def test_paths_coincide_as_sets_of_points_up_to_gaps_and_parts():
-    """A path is compared with the segments of others: samples and direction differ."""
-    t = np.linspace(0.0, 1.0, 40)[:, None]
-    line = np.hstack([t, t])
-    with_gap = np.insert(line, 20, np.nan, axis=0)
-    part = 0.5 * line[::-1]
-    apart = line + [0.0, 0.05]
-    dashes = find_coinciding_paths([line, with_gap, part, apart, np.empty((0, 2))], 1.0)
-    assert [(dash.position, dash.curve_count) for dash in dashes] == [
-        (0, 3),
-        (1, 3),
-        (2, 3),
-        (0, 1),
-        (0, 1),
-    ]
-    assert [dash.linestyle is None for dash in dashes] == [True, False, False, True, True]
+    """A path is compared with the segments of others: samples and direction differ.
+
+    `position` is the position of a path among the paths that coincide with it. Their number
+    is `curve_count`, with the path itself.
+    """
+    steps = np.linspace(0.0, 1.0, 40)[:, None]
+    line = np.hstack([steps, steps])
+    line_with_gap = np.insert(line, 20, np.nan, axis=0)
+    reversed_half_of_line = 0.5 * line[::-1]
+    line_apart = line + [0.0, 0.05]
+    empty_path = np.empty((0, 2))
+    paths = [line, line_with_gap, reversed_half_of_line, line_apart, empty_path]
+    # The paths fill a frame of size 1, in which 0.05 is more than the thickness of a line.
+    dashes = find_coinciding_paths(paths, size=1.0)
+    assert [dash.curve_count for dash in dashes] == [3, 3, 3, 1, 1]
+    assert [dash.position for dash in dashes] == [0, 1, 2, 0, 0]
+    # The first path of each group is a full line, and the others are dashed.
+    is_full_line = [dash.linestyle is None for dash in dashes]
+    assert is_full_line == [True, False, False, True, True]
 
 
 @pytest.mark.parametrize("name", ["four_bar", "stephenson"])
@@ -472,22 +476,39 @@ def test_names_in_the_chart_cover_no_other_name_and_are_inside_the_panel(name):
         assert all(panel.bbox.padded(2.0).containsy(box.y1) for box in boxes)
 
 
+LETTER_SIZE = 6.0
+LABEL_HALF_SIZE = LETTER_SIZE * np.array([0.31 * 3 + 0.1, 0.5])
+"""Half width and half height of a label of three letters, as `place_labels` estimates them:
+0.31 letters for half of each letter, and a margin of 0.1 letters."""
+
+
+def place_label_at_origin(**options):
+    """Return the middle (2,) of the label "P31" of a point at the origin."""
+    point = np.array([[[0.0, 0.0]]])
+    labels_of_first_picture = place_labels(["P31"], point, LETTER_SIZE, **options)[0]
+    (middle,) = labels_of_first_picture
+    return middle
+
+
 def test_names_avoid_curves():
-    """A name is beside a vertical line through its point, where it was on the line."""
-    places = np.array([[[0.0, 0.0]]])
+    """A name covers a diagonal line through its point unless it has to avoid the line."""
     steps = np.linspace(-50.0, 50.0, 101)
-    diagonal = np.stack([steps, steps], axis=1)  # through the preferred position
-    (free,), (avoiding,) = (
-        place_labels(["P31"], places, 6.0, curve_points=curve)[0]
-        for curve in (None, diagonal)
-    )
-    half_size = 6.0 * np.array([0.31 * 3 + 0.1, 0.5])
-    covered = [np.all(np.abs(diagonal - middle) < half_size, axis=1).any() for middle in
-               (free, avoiding)]  # fmt: skip
-    assert covered == [True, False]
-    frame = (np.array([-50.0, -50.0]), np.array([5.0, 5.0]))
-    (inside,) = place_labels(["P31"], places, 6.0, frame=frame)[0]
-    assert np.all(inside + half_size <= 5.0)
+    diagonal = np.stack([steps, steps], axis=1)
+
+    def covers_diagonal(middle):
+        """Return whether a point of the line is within the label about this middle."""
+        return np.any(np.all(np.abs(diagonal - middle) < LABEL_HALF_SIZE, axis=1))
+
+    assert covers_diagonal(place_label_at_origin())
+    assert not covers_diagonal(place_label_at_origin(curve_points=diagonal))
+
+
+def test_names_are_inside_their_frame():
+    """The frame ends 5 to the right of the point, nearer than half the label is wide."""
+    lower_left = np.array([-50.0, -50.0])
+    upper_right = np.array([5.0, 5.0])
+    middle = place_label_at_origin(frame=(lower_left, upper_right))
+    assert np.all(middle + LABEL_HALF_SIZE <= upper_right)
 
 
 def test_titles_have_a_margin_from_the_edge_of_their_figure(four_bar):
@@ -500,27 +521,37 @@ def test_titles_have_a_margin_from_the_edge_of_their_figure(four_bar):
         assert box.x1 < width - margin_px and box.y1 < height - margin_px, name
 
 
-def test_a_dark_copy_can_be_read_on_a_dark_page_and_leaves_the_figure_as_it_is(four_bar):
-    """Texts and lines have the contrast that WCAG 2.1 asks of text, 4.5."""
-    figure = four_bar.plot("gnomonic chart")
-    dark = dark_copy(figure)
-    background = luminance(DARK_BACKGROUND)
+MIN_TEXT_CONTRAST = 4.5
+"""Contrast that WCAG 2.1 asks of text."""
 
-    def contrast(artist):
-        return (luminance(to_rgb(artist.get_color())) + 0.05) / (background + 0.05)
 
+def contrast_on_dark_page(artist):
+    """Return the contrast of a text or line with the dark background (WCAG 2.1)."""
+    foreground = luminance(to_rgb(artist.get_color()))
+    return (foreground + 0.05) / (luminance(DARK_BACKGROUND) + 0.05)
+
+
+def test_a_dark_copy_can_be_read_on_a_dark_page(four_bar):
+    """Texts and lines have the contrast of text, and the background is transparent."""
+    dark = dark_copy(four_bar.plot("gnomonic chart"))
+    assert dark.patch.get_alpha() == 0.0
     for panel in dark.axes:
         assert panel.patch.get_alpha() == 0.0
         names = [text for text in panel.texts if text.get_text()]
         curves = [line for line in panel.lines if len(line.get_xdata()) > 2]
         assert names and curves
         for artist in [panel.title, panel.xaxis.label, *names, *curves]:
-            assert contrast(artist) >= 4.4
-    assert dark.patch.get_alpha() == 0.0
+            assert contrast_on_dark_page(artist) >= MIN_TEXT_CONTRAST
+
+
+def test_a_dark_copy_leaves_the_figure_as_it_is(four_bar):
+    """The figure keeps its colours, and its lines are those of the copy."""
+    figure = four_bar.plot("gnomonic chart")
+    dark = dark_copy(figure)
     for panel, dark_panel in zip(figure.axes, dark.axes, strict=True):
-        assert panel.title.get_color() == style.INK and panel.patch.get_alpha() is None
-        pairs = zip(panel.lines, dark_panel.lines, strict=True)
-        for line, dark_line in pairs:
+        assert panel.title.get_color() == style.INK
+        assert panel.patch.get_alpha() is None
+        for line, dark_line in zip(panel.lines, dark_panel.lines, strict=True):
             assert np.array_equal(line.get_xydata(), dark_line.get_xydata(), equal_nan=True)
 
 

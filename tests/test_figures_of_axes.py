@@ -73,30 +73,42 @@ def test_an_axis_is_drawn_by_its_direction_on_the_visible_side(name, sense):
         assert not np.any(cosines_of_steps < 0.0)
 
 
+def axes_of_panel(title):
+    """Return link, reference link and middle axis of a panel titled like "P31 ... x"."""
+    return title[1], title[2], title[-1]
+
+
+def drawn_distances_from_middle(panel):
+    """Return the distances (n,) of all drawn points of paths from the middle of a map.
+
+    Maps have polar axes: the y data of a line are its radii. Lines of a single point are no
+    paths. Gaps (NaN) are left out.
+    """
+    radii = [line.get_ydata() for line in panel.lines if len(line.get_ydata()) > 1]
+    radii = np.concatenate(radii)
+    return radii[np.isfinite(radii)]
+
+
 @pytest.mark.many
 @pytest.mark.parametrize("samples", [9, 37, 91])
 def test_paths_of_axes_are_as_far_from_the_middle_as_the_axes(samples):
     """Each axis of the table of poles is drawn once, at its distance from the middle.
 
-    Panels are titled by pole and axis at the middle, such as "P31 ... x". The radius on
-    paper is that of the equal-area map. P31 of the four-bar reaches the rim where the crank
-    points along an axis.
+    A panel shows the hemisphere about a coordinate axis, its middle, as an equal-area map.
+    An axis at an angle to the middle is drawn at the radius that the map gives this angle.
     """
     result = sk.run("four_bar", "poles", samples=samples)
     figure = result.plot("poles/paths of the axes")
     frame = result.frame("poles")
     for panel in figure.axes:
-        title = panel.get_title()
-        link = title[1]
-        reference = title[2]
-        middle_axis = title[-1]
-        rows = frame[(frame["link"] == link) & (frame["relative_to"] == reference)]
-        cosine = np.abs(rows[f"u{middle_axis}"].to_numpy())
+        link, reference_link, middle_axis = axes_of_panel(panel.get_title())
+        is_in_panel = (frame["link"] == link) & (frame["relative_to"] == reference_link)
+        # Of both directions of an axis, the one on the visible hemisphere is drawn. Its
+        # component along the middle is the cosine of its angle to the middle.
+        cosine = np.abs(frame[is_in_panel][f"u{middle_axis}"].to_numpy())
         cosine = cosine[np.isfinite(cosine)]
         expected = EQUAL_AREA.radius(np.arccos(np.clip(cosine, 0.0, 1.0)))
-        radii = [line.get_ydata() for line in panel.lines if len(line.get_ydata()) > 1]
-        drawn = np.concatenate(radii)
-        drawn = drawn[np.isfinite(drawn)]
+        drawn = drawn_distances_from_middle(panel)
         np.testing.assert_allclose(np.sort(drawn), np.sort(expected), atol=1e-7)
 
 
@@ -222,42 +234,56 @@ def test_curves_on_pages_of_modes_are_drawn_for_every_mode():
         np.testing.assert_allclose(line.get_ydata(), EQUAL_AREA.radius(radius), atol=1e-9)
 
 
+def sphere_page(*parts):
+    """Return a page with curves or maps of values on the sphere."""
+    return Scene("Page", parts, source="analysis")
+
+
+def pages_of_arrows(count):
+    """Return the pages of two modes, each with the paths of this number of axes."""
+    axis_of_input = (Axis("q", "rad", CIRCLE_ANGLES),)
+    arrows = []
+    for k in range(count):
+        directions = tilted_circle(radius=1.2, tilt=0.2 * k)
+        arrows.append(Arrow(f"p{k}", f"P{k}1", directions, primary=False))
+    return [
+        Scene(mode, tuple(arrows), over=axis_of_input, source="analysis")
+        for mode in range(2)
+    ]
+
+
 def drawn_figures():
     """Yield groups of figures with maps of a hemisphere, to test where titles are drawn.
 
     They have one and two columns, legends, colours, and up to five maps.
     """
-    small_circle = tilted_circle(radius=0.3, tilt=0.4)
+    border = SphereCurves("c", "border", [tilted_circle(radius=0.3, tilt=0.4)])
+    # The second circle is on the other hemisphere.
     large_circle = tilted_circle(radius=1.4)
-    marks = [Mark("a mark with a long name", np.array([0.0, 0.6, 0.8]), tone=2)]
-    plain = SphereCurves("c", "border", [small_circle])
-    # The opposite circle is on the other hemisphere.
-    two_sides = SphereCurves(
-        "c", "border", [large_circle, -small_circle], tone=1, marks=marks
+    border_on_both_sides = SphereCurves(
+        "c",
+        "border",
+        [large_circle, -tilted_circle(radius=0.3, tilt=0.4)],
+        tone=1,
+        marks=[Mark("a mark with a long name", np.array([0.0, 0.6, 0.8]), tone=2)],
     )
-    points = np.concatenate([tilted_circle(r) for r in (0.2, 0.5, 0.8)])
     # A map of values (here z) without triangles is drawn as coloured points.
+    points = np.concatenate([tilted_circle(r) for r in (0.2, 0.5, 0.8)])
     no_triangles = np.zeros((0, 3), int)
-    colours = SphereMap("m", "margin", points, no_triangles, values=points[:, 2], unit="")
-    arrows = []
-    for k in range(5):
-        directions = tilted_circle(radius=1.2, tilt=0.2 * k)
-        arrows.append(Arrow(f"p{k}", f"P{k}1", directions, primary=False))
-    axis = (Axis("q", "rad", CIRCLE_ANGLES),)
-    for columns, parts in (
-        (1, [plain]),
-        (2, [plain]),
-        (2, [two_sides]),
-        (2, [plain, colours]),
+    coloured_points = SphereMap(
+        "m", "margin", points, no_triangles, values=points[:, 2], unit=""
+    )
+    for columns, scenes in (
+        (1, [sphere_page(border)]),
+        (2, [sphere_page(border)]),
+        (2, [sphere_page(border_on_both_sides)]),
+        (2, [sphere_page(border, coloured_points)]),
+        (2, pages_of_arrows(1)),
+        (1, pages_of_arrows(3)),
+        (2, pages_of_arrows(5)),
     ):
-        scene = Scene("Page", tuple(parts), source="analysis")
-        yield plan_figures([scene], {}, columns=columns)
-    for columns, count in ((2, 1), (1, 3), (2, 5)):
-        scenes = [
-            Scene(mode, tuple(arrows[:count]), over=axis, source="analysis")
-            for mode in range(2)
-        ]
-        yield plan_figures(scenes, {}, columns=columns)
+        # The modes have no titles of their own.
+        yield plan_figures(scenes, titles={}, columns=columns)
 
 
 @pytest.mark.slow
