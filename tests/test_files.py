@@ -167,23 +167,43 @@ z = "\\"[q]"
     assert ("y",) not in line_by_path
 
 
-@pytest.mark.parametrize("kind", ["mechanism", "study", "synthesis"])
-def test_every_key_of_the_schema_has_a_title_and_a_description(kind):
-    """The schema is also valid JSON Schema and allows no unknown keys in its objects.
+SCHEMA_KINDS = pytest.mark.parametrize("kind", ["mechanism", "study", "synthesis"])
 
-    Objects that state only `kind` choose between other objects and may have more keys.
-    """
-    remaining_parts = [schema(kind)]
-    while remaining_parts:
-        part = remaining_parts.pop()
+
+def parts_of_schema(root):
+    """Yield a schema, its definitions (`$defs`), and the definitions in these."""
+    yield root
+    for definition in root.get("$defs", {}).values():
+        yield from parts_of_schema(definition)
+
+
+@SCHEMA_KINDS
+def test_the_schema_is_valid_json_schema(kind):
+    jsonschema.Draft202012Validator.check_schema(schema(kind))
+
+
+@SCHEMA_KINDS
+def test_every_key_of_the_schema_has_a_title_and_a_description(kind):
+    for part in parts_of_schema(schema(kind)):
         for key, value in part.get("properties", {}).items():
             assert value.get("title"), key
             assert value.get("description", "").endswith("."), key
-        if part.get("type") == "object" and "properties" in part:
-            chooses_by_kind = list(part["properties"]) == ["kind"]
-            assert part.get("additionalProperties", not chooses_by_kind) is False
-        remaining_parts.extend(part.get("$defs", {}).values())
-    jsonschema.Draft202012Validator.check_schema(schema(kind))
+
+
+@SCHEMA_KINDS
+def test_objects_of_the_schema_allow_no_unknown_keys(kind):
+    """The schema of each object says so by the key `additionalProperties`.
+
+    An object whose only property is `kind` chooses between other objects, which have
+    further keys. It may leave `additionalProperties` out.
+    """
+    for part in parts_of_schema(schema(kind)):
+        if part.get("type") != "object" or "properties" not in part:
+            continue
+        only_chooses = list(part["properties"]) == ["kind"]
+        if only_chooses and "additionalProperties" not in part:
+            continue
+        assert part.get("additionalProperties") is False
 
 
 def test_the_schema_has_the_limits_and_kinds_of_the_code():

@@ -38,10 +38,8 @@ def check_angles_at_singularities(mechanism, path):
     """Check the angles of rows at singularities against 50 digits; count these rows.
 
     `path` holds the inputs (rad). Rows with the status AT_SINGULARITY have angles, or NaN
-    if their error bound would be too large. The deviation of angles from the exact solution
-    must not exceed the bound. If the exact equations have no solution at the input of a
-    row, the nearest input with a solution replaces it. The result is the number of rows
-    with angles (at most `MAX_JUDGED_ROWS`).
+    if their error bound would be too large. The result is the number of rows with angles
+    (at most `MAX_JUDGED_ROWS`).
     """
     motion = PositionAnalysis(mechanism, path=path).motion()
     is_singular = motion.status == Status.AT_SINGULARITY
@@ -49,23 +47,30 @@ def check_angles_at_singularities(mechanism, path):
     if not len(row_numbers):
         return 0
     rows = motion.rows(row_numbers)
-    bound = rows.configuration_error
-    assert np.all(bound <= MAX_SINGULAR_ANGLE_ERROR_RAD)
-    # Deviations from the exact solution at the input of the row, infinite if there is none.
+    assert np.all(rows.configuration_error <= MAX_SINGULAR_ANGLE_ERROR_RAD)
+    # Deviations from the exact solution at the input of the row, NaN if there is none.
     deviation = deviations(rows)
-    has_root = np.isfinite(deviation)
-    assert np.all(deviation[has_root] <= bound[has_root])
-    if not np.all(has_root):
-        # The same from the solution at the nearest input that has one, and the distance of
-        # this input in units of its rounding error. If it is larger, the loops of the row
-        # must be closed as well as the rounding of the sizes allows.
-        rootless_rows = rows.rows(~has_root)
-        deviation, roundings = deviations_with_free_inputs(rootless_rows)
-        assert np.all(deviation <= bound[~has_root])
-        loop_roundings = closure_residuals(rootless_rows) / EPS
-        is_nearest_input = roundings <= MOST_ROUNDINGS
-        assert np.all(is_nearest_input | (loop_roundings <= MOST_LOOP_ROUNDINGS))
+    has_solution = np.isfinite(deviation)
+    assert np.all(deviation[has_solution] <= rows.configuration_error[has_solution])
+    if not np.all(has_solution):
+        check_rows_beyond_a_dead_centre(rows.rows(~has_solution))
     return len(row_numbers)
+
+
+def check_rows_beyond_a_dead_centre(rows):
+    """Check the angles of rows at whose input the exact equations have no solution.
+
+    The nearest input with a solution replaces the input of the row. The deviation from this
+    solution must not exceed the error bound. The distance of both inputs must be a rounding
+    of the input (`MOST_ROUNDINGS`), or a rounding of the sizes of the mechanism: the loops
+    of the row are then closed as well as this rounding allows (`MOST_LOOP_ROUNDINGS`).
+    """
+    deviation, distance_in_roundings = deviations_with_free_inputs(rows)
+    assert np.all(deviation <= rows.configuration_error)
+    is_rounding_of_input = distance_in_roundings <= MOST_ROUNDINGS
+    residual_in_roundings = closure_residuals(rows) / EPS
+    is_rounding_of_sizes = residual_in_roundings <= MOST_LOOP_ROUNDINGS
+    assert np.all(is_rounding_of_input | is_rounding_of_sizes)
 
 
 @pytest.mark.parametrize(
@@ -117,39 +122,55 @@ def test_rows_of_a_chain_of_sixty_links_are_ok_within_their_bounds(seed):
 
 @pytest.mark.parametrize("loop_count", [1, 2, 6])
 def test_newton_bounds_hold_if_all_loops_are_open_in_the_weakest_direction(loop_count):
-    """Linear equations whose residuals are all g, in the direction of the least s.
+    """The bound is reached for linear equations with the most unfavourable residuals.
 
-    Their norm is sqrt(3 L) g, so that the solution is sqrt(3 L) g / s away. The Frobenius
-    norm of the inverse is hardly more than 1 / s.
+    L loops have 3 L residuals, each equal to g. The least singular value s of the Jacobian
+    J belongs to the direction (1, ..., 1) of these residuals; all others are 1. The norm of
+    the residuals is sqrt(3 L) g, so the solution is at the distance sqrt(3 L) g / s. The
+    Frobenius norm of the inverse, which the bound contains, is hardly more than 1 / s.
     """
-    count = 3 * loop_count
-    least = 1e-3
-    gap = 1e-12
-    direction = np.full(count, 1.0 / np.sqrt(count))
-    jacobian = np.eye(count) - (1.0 - least) * np.outer(direction, direction)
-    distance = np.linalg.norm(np.linalg.solve(jacobian, np.full(count, gap)))
-    assert distance == pytest.approx(np.sqrt(count) * gap / least)
-    sensitivity = np.linalg.norm(np.linalg.inv(jacobian))
+    residual_count = 3 * loop_count
+    residual = 1e-12
+    least_singular_value = 1e-3
+    weakest_direction = np.full(residual_count, 1.0 / np.sqrt(residual_count))
+    projection = np.outer(weakest_direction, weakest_direction)
+    jacobian = np.eye(residual_count) - (1.0 - least_singular_value) * projection
+    step = np.linalg.solve(jacobian, np.full(residual_count, residual))
+    distance = np.linalg.norm(step)
+    expected_distance = np.sqrt(residual_count) * residual / least_singular_value
+    assert distance == pytest.approx(expected_distance)
+
+    inverse_norm = np.linalg.norm(np.linalg.inv(jacobian))
+    no_curvature = np.zeros(1)
     bound = bound_by_kantorovich(
-        np.array([gap]), np.array([sensitivity]), np.zeros(1), loop_count
+        np.array([residual]), np.array([inverse_norm]), no_curvature, loop_count
     )
     assert distance <= bound[0] <= 1.01 * distance
 
 
 @pytest.mark.parametrize("loop_count", [2, 6])
 def test_newton_bounds_are_infinite_if_loops_together_may_have_no_solution(loop_count):
-    """Each loop opens by x - k x^2 / 2 - g of one shared variable, each with the same k.
+    """Loops that are all alike close only for residuals g up to 1 / (2 k).
 
-    All loops are alike, so that one of them decides: it closes for g up to 1 / (2 k). The
-    bound must be infinite for larger gaps, and may be so for smaller ones.
+    The residual of each of L loops is the same function of one variable x,
+
+        k x^2 / 2 - x + g,
+
+    with the residual g at x = 0 and the curvature k. Its zero next to 0 is
+    x = (1 - sqrt(1 - 2 k g)) / k, for g up to 1 / (2 k). The bound must be infinite for a
+    larger g, and may be infinite for a smaller one. The derivatives of the loops are -1, so
+    the pseudo-inverse of the Jacobian, a column of L equal numbers, has the norm
+    1 / sqrt(L).
     """
     curvature = 0.1
-    gaps = np.array([0.01, 0.5, 1.0, 1.01]) / (2.0 * curvature)
-    sensitivity = np.full(len(gaps), 1.0 / np.sqrt(loop_count))
-    bounds = bound_by_kantorovich(
-        gaps, sensitivity, np.full(len(gaps), curvature), loop_count
-    )
-    roots = (1.0 - np.sqrt(np.maximum(1.0 - 2.0 * curvature * gaps, 0.0))) / curvature
+    largest_closing_residual = 1.0 / (2.0 * curvature)
+    residuals = np.array([0.01, 0.5, 1.0, 1.01]) * largest_closing_residual
+    inverse_norms = np.full(len(residuals), 1.0 / np.sqrt(loop_count))
+    curvatures = np.full(len(residuals), curvature)
+    bounds = bound_by_kantorovich(residuals, inverse_norms, curvatures, loop_count)
+
+    discriminant = np.maximum(1.0 - 2.0 * curvature * residuals, 0.0)
+    zeros = (1.0 - np.sqrt(discriminant)) / curvature
     assert np.isfinite(bounds[0])
-    assert np.isinf(bounds[-1])
-    assert np.all(roots[:-1] <= bounds[:-1])
+    assert np.isinf(bounds[-1])  # 1.01 times the largest residual that closes
+    assert np.all(zeros[:-1] <= bounds[:-1])

@@ -1,5 +1,7 @@
 """Folded paper: shipped folds against closed forms, and files of new vertices."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -90,26 +92,72 @@ def test_a_positive_fold_angle_is_a_valley_of_a_vertex():
         assert np.array_equal(height > 0.0, fold_variable(motion, crease) > 0.0)
 
 
-def test_a_positive_fold_angle_is_a_valley_of_the_miura_unit():
-    """A facet rises above the plane of the one on the other side of a valley.
+@pytest.fixture(scope="module")
+def miura_fold():
+    """Return the Miura fold at five inputs, and its creases (5, 3) by name.
 
-    zRC points upwards in the sheet and hRC to the right; f11 is at the upper left.
+    The sheet has 3 x 3 facets. The crease hRC, below the facet fRC, points to the right;
+    the crease zRC, to the right of the facet, points upwards::
+
+        f11   z11   f12   z12   f13
+        -h11>       -h12>       -h13>
+        f21   z21   f22   z22   f23
+        -h21>       -h22>       -h23>
+        f31   z31   f32   z32   f33
     """
     mechanism = sk.load("miura_unit")
     motion = sk.trace(mechanism, samples=5, assembly_mode=0)
-    axes = {name: motion.axes[:, k] for name, k in mechanism.pair_number.items()}
-    for row in (1, 2):
-        for column in (1, 2):
-            h, z = f"h{row}{column}", f"z{row}{column}"
-            # Facet f(R + 1)C below h has the normal h x z, and fRC above it rises along z.
-            below = np.cross(axes[h], axes[f"z{row + 1}{column}"])
-            height = np.sum(below * axes[z], axis=1)
-            assert np.array_equal(height > 0.0, fold_variable(motion, h) > 0.0)
-            # Facet fR(C + 1) right of z has the normal h x z, and fRC left of it rises
-            # against h.
-            right = np.cross(axes[f"h{row}{column + 1}"], axes[z])
-            height = -np.sum(right * axes[h], axis=1)
-            assert np.array_equal(height > 0.0, fold_variable(motion, z) > 0.0)
+    creases = {name: motion.axes[:, k] for name, k in mechanism.pair_number.items()}
+    return motion, creases
+
+
+def rises_above_facet(right, up, direction):
+    """Return whether a direction (n, 3) rises above a facet.
+
+    `right` and `up` are the directions (n, 3) of two creases of this facet, to the right
+    and upwards in the sheet, so that right x up points out of the paper.
+    """
+    normal = np.cross(right, up)
+    return np.sum(normal * direction, axis=1) > 0.0
+
+
+ROWS_AND_COLUMNS = pytest.mark.parametrize(
+    ("row", "column"), list(product((1, 2), repeat=2))
+)
+
+
+@ROWS_AND_COLUMNS
+def test_a_positive_fold_angle_is_a_valley_at_creases_to_the_right(row, column, miura_fold):
+    """The facet above a valley hRC rises above the plane of the facet below it.
+
+    The facet below is f(R + 1)C, with the creases hRC and z(R + 1)C. The facet above is
+    fRC. It extends from hRC along its right border zRC.
+    """
+    motion, creases = miura_fold
+    h = f"h{row}{column}"
+    rises = rises_above_facet(
+        right=creases[h],
+        up=creases[f"z{row + 1}{column}"],
+        direction=creases[f"z{row}{column}"],
+    )
+    assert np.array_equal(rises, fold_variable(motion, h) > 0.0)
+
+
+@ROWS_AND_COLUMNS
+def test_a_positive_fold_angle_is_a_valley_at_creases_upwards(row, column, miura_fold):
+    """The facet left of a valley zRC rises above the plane of the facet right of it.
+
+    The facet on the right is fR(C + 1), with the creases hR(C + 1) and zRC. The facet on
+    the left is fRC. It extends from zRC against its lower border hRC.
+    """
+    motion, creases = miura_fold
+    z = f"z{row}{column}"
+    rises = rises_above_facet(
+        right=creases[f"h{row}{column + 1}"],
+        up=creases[z],
+        direction=-creases[f"h{row}{column}"],
+    )
+    assert np.array_equal(rises, fold_variable(motion, z) > 0.0)
 
 
 def fold_variable(motion, crease):

@@ -84,20 +84,35 @@ def load_from_page(page, folder):
 def test_the_cylinder_carries_the_weight_of_the_lid(tmp_path):
     """The force of the cylinder balances the weight of the closed lid by hand.
 
-    The force acts along the line from the foot to the head of the cylinder. Its moment
-    about the hinge line, the y axis, is that of the weight.
-    """
-    hatch = load_from_page("linear_actuator.md", tmp_path)
-    foot, head = np.array([0.18, 0.24, -0.4]), np.array([0.32, 0.24, 0.0])
-    length = np.linalg.norm(head - foot)
-    lever_arm = abs(np.cross(head, (head - foot) / length)[1])
-    force_by_hand = 8.0 * 9.81 * 0.3 / lever_arm
+    The page replaces the cylinder by an input: the angle alpha between the lines to its
+    foot and to its head from a point O of the hinge line. With the distances a and b of
+    foot and head from O, the length L of the cylinder follows from the law of cosines,
+    L^2 = a^2 + b^2 - 2 a b cos(alpha), so that dL / dalpha = a b sin(alpha) / L. By the
+    power torque * dalpha = force * dL, force = torque * L / (a b sin(alpha)).
 
+    By hand, the force acts along the line from foot to head. Its moment about the hinge
+    line, the y axis, is that of the weight.
+    """
+    # The numbers of the page: points in m from O, and the plate of the lid.
+    foot = np.array([0.18, 0.24, -0.4])
+    head = np.array([0.32, 0.24, 0.0])
+    lid_mass = 8.0
+    gravity = 9.81
+    centre_distance_from_hinge = 0.3
+
+    length = np.linalg.norm(head - foot)
+    line_of_force = (head - foot) / length
+    lever_arm = abs(np.cross(head, line_of_force)[1])
+    weight_moment = lid_mass * gravity * centre_distance_from_hinge
+    force_by_hand = weight_moment / lever_arm
+
+    hatch = load_from_page("linear_actuator.md", tmp_path)
     result = sk.run(hatch, "statics", samples=2, assembly_mode=0)
-    torque = result.frame("statics")["tau"][0]
-    foot_arm, head_arm = np.linalg.norm(foot), np.linalg.norm(head)
-    angle = hatch.inputs[0].start
-    force = torque * length / (foot_arm * head_arm * np.sin(angle))
+    torque = result.frame("statics")["tau"][0]  # in the closed position
+    alpha = hatch.inputs[0].start
+    a = np.linalg.norm(foot)
+    b = np.linalg.norm(head)
+    force = torque * length / (a * b * np.sin(alpha))
     assert force == pytest.approx(force_by_hand, rel=1e-12)
 
 
@@ -109,20 +124,34 @@ def test_the_second_sun_turns_by_the_ratio_of_the_teeth(tmp_path):
     assert ratio == pytest.approx(1.0 - (36 / 18) * (18 / 35), rel=1e-12)
 
 
-def test_both_vertices_fold_as_flat_foldable_vertices_do(tmp_path):
-    """Each vertex has the two known constant ratios of tangents of half the fold angles.
+@pytest.mark.parametrize(
+    ("crease", "sector_deg", "next_sector_deg"),
+    [
+        # Around V1: ab, facet a (80 deg), da, facet d (120 deg).
+        ("da", 80.0, 120.0),
+        # Around V2: ab, facet b (130 deg), be, facet e (70 deg).
+        ("be", 130.0, 70.0),
+    ],
+)
+def test_both_vertices_fold_as_flat_foldable_vertices_do(
+    crease, sector_deg, next_sector_deg, tmp_path
+):
+    """Two creases of a vertex have one of two known constant ratios, one in each fold.
 
-    They are -cos(m)/cos(d) and sin(m)/sin(d), with half the sum m and half the difference d
-    of the sector between the two creases and the next sector.
+    The ratio is that of the tangents of half the fold angles, of a crease and of the input
+    crease ab beside it. Let a be the sector between both creases, and b the next sector,
+    beyond the crease. The two ratios are -cos((a + b)/2) / cos((a - b)/2) and
+    sin((a + b)/2) / sin((a - b)/2).
     """
     sheet = load_from_page("several_vertices.md", tmp_path)
     folded = sk.evaluate(sheet, np.radians([20.0, 60.0, 140.0]))
-    for crease, sector, next_sector in (("da", 80.0, 120.0), ("be", 130.0, 70.0)):
-        half_sum = np.radians(0.5 * (sector + next_sector))
-        half_difference = np.radians(0.5 * (sector - next_sector))
-        ratios = np.tan(0.5 * folded.variable(crease)) / np.tan(0.5 * folded.q)
-        first = -np.cos(half_sum) / np.cos(half_difference)
-        second = np.sin(half_sum) / np.sin(half_difference)
-        distances = np.abs(ratios[:, None] - [first, second])
-        assert distances.min(axis=1).max() < 1e-12
-        assert set(distances.argmin(axis=1)) == {0, 1}
+    ratios = np.tan(0.5 * folded.variable(crease)) / np.tan(0.5 * folded.q)
+
+    half_sum = np.radians(0.5 * (sector_deg + next_sector_deg))
+    half_difference = np.radians(0.5 * (sector_deg - next_sector_deg))
+    ratio_in_one_fold = -np.cos(half_sum) / np.cos(half_difference)
+    ratio_in_other_fold = np.sin(half_sum) / np.sin(half_difference)
+    distances = np.abs(ratios[:, None] - [ratio_in_one_fold, ratio_in_other_fold])
+    assert distances.min(axis=1).max() < 1e-12
+    nearest_ratios = distances.argmin(axis=1)
+    assert set(nearest_ratios) == {0, 1}  # both folds occur

@@ -32,6 +32,24 @@ URDF = (HERE / "files" / "two_inputs.urdf").read_text(encoding="utf-8")
 LOOPS = tomllib.loads(mechanism_text("import_loops"))
 
 
+PIVOT_THROUGH_CENTRE_M = -0.1
+"""Place of the joint `pivot` along y of the link `right`. This link is 0.1 m beside the
+common centre of the axes, so that the axis of `pivot` passes through the centre."""
+
+
+def wrist_model(loop, pivot_y=PIVOT_THROUGH_CENTRE_M):
+    """Return the URDF model of a wrist with two inputs.
+
+    Parameters
+    ----------
+    loop
+        Element that closes its loop, such as those of `LOOPS`.
+    pivot_y
+        Place of the joint `pivot` along y of its link, in m.
+    """
+    return URDF.format(pivot=pivot_y, loop=loop)
+
+
 def write_model(tmp_path, text, name="model.xml"):
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
@@ -297,7 +315,7 @@ def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
     the axis "tip" may differ. The link "left" has the mass 0.2 kg with its centre at 0.05 m
     along y and 0.02 m along z, and moments of 1e-4 kg m2 about the centre.
     """
-    path = write_model(tmp_path, URDF.format(pivot=-0.1, loop=LOOPS[loop]), "wrist.urdf")
+    path = write_model(tmp_path, wrist_model(LOOPS[loop]), "wrist.urdf")
     result = sk.import_mechanism(path)
     mechanism = result.mechanism
     assert [item.pair for item in mechanism.inputs] == ["left_axle", "right_axle"]
@@ -316,19 +334,17 @@ def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
 def test_axes_that_miss_are_refused_with_their_distances(tmp_path, capsys):
     """An axis that misses the common centre by 1 cm is refused, unless `within` allows it.
 
-    In the URDF model the joint `pivot` is placed at y = -0.09 m of its link. At -0.1 m its
-    axis would pass the common point of the four other axes, (0, 0, 0.3) m.
+    The joint `pivot` is placed 1 cm beside the place where its axis passes the common point
+    of the four other axes, (0, 0, 0.3) m.
     """
-    path = write_model(
-        tmp_path, URDF.format(pivot=-0.09, loop=LOOPS["origins"]), "off.urdf"
-    )
+    model = wrist_model(LOOPS["origins"], pivot_y=PIVOT_THROUGH_CENTRE_M + 0.01)
+    path = write_model(tmp_path, model, "off.urdf")
     assert main(["import", str(path), "-o", str(tmp_path / "x.toml")]) == 1
     message = capsys.readouterr().err
-    assert (
-        "do not meet in one point" in message
-        and "4 of 5 axes pass through the point 0.0, 0.0, 0.3" in message
-    )
-    assert "joint pivot: 0.01 m" in message and "joint left_axle: 0 m" in message
+    assert "do not meet in one point" in message
+    assert "4 of 5 axes pass through the point 0.0, 0.0, 0.3" in message
+    assert "joint pivot: 0.01 m" in message
+    assert "joint left_axle: 0 m" in message
     assert not (tmp_path / "x.toml").exists()
     assert sk.import_mechanism(path, within=0.02).mechanism.pairs
 
@@ -347,33 +363,48 @@ def test_what_is_no_spherical_mechanism_is_refused(call, tmp_path, monkeypatch):
     check_call(call, globals(), TABLES["imports"][call])
 
 
-def test_a_loop_that_is_open_in_the_file_is_closed(tmp_path):
-    """A loop that is 0.2 rad open where all joints are zero is closed by moving passive
-    joints.
+OPENING_RAD = 0.2
+
+
+def import_wrist_with_an_open_loop(folder):
+    """Import the wrist with a loop that is 0.2 rad open where all joints are zero.
 
     The loop joins the tip of the left rod, on the z axis, to a point of the tool, which
-    belongs to the hand. The direction of this point from the centre is turned from z by 0.2
-    rad about y. The arcs between the axes of each link stay those of the file: the rod has
-    the axes (0, 0.6, 0.8) and z with the cosine 0.8; the hand has the axis of `pivot`,
-    (0.6, 0, 0.8), and the turned direction.
+    belongs to the hand. In the original loop element this point is on the z axis too. Here
+    its direction from the centre is turned from z by 0.2 rad about y.
     """
     # The point is 0.1 m from the centre. The frame of the tool is 0.2 m from it, along z.
-    x_from_centre = 0.1 * np.sin(0.2)
-    z_from_centre = 0.1 * np.cos(0.2)
+    x_from_centre = 0.1 * np.sin(OPENING_RAD)
+    z_from_centre = 0.1 * np.cos(OPENING_RAD)
     point_of_tool = f"{x_from_centre} 0 {z_from_centre - 0.2}"
-    # In the original element the point of the tool is on the z axis, and the loop closed.
-    loop = LOOPS["two link1"].replace("0 0 -0.1", point_of_tool)
-    result = sk.import_mechanism(
-        write_model(tmp_path, URDF.format(pivot=-0.1, loop=loop), "wrist.urdf")
-    )
+    open_loop = LOOPS["two link1"].replace("0 0 -0.1", point_of_tool)
+    return sk.import_mechanism(write_model(folder, wrist_model(open_loop), "wrist.urdf"))
+
+
+def test_a_loop_that_is_open_in_the_file_is_closed_between_links_of_the_same_size(tmp_path):
+    """The arcs between the axes of each link stay those of the file.
+
+    The rod has the axes (0, 0.6, 0.8) and z in the file, with the cosine 0.8. The hand has
+    the axis of `pivot`, (0.6, 0, 0.8), and the direction of the point of the tool,
+    (sin 0.2, 0, cos 0.2).
+    """
+    result = import_wrist_with_an_open_loop(tmp_path)
     assert "loops are open in the file's pose" in result.text
     axes = {name: np.array(axis) for name, axis in result.mechanism.geometry.axes.items()}
     assert axes["tip"] @ axes["left_elbow"] == pytest.approx(0.8, abs=1e-13)
-    expected_cosine = 0.6 * np.sin(0.2) + 0.8 * np.cos(0.2)
+    expected_cosine = 0.6 * np.sin(OPENING_RAD) + 0.8 * np.cos(OPENING_RAD)
     assert axes["tip"] @ axes["pivot"] == pytest.approx(expected_cosine, abs=1e-13)
-    assert axes["left_axle"] == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
-    values = result.mechanism.geometry.values
-    assert "left_axle" not in values and abs(values["pivot"]) > 0.01
+
+
+def test_an_open_loop_is_closed_by_moving_passive_joints_only(tmp_path):
+    """The input `left_axle` keeps its axis, x, and its value 0; `pivot` is moved.
+
+    A joint without an entry in `values` has the angle 0 in the closed pose.
+    """
+    geometry = import_wrist_with_an_open_loop(tmp_path).mechanism.geometry
+    assert geometry.axes["left_axle"] == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
+    assert "left_axle" not in geometry.values
+    assert abs(geometry.values["pivot"]) > 0.01
 
 
 def test_a_model_whose_joints_are_all_locked_is_refused(tmp_path):

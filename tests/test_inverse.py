@@ -159,51 +159,100 @@ def test_the_margin_of_a_three_legged_wrist_is_that_of_its_nearest_leg():
     assert np.max(np.abs(inverse.margin - np.min(leg_margins, axis=0))) < 1e-14
 
 
-def test_the_measures_of_a_three_legged_wrist_are_those_of_its_leg_planes():
-    """Distances from singularities follow from the normals of crank-coupler planes.
-
-    The measure of type I (a leg at a dead centre) is the sine of the angle between the base
-    axis and the plane of crank and coupler, whose normal is n.
-
-    The measure of type II is sqrt(S / S_locked). Suppose that pairs have play: the links of
-    a pair then turn relative to each other not only about its axis, but also at an
-    additional angular velocity, the misfit of the pair. Let the platform turn at the
-    angular velocity w with |w| = 1 rad/s. S is the least sum of squared misfits over all
-    pairs and all w while the cranks are locked, S_locked the same with all pairs locked.
-
-    The axes of the two passive pairs of a leg are in the plane with the normal n. So with a
-    locked crank, the components of its three misfits along n add up to n.w. The sum of
-    squares is least if each is a third of it, 3 (n.w / 3)^2 = (n.w)^2 / 3. With the normals
-    of all legs as rows of N, S is the least |N w|^2 / 3, which is the square of the least
-    singular value of N, over 3. With all pairs locked, the misfits of each leg add up to w,
-    and each is a third of it: S_locked = 3 legs x 3 pairs x (1/3)^2 = 1.
-    """
+@pytest.fixture(scope="module")
+def wrist_in_random_poses():
+    """Return the wrist `three_rrr`, 500 poses (500, 3, 3), and its inverse kinematics."""
     mechanism = sk.load("three_rrr")
     poses = random_rotations(500, 10)
-    inverse = sk.InverseKinematics(mechanism).at(poses, normals=True)
+    return mechanism, poses, sk.InverseKinematics(mechanism).at(poses, normals=True)
+
+
+def base_axis(mechanism, leg):
+    """Return the axis (3,) of the input pair of a leg, in ground axes."""
+    first_frame, _ = pair_frames(mechanism)[f"a{leg}"]
+    return first_frame[:, 2]
+
+
+def normals_of_leg_planes(mechanism, leg, poses, angles):
+    """Return the unit normals (n, 3) of the planes of crank and coupler of a leg.
+
+    The plane contains the axis between crank and coupler, pair b, and the axis between
+    coupler and platform, pair c. The normal is their vector product, b x c.
+
+    Parameters
+    ----------
+    mechanism
+        The wrist `three_rrr`.
+    leg
+        "1", "2" or "3".
+    poses, angles
+        (n, 3, 3) orientations of the platform, and angles (n,) of the crank in rad.
+    """
     frames = pair_frames(mechanism)
-    for mode in range(8):
-        is_valid = inverse.status[mode] == Status.OK
-        normals = []
-        for leg, name in enumerate("123"):
-            in_ground, in_crank = frames[f"a{name}"]
-            angles = inverse.inputs[mode][is_valid, leg, None]
-            rotation = Rotation.from_euler("z", angles).as_matrix()
-            crank_rotation = in_ground @ rotation @ in_crank.T
-            crank_end = crank_rotation @ frames[f"b{name}"][0][:, 2]
-            platform_axis = poses[is_valid] @ frames[f"c{name}"][1][:, 2]
-            normal = np.cross(crank_end, platform_axis)
-            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-            sine = normal @ in_ground[:, 2]
-            type_1 = inverse.type_1[mode][is_valid, leg]
-            assert np.max(np.abs(np.abs(sine) - type_1)) < 1e-12
-            # Normals point in the sense in which the rate of the input is positive.
-            normal *= np.sign(sine)[:, None]
-            assert np.max(np.abs(normal - inverse.normals[mode][is_valid, leg])) < 1e-12
-            normals.append(normal)
-        singular_values = np.linalg.svd(np.stack(normals, axis=1), compute_uv=False)
-        type_2 = singular_values[:, -1] / np.sqrt(3.0)
-        assert np.max(np.abs(type_2 - inverse.type_2[mode][is_valid])) < 1e-12
+    ground_frame, crank_frame = frames[f"a{leg}"]
+    rotations_about_base_axis = Rotation.from_euler("z", angles[:, None]).as_matrix()
+    crank_orientation = ground_frame @ rotations_about_base_axis @ crank_frame.T
+    axis_b = crank_orientation @ frames[f"b{leg}"][0][:, 2]
+    axis_c = poses @ frames[f"c{leg}"][1][:, 2]
+    normals = np.cross(axis_b, axis_c)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("leg", "123")
+@pytest.mark.parametrize("mode", range(8))
+def test_the_type_i_measure_is_the_sine_between_base_axis_and_leg_plane(
+    mode, leg, wrist_in_random_poses
+):
+    """A leg is at a dead centre where its base axis is in the plane of crank and coupler.
+
+    The normal that is returned points in the sense in which the rate of the input is
+    positive: the side of the base axis.
+    """
+    mechanism, poses, inverse = wrist_in_random_poses
+    leg_number = int(leg) - 1
+    is_valid = inverse.status[mode] == Status.OK
+    normals = normals_of_leg_planes(
+        mechanism, leg, poses[is_valid], inverse.inputs[mode][is_valid, leg_number]
+    )
+    sines = normals @ base_axis(mechanism, leg)
+    type_1 = inverse.type_1[mode][is_valid, leg_number]
+    assert np.max(np.abs(np.abs(sines) - type_1)) < 1e-12
+    expected_normals = normals * np.sign(sines)[:, None]
+    returned_normals = inverse.normals[mode][is_valid, leg_number]
+    assert np.max(np.abs(expected_normals - returned_normals)) < 1e-12
+
+
+@pytest.mark.parametrize("mode", range(8))
+def test_the_type_ii_measure_is_the_least_singular_value_of_the_leg_planes(
+    mode, wrist_in_random_poses
+):
+    """The measure of type II is sigma_min(N) / sqrt(3), with the leg normals as rows of N.
+
+    By its definition it is sqrt(S / S_locked), with the following sums of squares. Suppose
+    that pairs have play: the links of a pair turn relative to each other not only about its
+    axis, but also at a small further angular velocity, the misfit of the pair. Let the
+    platform turn at the angular velocity w with |w| = 1. S is the least sum of squared
+    misfits over all w while the cranks are locked, S_locked the same if all pairs are.
+
+    1. Cranks locked: both passive axes of a leg are in its plane, so only its three misfits
+       turn the platform about the normal n of the plane. Their components along n add up to
+       n.w. Their squares add up to the least sum, (n.w)^2 / 3, if each is n.w / 3.
+    2. All legs together: S is the least |N w|^2 / 3, which is sigma_min(N)^2 / 3.
+    3. All pairs locked: the three misfits of each leg add up to w, and each is w / 3.
+       S_locked = 3 legs x 3 pairs x (1/3)^2 = 1.
+    """
+    mechanism, poses, inverse = wrist_in_random_poses
+    is_valid = inverse.status[mode] == Status.OK
+    leg_normals = [
+        normals_of_leg_planes(
+            mechanism, leg, poses[is_valid], inverse.inputs[mode][is_valid, leg_number]
+        )
+        for leg_number, leg in enumerate("123")
+    ]
+    matrices = np.stack(leg_normals, axis=1)
+    least_singular_values = np.linalg.svd(matrices, compute_uv=False)[:, -1]
+    expected = least_singular_values / np.sqrt(3.0)
+    assert np.max(np.abs(expected - inverse.type_2[mode][is_valid])) < 1e-12
 
 
 def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
@@ -343,6 +392,17 @@ def test_names_of_the_wrist_give_way():
     assert legs == ("dyad of 21, 32, turn", "dyad of tilt, 54, 51")
 
 
+def count_solutions_with_orientation(solutions, row, orientation):
+    """Return how many solutions for a direction have this orientation of the output.
+
+    Solutions are different if their inputs are. `row` is the number of the direction.
+    """
+    is_of_row = solutions.row == row
+    gaps = np.max(np.abs(solutions.rotations[is_of_row] - orientation), axis=(1, 2))
+    inputs = solutions.inputs[is_of_row][gaps < 1e-9]
+    return len({tuple(np.round(q, 6)) for q in inputs})
+
+
 @pytest.mark.slow
 def test_all_mid_plane_symmetric_solutions_are_found():
     """Solutions for a direction include the mid-plane symmetric ones, with all leg modes.
@@ -354,24 +414,21 @@ def test_all_mid_plane_symmetric_solutions_are_found():
     general inverse kinematics has to find these solutions among others.
     """
     mechanism = sk.load("two_dof_spm")
-    kinematics = sk.InverseKinematics(mechanism)
     form = sk.mid_plane_form(mechanism)
     directions = np.array([[0.3, 0.8, 0.52], [0.5, 0.5, 0.7], [-0.4, 0.7, 0.1], [0, -1, 1]])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     normals, _ = form.normals_to(directions @ form.frame)
-    # The elbows (directions, legs, 3) are NaN if a leg does not reach the mid-plane. This
-    # is the same for both elbows that a leg can have, of which `modes` selects one.
-    _, triple_products = form.plane.elbows(normals, modes=1)
-    is_reached = np.isfinite(triple_products).all(axis=1)
+    # The elbows (directions, legs, 3) are NaN if a leg does not reach the mid-plane. The
+    # sign selects one of the two elbows that a leg can have; both exist or none.
+    elbows, _ = form.plane.elbows(normals, modes=1)
+    is_reached = np.isfinite(elbows).all(axis=(1, 2))
     assert 2 <= np.sum(is_reached) < 4
-    solutions = kinematics.solutions(directions)
+
+    solutions = sk.InverseKinematics(mechanism).solutions(directions)
     assert np.max(np.abs(solutions.directions - directions[solutions.row])) < 1e-14
     for row, orientation in enumerate(form.orientations(normals)):
-        is_of_row = solutions.row == row
-        gaps = np.max(np.abs(solutions.rotations[is_of_row] - orientation), axis=(1, 2))
-        inputs = solutions.inputs[is_of_row][gaps < 1e-9]
-        different_inputs = {tuple(np.round(q, 6)) for q in inputs}
-        assert len(different_inputs) == (4 if is_reached[row] else 0)
+        symmetric_solutions = count_solutions_with_orientation(solutions, row, orientation)
+        assert symmetric_solutions == (2 * 2 if is_reached[row] else 0)
     # A working mode has five signs: one for each of the four dyads (two links each) into
     # which the mechanism is divided, and one for the last link, a bar between two axes.
     assert {len(signs) for signs in solutions.signs} == {5}

@@ -1,8 +1,10 @@
 """The analysis `inverse_kinematics`: rates, both ways, files, windows, bad input."""
 
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,72 +49,132 @@ def solver(request):
     return output_kinematics(sk.load(request.param))
 
 
-def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
-    """Joint angles of inverse kinematics close the loops; rates and measures are confirmed.
+@dataclass(frozen=True)
+class RegularSolutions:
+    """Solutions of inverse kinematics, away from singularities of both types.
 
-    The solver gives the rates of the inputs per rate of the output. Here they follow from
-    forward kinematics: the velocities of the output per rate of the inputs are inverted.
-    The type II measure is confirmed by the velocity equations of all links
-    (`oracles.velocity_equations`): it is their least misfit with the inputs locked.
-    Configurations near a singularity of type I or II are left out.
+    Attributes
+    ----------
+    values
+        (n, variables) joint angles in rad.
+    rates
+        (n, inputs, 3) how fast the inputs turn per angular velocity of the output.
+    type_1
+        (n, inputs) measure of type I of each leg, from 0 (dead centre) to 1.
+    type_2
+        (n,) measure of type II, from 0 (singular) to 1.
+    directions
+        (n, 3) unit vectors, if the output is the direction of a pointer, otherwise None.
     """
-    mechanism = solver.mechanism
-    output = solver.output
-    pairs = range(len(mechanism.pairs))
+
+    values: Any
+    rates: Any
+    type_1: Any
+    type_2: Any
+    directions: Any
+
+
+@pytest.fixture(scope="module")
+def regular(solver):
+    """Return the solutions at 60 poses in all working modes that are not near singular."""
+    all_pairs = range(len(solver.mechanism.pairs))
     poses = poses_for(solver, 60)
-    # The inputs of all poses in all working modes, a row for each.
-    rows = solver.inverse(poses, solver.labels, pairs)
+    rows = solver.inverse(poses, solver.labels, all_pairs)
     is_regular = np.asarray(rows.status == sk.Status.OK)
     is_regular &= rows.type_1.min(axis=1) > LEAST_MEASURE
     is_regular &= rows.type_2 > LEAST_MEASURE
     assert np.sum(is_regular) > 40
-    values = rows.values[is_regular]
-    expected_rates = rows.rates[is_regular]
-    assert np.max(solver.residual(values)) < 1e-13
-
-    position_solver = ForwardKinematics(mechanism).solver
-    output_velocities = output_rates(make_motion(position_solver, values), output)
-    # The output is the direction of a pointer, or else an orientation.
     is_pointer = solver.points
-    directions = poses[rows.pose[is_regular]] if is_pointer else None
-    fractions = invert_jacobian(output_velocities, directions)
-    rates, type_1 = fractions.rates, fractions.type_1
+    return RegularSolutions(
+        values=rows.values[is_regular],
+        rates=rows.rates[is_regular],
+        type_1=rows.type_1[is_regular],
+        type_2=rows.type_2[is_regular],
+        directions=poses[rows.pose[is_regular]] if is_pointer else None,
+    )
+
+
+def test_joint_angles_of_inverse_kinematics_close_the_loops(solver, regular):
+    assert np.max(solver.residual(regular.values)) < 1e-13
+
+
+def test_rates_and_type_i_measures_invert_the_velocities_of_the_output(solver, regular):
+    """Rates of the inputs per rate of the output are the inverse of forward kinematics.
+
+    Forward kinematics gives the velocities of the output per rate of the inputs.
+    """
+    position_solver = ForwardKinematics(solver.mechanism).solver
+    motion = make_motion(position_solver, regular.values)
+    output_velocities = output_rates(motion, solver.output)
+    inverted = invert_jacobian(output_velocities, regular.directions)
     # Forward velocities are NaN where the inputs do not determine the motion, which may be
     # so in few rows only.
     is_finite = np.isfinite(output_velocities).all(axis=(1, 2))
     assert np.mean(is_finite) > 0.9
-    size = np.max(np.abs(expected_rates[is_finite]), axis=(1, 2))
-    gap = np.max(np.abs(rates - expected_rates)[is_finite], axis=(1, 2))
+    size = np.max(np.abs(regular.rates[is_finite]), axis=(1, 2))
+    gap = np.max(np.abs(inverted.rates - regular.rates)[is_finite], axis=(1, 2))
     assert np.max(gap / size) < 1e-10
-    type_1_gap = np.abs(type_1 - rows.type_1[is_regular])
+    type_1_gap = np.abs(inverted.type_1 - regular.type_1)
     assert np.max(type_1_gap[is_finite]) < 1e-10
 
-    closed = position_solver.closure.linearise(values)
-    link = mechanism.link_number[output.link]
-    base = mechanism.link_number[output.relative_to]
-    for k in range(0, len(values), 5):
-        direction = None
-        if directions is not None:
-            direction = closed.rotations[k, base] @ directions[k]
+
+def test_the_type_ii_measure_is_the_least_misfit_of_the_velocity_equations(solver, regular):
+    """The measure of type II says how strongly locked inputs keep the output from turning.
+
+    `oracles.velocity_equations` computes it from the velocity equations of all links.
+    Every fifth solution is compared. If the output is a pointer, its rotation about the
+    direction in which it points is not counted.
+    """
+    mechanism = solver.mechanism
+    position_solver = ForwardKinematics(mechanism).solver
+    closed = position_solver.closure.linearise(regular.values)
+    link = mechanism.link_number[solver.output.link]
+    base = mechanism.link_number[solver.output.relative_to]
+    for k in range(0, len(regular.values), 5):
+        pointing_direction = None
+        if regular.directions is not None:
+            base_orientation = closed.rotations[k, base]
+            pointing_direction = base_orientation @ regular.directions[k]
         misfit = least_misfit(
             mechanism.ends,
             closed.vectors[k],
             position_solver.driven,  # numbers of the variables of the inputs
             link,
             base,
-            direction,
+            pointing_direction,
         )
-        assert abs(rows.type_2[is_regular][k] - misfit) < 1e-12
+        assert abs(regular.type_2[k] - misfit) < 1e-12
+
+
+def driven_legs(solver):
+    """Return the numbers of the legs with an input: positions in the label of a mode.
+
+    A working mode has a sign for each leg, the chain of links from an input to the output.
+    A mechanism that can be symmetric about a plane has a `form`, which names its driven
+    legs; the third leg of `two_dof_spm` is not driven. Other mechanisms of two inputs have
+    the driven legs 0 and 1.
+    """
+    if solver.form:
+        return list(solver.form.plane.driven)
+    return [0, 1]
+
+
+def text_of_inputs(input_pairs, inputs):
+    """Return rows (n, 2) of inputs in rad as text, "PAIR=VALUE+PAIR=VALUE+..."."""
+    texts = []
+    for values in inputs.tolist():
+        for pair, value in zip(input_pairs, values, strict=True):
+            texts.append(f"{pair}={value!r}")
+    return "+".join(texts)
 
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
 def test_forward_of_inverse_names_the_working_mode(name):
     """Forward kinematics of inverse solutions gives their direction and working mode.
 
-    A working mode has a sign for each leg, the chain of links from an input to the output.
     The inputs that inverse kinematics computes for a direction are passed to the forward
-    analysis, in radians as text. Among its solutions must be that direction, with the same
-    signs of the driven legs.
+    analysis, in radians as text. Among its solutions must be that direction, and all
+    solutions with this direction must have the same signs of the driven legs.
     """
     solver = output_kinematics(sk.load(name))
     directions = spiral_directions(40)
@@ -121,25 +183,22 @@ def test_forward_of_inverse_names_the_working_mode(name):
     is_regular = (rows.status == sk.Status.OK) & (rows.type_2 > LEAST_MEASURE)
     # There are rows of several working modes for each direction. The first 40 are taken.
     chosen = np.flatnonzero(is_regular)[:40]
-    input_texts = []
-    for inputs in rows.inputs[chosen].tolist():
-        for pair, value in zip(solver.mechanism.input_pairs, inputs, strict=True):
-            input_texts.append(f"{pair}={value!r}")
-    result, findings = found_in(name, poses="+".join(input_texts), unit="rad")
+    poses = text_of_inputs(solver.mechanism.input_pairs, rows.inputs[chosen])
+    result, findings = found_in(name, poses=poses, unit="rad")
     assert findings["inputs"] == len(chosen)
-    table = result.frame("inverse_kinematics", "forward")
-    # The numbers of the driven legs, whose signs are compared. They are also the positions
-    # of these signs in the label of a working mode. `two_dof_spm` (with a `form`, since it
-    # can be symmetric about a plane) has a third leg, which is not driven.
-    legs = list(solver.form.plane.driven) if solver.form else [0, 1]
+
+    forward_table = result.frame("inverse_kinematics", "forward")
+    legs = driven_legs(solver)
     for number, row in enumerate(chosen):
-        solutions = table[table["pose"] == number]
-        expected = directions[rows.pose[row]]
-        gap = np.linalg.norm(solutions[["x", "y", "z"]].to_numpy() - expected, axis=1)
+        solutions = forward_table[forward_table["pose"] == number]
+        expected_direction = directions[rows.pose[row]]
+        computed_directions = solutions[["x", "y", "z"]].to_numpy()
+        gap = np.linalg.norm(computed_directions - expected_direction, axis=1)
         matching = solutions[gap < 1e-11]
         assert len(matching)
         signs = {"".join(label[k] for k in legs) for label in matching["working_mode"]}
-        assert signs == {"".join(rows.mode[row][k] for k in legs)}
+        expected_signs = "".join(rows.mode[row][k] for k in legs)
+        assert signs == {expected_signs}
 
 
 def test_phi_and_gamma_of_the_paper():

@@ -83,16 +83,17 @@ def is_finite(x):
 
 
 def is_vector(x):
-    return isinstance(x, mpmath.matrix)
+    """Return whether a value is a column of numbers."""
+    return isinstance(x, mpmath.matrix) and x.cols == 1
+
+
+def is_tensor(x):
+    """Return whether a value is a 3 x 3 matrix, such as an inertia tensor."""
+    return isinstance(x, mpmath.matrix) and x.cols == 3
 
 
 def evaluate_tree(node, values):
-    """Return the value of a formula's tree, a number or a vector.
-
-    SymPy cannot read vector products. `parse_formula` has therefore written the cross
-    product a x b as a division, and SymPy keeps it as the factors a and 1 / b, in this
-    order. Between vectors a product is the scalar one. A matrix of three columns, such as
-    an inertia tensor, is multiplied by the factor to its right.
+    """Return the value of a formula's tree: a number, a vector or a tensor.
 
     Parameters
     ----------
@@ -106,22 +107,7 @@ def evaluate_tree(node, values):
     if node.is_Number:
         return mpmath.mpf(node.p) / node.q if node.is_Rational else mpmath.mpf(str(node))
     if node.is_Mul:
-        product = mpmath.mpf(1)
-        for factor in node.args:
-            is_divisor = factor.is_Pow and factor.exp == -1
-            part = evaluate_tree(factor.base if is_divisor else factor, values)
-            has_two_vectors = is_vector(product) and is_vector(part)
-            if is_vector(product) and product.cols == 3:
-                product = product * part
-            elif has_two_vectors and is_divisor:
-                product = cross_product(product, part)
-            elif has_two_vectors:
-                product = (product.T * part)[0]
-            elif is_divisor and not is_vector(part):
-                product = product / part
-            else:
-                product = product * part
-        return product
+        return evaluate_product(node.args, values)
     parts = [evaluate_tree(x, values) for x in node.args]
     if node.is_Add:
         return functools.reduce(lambda a, b: a + b, parts)
@@ -133,6 +119,37 @@ def evaluate_tree(node, values):
     name = node.func.__name__
     function = mpmath.fabs if name == "Abs" else getattr(mpmath, name)
     return function(*parts)
+
+
+def evaluate_product(factors, values):
+    """Return the value of a product, whose factors are multiplied from left to right.
+
+    SymPy cannot read vector products. `parse_formula` has therefore written the cross
+    product a x b as a division, and SymPy keeps it as the factors a and 1 / b, in this
+    order.
+    """
+    product = mpmath.mpf(1)
+    for factor in factors:
+        is_divisor = factor.is_Pow and factor.exp == -1
+        if is_divisor:
+            product = divide_or_cross(product, evaluate_tree(factor.base, values))
+        else:
+            product = multiply_or_dot(product, evaluate_tree(factor, values))
+    return product
+
+
+def divide_or_cross(a, b):
+    """Return a x b of two vectors, and a / b of a vector or a number and a number."""
+    if is_vector(a) and is_vector(b):
+        return cross_product(a, b)
+    return a / b
+
+
+def multiply_or_dot(a, b):
+    """Return the scalar product of two vectors, and a b of a number or tensor a."""
+    if is_vector(a) and is_vector(b):
+        return (a.T * b)[0]
+    return a * b
 
 
 def evaluate_document(text, given):

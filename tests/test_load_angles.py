@@ -114,21 +114,33 @@ def test_varying_the_stiffness_of_a_spring_adds_no_count_of_turns():
     assert "turns_of_41" not in argument_names
 
 
+MODE_START_RAD = 1.0
+GAP_RAD = (1.008, 1.02)
+"""Inputs at which a mode begins, and between which it does not close."""
+
+
+def fast_angle_with_a_gap(designs, inputs):
+    """Return an angle (pairs, inputs, designs) that turns 40 times as fast as the input.
+
+    It is NaN before the mode begins, and in the gap. There is one pair and one design.
+    """
+    q = inputs[:, 0]
+    gap_start, gap_end = GAP_RAD
+    is_open = (q < MODE_START_RAD) | ((q > gap_start) & (q < gap_end))
+    return np.where(is_open, np.nan, np.angle(np.exp(40j * q)))[None]
+
+
 def test_revolutions_of_designs_are_whole_where_angles_cannot_be_followed():
     """An angle that is lost near the start of a mode differs by whole revolutions only.
 
-    The angle turns 40 times as fast as the input. The mode starts at 1 rad and does not
-    close between 1.008 and 1.02 rad, so the angle cannot be followed across this gap from
-    some of the anchors.
+    Angles are followed from an input at which they count as less than half a revolution,
+    the anchor. Here the anchor is before the start of the mode. From some anchors the angle
+    cannot be followed across the gap.
     """
-
-    def angles_at(designs, inputs):
-        q = inputs[:, 0]
-        is_open = (q < 1.0) | ((q > 1.008) & (q < 1.02))
-        return np.where(is_open, np.nan, np.angle(np.exp(40j * q)))[None]
-
     q = np.linspace(1.1, 3.0, 41)
     for anchor in np.linspace(0.0, 0.9, 41):
-        offsets = unwrap_along_one_input(angles_at, 1, anchor, q, repeats=False)
+        offsets = unwrap_along_one_input(
+            fast_angle_with_a_gap, design_count=1, anchor=anchor, q=q, repeats=False
+        )
         revolutions = offsets / (2.0 * np.pi)
         np.testing.assert_allclose(revolutions, np.round(revolutions), atol=1e-12)

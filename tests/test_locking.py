@@ -122,6 +122,31 @@ def test_locking_a_pair_keeps_the_name_of_a_link_with_a_contact():
     assert "5" in sk.lock(loads(text), {"54": 20.0}, angle_unit="deg").links
 
 
+def rows_with_start_angles(motion, start_angles):
+    """Return the rows of the mode in which links begin at given angles, in all samples.
+
+    A motion has all samples of its first assembly mode, then those of the next one.
+
+    Parameters
+    ----------
+    motion
+        Motion of a mechanism with several assembly modes.
+    start_angles
+        Angles (rad) of pairs in the first sample, by the names of the pairs.
+    """
+    sample_count = int(np.sum(motion.assembly_mode == motion.assembly_mode[0]))
+    variables = [motion.mechanism.angles[pair] for pair in start_angles]
+    first_samples = motion.values[::sample_count, variables]
+    distances = np.max(np.abs(first_samples - [*start_angles.values()]), axis=1)
+    first_row = sample_count * int(np.argmin(distances))
+    return motion.rows(np.arange(first_row, first_row + sample_count))
+
+
+def column(motion, variable):
+    """Return the values (rows,) of a variable by its name."""
+    return motion.values[:, motion.mechanism.variable_names.index(variable)]
+
+
 @pytest.mark.parametrize(
     ("contact_links", "contact"),
     [(("3", "5"), "external"), (("5", "3"), "external"), (("5", "3"), "internal")],
@@ -129,10 +154,11 @@ def test_locking_a_pair_keeps_the_name_of_a_link_with_a_contact():
 def test_a_displacement_whose_zero_is_moved_by_a_lock_is_announced(contact_links, contact):
     """A warning says by how much a lock changes the displacement of a contact.
 
-    The displacement is an arc length along the circular profile of link 3. It is counted
-    from a zero that the axes of link 3 define. Locked at pair 23, link 3 becomes a part of
-    link 2, and the axes of link 2 define the zero. In the same configuration the
-    displacement then differs by the number in the warning, up to full circumferences.
+    The displacement s_35_3 of contact 35 is an arc length along the circular profile of
+    link 3. It is counted from a zero that the axes of link 3 define. Locked at pair 23,
+    link 3 becomes a part of link 2, and the axes of link 2 define the zero: the
+    displacement is now s_35_2. In the same configuration it differs by the number in the
+    warning, up to full circumferences.
     """
     mechanism = two_followers(contact_links, contact)
     # Two samples of the inputs 12 and 23. The second input is constant.
@@ -140,26 +166,24 @@ def test_a_displacement_whose_zero_is_moved_by_a_lock_is_announced(contact_links
     motion = PositionAnalysis(mechanism, path=path, assembly_mode=0).motion()
     with pytest.warns(UserWarning, match="s_35_3 .* becomes s_35_2") as warned:
         locked = sk.lock(mechanism, {"23": 0.7}, angle_unit="rad")
-    shift = float(re.search(r"adds (\S+) rad", str(warned[0].message))[1])
-    locked_motion = PositionAnalysis(locked, path=path[:, :1]).motion()
+    announced_shift = float(re.search(r"adds (\S+) rad", str(warned[0].message))[1])
+    assert abs(announced_shift) > 0.1
 
-    # The locked motion has the two samples of its first assembly mode, then those of the
-    # next one. One mode has the same angles of the followers, links 4 and 5.
-    followers = [locked.variable_names.index(name) for name in ("theta_14", "theta_15")]
-    expected = motion.values[:, [mechanism.angles["14"], mechanism.angles["15"]]]
-    first_samples = locked_motion.values[::2, followers]
-    distance = np.max(np.abs(first_samples - expected[0]), axis=1)
-    first_row = 2 * int(np.argmin(distance))
-    rows = slice(first_row, first_row + 2)
-    assert locked_motion.values[rows, followers] == pytest.approx(expected, abs=1e-12)
+    # The same configurations are found by the angles of the followers, links 4 and 5.
+    theta_14 = column(motion, "theta_14")
+    theta_15 = column(motion, "theta_15")
+    locked_motion = rows_with_start_angles(
+        PositionAnalysis(locked, path=path[:, :1]).motion(),
+        {"14": theta_14[0], "15": theta_15[0]},
+    )
+    assert column(locked_motion, "theta_14") == pytest.approx(theta_14, abs=1e-12)
+    assert column(locked_motion, "theta_15") == pytest.approx(theta_15, abs=1e-12)
 
-    displacement = motion.values[:, mechanism.variable_names.index("s_35_3")]
-    locked_displacement = locked_motion.values[rows, locked.variable_names.index("s_35_2")]
+    shift = column(locked_motion, "s_35_2") - column(motion, "s_35_3")
     profile = mechanism.pair("35").profiles[contact_links.index("3")]
     circumference = 2.0 * np.pi * np.sin(profile.radius)
-    revolutions = (locked_displacement - displacement - shift) / circumference
-    assert revolutions == pytest.approx(np.round(revolutions), abs=1e-8)
-    assert abs(shift) > 0.1
+    further_laps = (shift - announced_shift) / circumference
+    assert further_laps == pytest.approx(np.round(further_laps), abs=1e-8)
 
 
 @pytest.mark.slow

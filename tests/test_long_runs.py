@@ -491,25 +491,48 @@ class AnalysisOfAllSamples(MinimalAnalysis):
 
 
 @pytest.mark.parametrize("plain", [True, False])
+def test_a_run_that_writes_blocks_has_the_files_of_a_run_in_memory(plain, tmp_path):
+    """A run of 25 samples in blocks of 4 writes its rows block by block if it has a folder.
+
+    Otherwise all rows stay in memory until `write`. `plain` texts need no quotes in CSV.
+    """
+    analysis = AnalysisWithTexts(plain=plain)
+    sk.run("four_bar", analysis, samples=25, block=4, folder=tmp_path / "in_blocks")
+    in_memory = sk.run("four_bar", analysis, samples=25, block=4)
+    in_memory.write(tmp_path / "at_once")
+    assert contents(tmp_path / "in_blocks") == contents(tmp_path / "at_once")
+
+
+@pytest.mark.parametrize("plain", [True, False])
 def test_any_text_survives(plain, tmp_path):
     """Texts with quotes, commas and line ends are equal in memory, in files and read again.
 
-    With `plain` the texts need no quotes in CSV. The order of rows is by assembly mode. A
-    table without rows becomes a file with a header only.
+    `plain` texts need no quotes in CSV.
     """
     analysis = AnalysisWithTexts(plain=plain)
-    mechanism = sk.load("four_bar")
-    streamed = sk.run(mechanism, analysis, samples=25, block=4, folder=tmp_path / "a")
-    in_memory = sk.run(mechanism, analysis, samples=25, block=4)
-    in_memory.write(tmp_path / "b")
-    assert contents(tmp_path / "a") == contents(tmp_path / "b")
-    frame = in_memory.frame("words")
-    read_again = pd.read_csv(tmp_path / "a" / "words.csv")
-    assert list(read_again["word"]) == list(frame["word"])
-    assert list(streamed.frame()["word"]) == list(frame["word"])
-    assert list(frame["assembly_mode"]) == [0] * 25 + [1] * 25
+    in_memory = sk.run("four_bar", analysis, samples=25, block=4)
+    expected_texts = list(in_memory.frame("words")["word"])
+
+    in_files = sk.run("four_bar", analysis, samples=25, block=4, folder=tmp_path / "a")
+    assert list(in_files.frame()["word"]) == expected_texts
+    read_by_pandas = pd.read_csv(tmp_path / "a" / "words.csv")
+    assert list(read_by_pandas["word"]) == expected_texts
+
+
+def test_rows_of_a_run_in_blocks_are_in_the_order_of_assembly_modes():
+    run = sk.run("four_bar", AnalysisWithTexts(), samples=25, block=4)
+    assert list(run.frame("words")["assembly_mode"]) == [0] * 25 + [1] * 25
+
+
+def test_a_table_without_rows_becomes_a_file_with_a_header_only(tmp_path):
+    sk.run("four_bar", AnalysisWithTexts(), samples=25, block=4, folder=tmp_path / "a")
     assert len(pd.read_csv(tmp_path / "a" / "words_empty.csv")) == 0
-    assert in_memory.frame("words", "plain")["x"].dtype == float
+
+
+def test_whole_numbers_of_a_table_become_floats():
+    """The analysis "words" fills the column x of its table "plain" with whole numbers."""
+    run = sk.run("four_bar", AnalysisWithTexts(), samples=25, block=4)
+    assert run.frame("words", "plain")["x"].dtype == float
 
 
 def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):

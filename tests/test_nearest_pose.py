@@ -5,6 +5,7 @@ pose is nearer than the largest violation of the reach of a leg: a rotation by a
 changes the arc between an axis of the base and one of the output by no more than that.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -186,36 +187,59 @@ def test_nothing_is_offered_where_nothing_is_reached():
     assert nearest_in_mode(kinematics, bounds, kinematics.modes[1], pose) == [None]
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@dataclass(frozen=True)
+class UnreachablePoint:
+    """A point that is moved outwards along its axis until its pose is reachable.
+
+    Numbers are distances from the asked pose along the axis, in rad.
+
+    Attributes
+    ----------
+    distance
+        The point, whose pose is not reachable.
+    start
+        Reachable pose that the point came from. It is moved no farther than to it.
+    reachable_beyond
+        Poses of the axis are reachable beyond this distance.
+    """
+
+    distance: float
+    start: float
+    reachable_beyond: float
+
+    @property
+    def can_reach(self):
+        """Whether a reachable pose is on the way to the start."""
+        return self.reachable_beyond < self.start
+
+
+@pytest.mark.parametrize("dimension", [2, 3], ids=["on the sphere", "orientations"])
 @pytest.mark.parametrize(
-    ("points", "starts", "arcs"),
+    "points",
     [
-        ([0.1, 0.2], [1.0, 0.3], [0.8, 0.21]),
-        ([0.2, 0.1], [0.3, 1.0], [0.21, 0.8]),
-        ([0.1, 0.15], [1.0, 0.9], [0.8, 0.85]),
-        ([0.1, 0.4], [0.9, 0.5], [0.3, 0.41]),
-        ([0.1, 0.2], [1.0, 0.3], [1.5, 0.25]),
+        (UnreachablePoint(0.1, 1.0, 0.8), UnreachablePoint(0.2, 0.3, 0.21)),
+        (UnreachablePoint(0.2, 0.3, 0.21), UnreachablePoint(0.1, 1.0, 0.8)),
+        (UnreachablePoint(0.1, 1.0, 0.8), UnreachablePoint(0.15, 0.9, 0.85)),
+        (UnreachablePoint(0.1, 0.9, 0.3), UnreachablePoint(0.4, 0.5, 0.41)),
+        # The first point finds no reachable pose up to its start.
+        (UnreachablePoint(0.1, 1.0, 1.5), UnreachablePoint(0.2, 0.3, 0.25)),
     ],
 )
 def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_returned(
-    dimension, points, starts, arcs
+    dimension, points
 ):
-    """Two unreachable points are moved back towards the reachable starts they came from.
+    """Two points are moved outwards until they are reachable; the nearer one is returned.
 
-    Coordinates about the asked pose have axes, and the distance from the asked pose is
-    their length. Point k (0 or 1) is on axis k at the distance `points[k]` (rad), and is
-    moved outwards on this axis, at most to its start at `starts[k]`. A pose on axis k is
-    reachable if its distance exceeds `arcs[k]`, so the point stops there. In the last case
-    `arcs[0]` exceeds `starts[0]`: point 0 finds no reachable pose up to its start, and the
-    other point is returned. `dimension` is that of the coordinates: 2 for points on the
-    sphere, 3 for orientations.
+    Poses are stated by coordinates about the asked pose, whose length is the distance from
+    it: 2 for points on the sphere, 3 for orientations. Each point is on an axis of its own.
     """
     chart = NormalCoordinates.around(np.eye(dimension + 1)[0])
+    limits = np.array([point.reachable_beyond for point in points])
 
     def is_reachable(poses):
         coordinates = np.abs(chart.coordinates(poses))
         axis = np.argmax(coordinates[:, :2], axis=1)
-        return np.max(coordinates, axis=1) > np.array(arcs)[axis]
+        return np.max(coordinates, axis=1) > limits[axis]
 
     def no_margins(poses):
         """Return margins (n, 1) that say nothing; `_move_inside` does not use them."""
@@ -223,11 +247,11 @@ def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_ret
 
     search = NearestPoseSearch(no_margins, is_reachable)
     axes = np.eye(dimension)[:2]
-    unreachable_points = np.array(points)[:, None] * axes
-    reachable_starts = np.array(starts)[:, None] * axes
-    nearest = search._move_inside(chart, unreachable_points, reachable_starts)
+    unreachable = np.array([[point.distance] for point in points]) * axes
+    reachable_starts = np.array([[point.start] for point in points]) * axes
+    nearest = search._move_inside(chart, unreachable, reachable_starts)
 
-    attainable_arcs = [arc for arc, start in zip(arcs, starts, strict=True) if arc < start]
-    expected_arc = min(attainable_arcs)
-    assert expected_arc <= np.linalg.norm(nearest) < expected_arc + 1e-8
-    assert np.argmax(np.abs(nearest)) == arcs.index(expected_arc)
+    expected_distance = min(point.reachable_beyond for point in points if point.can_reach)
+    assert expected_distance <= np.linalg.norm(nearest) < expected_distance + 1e-8
+    axis_of_nearest = np.argmax(np.abs(nearest))
+    assert points[axis_of_nearest].reachable_beyond == expected_distance

@@ -5,7 +5,9 @@ A branch that is there twice does not change how the rest moves, so results are 
 the mechanism without it too.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,39 +62,67 @@ def test_it_is_explained_and_has_a_page(name, tmp_path, capsys):
     assert modes == len(formulas(mechanism).modes) > 0
 
 
+@dataclass(frozen=True)
+class OutputMotion:
+    """Angle (n,) in rad and rate (n,) of the output, per unit rate of the input."""
+
+    angle: Any
+    rate: Any
+
+    def angle_error(self, other):
+        """Return the largest distance of both angles, up to whole turns, as a sine."""
+        return np.max(np.abs(np.sin(0.5 * (self.angle - other.angle))))
+
+
+def follow_by_newton(exported, mode, q):
+    """Return the motion of the output at inputs q (1, n) near a known configuration.
+
+    The formulas for source code of an over-constrained mechanism close its loops by
+    Newton's method. They start from the pair variables of the known configuration of the
+    mode (`mode.values`), and ten steps are enough.
+    """
+    newton_step = exported.numpy_function(exported.step)
+    outputs = exported.numpy_function(exported.outputs)
+    input_count = q.shape[1]
+    # (variables, n): one column for each input.
+    variables = np.repeat(np.array([mode.values]).T, input_count, axis=1)
+    for _ in range(10):
+        *rows_of_variables, _residual = newton_step(q, variables, exported.size_values)
+        variables = np.array(rows_of_variables)
+    return OutputMotion(*outputs(q, variables, exported.size_values))
+
+
+def evaluate_closed_form(exported, mode, q):
+    """Return the motion of the output at inputs q (1, n) by formulas in closed form.
+
+    They select the assembly mode by the signs of its dyads (`mode.values`).
+    """
+    outputs = exported.numpy_function(exported.outputs)
+    signs = np.array([mode.values]).T
+    return OutputMotion(*outputs(q, signs, exported.size_values))
+
+
 def test_a_four_bar_moves_with_two_equal_rods_as_with_one():
     """The second rod repeats a constraint; the four-bar alone is solved in closed form.
 
-    The formulas for source code of the over-constrained four-bar close its loops by
-    Newton's method. In each assembly mode, ten steps for 11 inputs within 0.05 rad of a
-    known configuration give the output's angle and rate. They have to be those of a mode of
-    the four-bar with one rod (`four_bar_with_further_axes` without further axes).
+    The output's angle and rate, within 0.05 rad of the known configuration of each assembly
+    mode, have to be those of a mode of the four-bar with one rod
+    (`four_bar_with_further_axes` without further axes).
     """
     outputs = ["theta_out", "rate_out"]
     with_two_rods = formulas(second_rod(), outputs)
     with_one_rod = formulas(four_bar_with_further_axes("once"), outputs)
-    newton_step = with_two_rods.numpy_function(with_two_rods.step)
-    outputs_with_two_rods = with_two_rods.numpy_function(with_two_rods.outputs)
-    outputs_with_one_rod = with_one_rod.numpy_function(with_one_rod.outputs)
     for mode in with_two_rods.modes:
+        # `mode.at` has the input (rad) of the known configuration.
         q = np.array([mode.at]) + np.linspace(-0.05, 0.05, 11)
-        positions = np.repeat(np.array([mode.values]).T, 11, axis=1)
-        for _ in range(10):
-            # The last row is the residual of the step.
-            positions = newton_step(q, positions, with_two_rods.size_values)[:-1]
-        angle, rate = outputs_with_two_rods(q, positions, with_two_rods.size_values)
-
-        results_with_one_rod = [
-            outputs_with_one_rod(q, np.array([one_mode.values]).T, with_one_rod.size_values)
+        motion = follow_by_newton(with_two_rods, mode, q)
+        motions_with_one_rod = [
+            evaluate_closed_form(with_one_rod, one_mode, q)
             for one_mode in with_one_rod.modes
         ]
-        angle_errors = [
-            np.max(np.abs(np.sin(0.5 * (angle - expected_angle))))
-            for expected_angle, _ in results_with_one_rod
-        ]
-        assert min(angle_errors) < 1e-11
-        _, expected_rate = results_with_one_rod[int(np.argmin(angle_errors))]
-        assert rate == pytest.approx(expected_rate, abs=1e-9)
+        expected = min(motions_with_one_rod, key=motion.angle_error)
+        assert motion.angle_error(expected) < 1e-11
+        assert motion.rate == pytest.approx(expected.rate, abs=1e-9)
 
 
 @pytest.mark.slow
