@@ -369,7 +369,7 @@ def test_rates_along_pieces_are_within_their_bounds():
                 derivatives = curves.equations.harmonics.derivatives(points, order=2)
                 (values,), (jacobian,), (hessian,) = derivatives
                 y -= np.linalg.solve(jacobian @ normals, values)
-            assert np.max(np.abs(y)) <= piece.distance_bound
+            assert np.max(np.abs(y)) <= piece.euclidean_distance
             slope = np.linalg.solve(jacobian @ normals, jacobian @ tangent)
             rate = tangent - normals @ slope
             curvature = np.einsum("ijl,j,l->i", hessian, rate, rate)

@@ -271,7 +271,7 @@ def _follow_forward(
         of the input: 1 if the arc is above the range, -1 if it is below.
         """
         # The input's variable is the last one.
-        overshoot = max(piece.distance_bound, RANGE_OVERSHOOT_RAD)
+        overshoot = max(piece.euclidean_distance, RANGE_OVERSHOOT_RAD)
         return crossings.arm(piece) or side(piece.centre[-1], overshoot)
 
     pieces = [start]

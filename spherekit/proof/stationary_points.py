@@ -132,7 +132,7 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     normals = piece.frame[:, 1:]
     # Largest ``|y_i|`` of the arc. In the box with this radius, `bounds.slope` is the
     # largest ``|y_i'|``, and `bounds.contraction` the largest row sum of ``|Y F'N - 1|``.
-    distance = piece.distance_within(half_length)
+    distance = piece.largest_normal_coordinate(half_length)
     bounds = test.bound_arc(half_length, distance)
     rate_error = np.sum(np.abs(normals), axis=1) * bounds.slope * ROUND_UP
     # Largest coordinates (v,) along the frame: of the arc from its centre, and of z'. The
@@ -142,9 +142,11 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     # (k,) bound of how much F''(z', z') changes from the centre to any point of the arc. Of
     # the three derivatives, one is along the way from the centre (`reach`) and two are
     # along z'. Each contributes the degrees times the coordinates, summed over the
-    # coordinates. The error of F'' at the centre (`test.error`) is included.
+    # coordinates. The error of F'' at the centre (`test.derivative_error`) is included.
     sums = test.degrees @ reach
-    variation = (test.third_bound * sums + test.error) * (test.degrees @ velocity) ** 2
+    variation = (test.third_bound * sums + test.derivative_error) * (
+        test.degrees @ velocity
+    ) ** 2
     # (k,) -Y F''(t, t) at the centre. Coordinate 0 is along t.
     bend = -test.second_derivatives[:, 0, 0]
     magnitudes = np.abs(test.second_derivatives)
@@ -444,13 +446,11 @@ def _examine_stretch(
 
 
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
-    """Return the start of a stretch, with a bound of the change of a variable in it.
+    """Return an undecided stretch: its start, with a bound of the change of a variable.
 
-    A stretch is a part of a curve of configurations in a certified arc. It begins at the
-    centre of the arc. The proof has not decided whether the variable is stationary in it.
-    Two bounds are computed, and the smaller one is returned: the size of a box about the
-    stretch in this variable, and the largest rate of the variable along the tangent times
-    the length of the stretch along the tangent.
+    A stretch is a part of a curve of configurations, from the centre of a certified arc to
+    an end. It is undecided if the proof does not tell whether the variable is stationary in
+    it. The result goes to the list of undecided stretches (`StationaryPoints`).
 
     Parameters
     ----------
@@ -461,26 +461,47 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
     Returns
     -------
-    The centre of the arc, where the stretch begins, with the bound (rad) as its error.
+    The start, with the bound (rad) as its error. The bound is the smaller one of two.
     """
-    piece = stretch.piece  # the certified arc
-    # Largest coordinate s (rad) of the stretch along the tangent; s is 0 at the centre.
-    reach = min(stretch.reach, piece.half_length)
-    bounds = bound_rates(piece, reach)
+    change_in_box = _bound_change_by_box(stretch, variable)
+    change_along_curve = _bound_change_by_rate(stretch, variable)
+    # 1e-12 rad is much larger than the rounding of both bounds.
+    return StationaryPoint(
+        position=stretch.piece.centre,
+        error=min(change_in_box, change_along_curve) + 1e-12,
+    )
+
+
+def _bound_change_by_box(stretch: _Stretch, variable: int) -> float:
+    """Return how much a variable differs from the start in a box about a stretch (rad).
+
+    The start is the centre of the box. The sides of the box are along the tangent of the
+    curve at the start and along its normals: the columns of the arc's frame.
+    """
+    arc = stretch.piece
+    largest_coordinate = min(stretch.reach, arc.half_length)  # along the tangent
+    distance = arc.largest_normal_coordinate(largest_coordinate)  # along each normal
+    normal_count = len(stretch.end) - 1
+    half_lengths = [largest_coordinate, *[distance] * normal_count]
+    # Rows of the frame are variables, and columns are directions.
+    components = np.abs(arc.frame[variable])
+    return float(components @ half_lengths)
+
+
+def _bound_change_by_rate(stretch: _Stretch, variable: int) -> float:
+    """Return how much a variable changes in a stretch, by its largest rate (rad).
+
+    The rate is the derivative of the variable by the coordinate s along the tangent at the
+    start of the stretch. The change from s = 0 is at most the largest rate times the
+    largest s. The computed start may be beside the curve, so its distance from the
+    configuration with s = 0 is added.
+    """
+    arc = stretch.piece
+    largest_coordinate = min(stretch.reach, arc.half_length)
+    bounds = bound_rates(arc, largest_coordinate)
     largest_rate = max(abs(bounds.rate_low[variable]), abs(bounds.rate_high[variable]))
-    # The stretch is in the box with coordinates up to `reach` along the tangent, and up to
-    # `distance` along each of the v - 1 normals. This box contains the centre.
-    distance = piece.distance_within(reach)
-    variable_count = len(stretch.end)  # `end` is a configuration
-    normal_count = variable_count - 1
-    distances = [distance] * normal_count
-    extent = np.abs(piece.frame[variable]) @ [reach, *distances]
-    # From the configuration with s = 0, the variable changes by at most the largest rate
-    # times the reach. The centre is computed, so this configuration is up to `centre_error`
-    # away from it. The factor 1.001, and the 1e-12 rad below, are much larger than the
-    # rounding of these few products.
-    change = 1.001 * largest_rate * reach + piece.centre_error
-    return StationaryPoint(piece.centre, min(extent, change) + 1e-12)
+    # The factor 1.001 is much larger than the rounding of the product.
+    return float(1.001 * largest_rate * largest_coordinate + arc.centre_error)
 
 
 def _find_middle_piece(
@@ -550,36 +571,54 @@ def _enclose_zero(
     """
     zero_ratio = _approximate_zero(equations, stretch, variable, end_sign)
     short_stretch = _shorten_to_zero(equations, stretch, variable, end_sign, zero_ratio)
-    error = _bound_distance_from_middle(short_stretch)
-    return StationaryPoint(short_stretch.position(0.5), error)
+    largest_difference = np.max(_bound_differences_from_middle(short_stretch))
+    return StationaryPoint(short_stretch.position(0.5), float(largest_difference))
 
 
-def _bound_distance_from_middle(stretch: _Stretch) -> float:
-    """Return a bound (rad) of the distance of all points of a stretch from its middle.
+def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
+    """Return how much each variable in a stretch of a curve differs from the middle.
 
-    A stretch is a part of a curve, from the centre of a certified arc to an end. Its middle
-    is the point halfway on the straight line between both. The distance of two points is
-    the largest difference of a variable.
+    The middle is the point halfway on the straight line from the start of the stretch to
+    its computed end. The start is the centre of a certified arc. The columns of the arc's
+    frame are the tangent of the curve at the start, then the normals.
 
-    Coordinates are along the tangent of the curve at the centre, where they are 0, and
-    along the normals.
+    Returns
+    -------
+    (v,) bounds (rad) for all configurations of the stretch.
     """
-    arc = stretch.piece
-    # Along the tangent, the stretch is between 0 and at most this coordinate.
-    largest_coordinate = stretch.reach
-    # Along each normal, the curve is at most this far from the tangent line.
-    curve_distance = arc.distance_within(largest_coordinate)
-    # Along the tangent, no point is farther from the middle than half the length. Along a
-    # normal, a point of the curve and the middle may be on opposite sides of the tangent
-    # line: the point at most `curve_distance` from it, and the middle, which is nearer to
-    # the line than the computed end, at most `curve_distance + end_error`.
-    tangent_bound = 0.5 * (largest_coordinate + stretch.end_error)
-    normal_bound = 2.0 * curve_distance + stretch.end_error
+    along_tangent = _bound_distance_along_tangent(stretch)
+    along_normal = _bound_distance_along_normal(stretch)
     normal_count = len(stretch.end) - 1
-    bounds = [tangent_bound, *[normal_bound] * normal_count]
-    # The bounds along the frame give those of the variables. 1e-12 rad is much larger than
-    # the rounding of these few products.
-    return float(np.max(np.abs(arc.frame) @ bounds) + 1e-12)
+    distances = [along_tangent, *[along_normal] * normal_count]
+    # Each variable (a row of the frame) differs by at most the distances along the columns
+    # times the components of the columns. 1e-12 rad is much larger than the rounding.
+    return np.abs(stretch.piece.frame) @ distances + 1e-12
+
+
+def _bound_distance_along_tangent(stretch: _Stretch) -> float:
+    """Return how far a stretch extends from its middle along the tangent at its start.
+
+    The result is a bound (rad). Along the tangent the stretch has coordinates from 0 to its
+    length. The middle has half the coordinate of the computed end, which differs from half
+    the length by at most half the error of the end.
+    """
+    largest_length = stretch.reach
+    return 0.5 * (largest_length + stretch.end_error)
+
+
+def _bound_distance_along_normal(stretch: _Stretch) -> float:
+    """Return how far a stretch is from its middle along each normal, as a bound (rad).
+
+    A configuration of the stretch and the middle may be on opposite sides of the tangent
+    line, the straight line along the tangent at the start. Their distances from this line
+    are therefore added:
+
+    - A configuration is at most c from the line.
+    - The computed end is at most c + e from the line, where e is its error. The middle is
+      nearer to the line than the computed end.
+    """
+    curve_from_line = stretch.piece.largest_normal_coordinate(stretch.reach)  # c
+    return 2.0 * curve_from_line + stretch.end_error
 
 
 def _approximate_zero(
@@ -605,6 +644,7 @@ def _approximate_zero(
     -------
     The fraction of the way from the start of the stretch to its end.
     """
+    start_of_stretch = stretch.piece.centre
 
     def rising_rate(ratios: Floats, _: Indices) -> Floats:
         """Return the rate (1,) with the sign that makes it rise from start to end.
@@ -612,7 +652,15 @@ def _approximate_zero(
         It is evaluated at fractions (1,) of the way from the start of the stretch to its
         end.
         """
-        rate = _approximate_rate(equations, stretch, ratios[0], variable)
+        # The point on the straight line is corrected to a configuration of the curve.
+        configuration = correct_configuration(equations, stretch.position(ratios[0]))
+        if configuration is None:
+            # The rate at the start is negative with this sign, so the search continues
+            # between this fraction and the end.
+            configuration = start_of_stretch
+        rate = _approximate_rate(
+            equations, configuration, variable, direction=stretch.piece.tangent
+        )
         return np.array([end_sign * rate])
 
     one = np.ones(1)
@@ -629,34 +677,29 @@ def _approximate_zero(
 
 
 def _approximate_rate(
-    equations: ArcEquations, stretch: _Stretch, ratio: float, variable: int
+    equations: ArcEquations, configuration: Floats, variable: int, direction: Floats
 ) -> float:
-    """Return the approximate rate of a variable along a curve, at a place in a stretch.
+    """Return the derivative of a variable along the curve through a configuration.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
-    stretch
-        The stretch of the curve.
-    ratio
-        Fraction of the straight line from the start of the stretch to its end. This point
-        is corrected to a configuration. If that fails, the start takes its place. In a
-        search for a zero this has the effect that the search continues nearer to the end.
+    configuration
+        (v,) the configuration (rad).
     variable
         Number of the variable.
+    direction
+        (v,) the curve is followed in the sense of this direction.
 
     Returns
     -------
-    The component of the unit tangent of the curve along the variable; 0 if the curve has no
-    tangent there.
+    The component of the unit tangent of the curve along the variable, without error bounds;
+    0 if the curve has no tangent in the configuration.
     """
-    position = correct_configuration(equations, stretch.position(ratio))
-    if position is None:
-        position = stretch.piece.centre
-    circle_points = cosines_and_sines(position[None])
+    circle_points = cosines_and_sines(configuration[None])
     _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
-    tangent_frame = find_frame(slopes, stretch.piece.tangent)
+    tangent_frame = find_frame(slopes, direction)
     if tangent_frame is None:
         return 0.0
     tangent = tangent_frame.frame[:, 0]
@@ -672,10 +715,11 @@ def _shorten_to_zero(
 ) -> _Stretch:
     """Return a short part of a stretch that is proven to contain the only zero of a rate.
 
-    The rate is the derivative of a variable along the curve. Certified arcs on both sides
-    of the approximate zero are searched, at growing distances, until the rate has proven
-    signs at their centres. The zero is between both arcs. If there is no such arc on a
-    side, the stretch is not shortened there.
+    The rate is the derivative of a variable along the curve. Two certified arcs are
+    searched, one before and one after the approximate zero. The zero is proven to be
+    between their centres, because the rate has different proven signs there. The first
+    trial is very near the approximate zero, where these signs may be open. Each further
+    trial is at a larger distance on both sides, until both arcs are found.
 
     Parameters
     ----------
@@ -689,28 +733,69 @@ def _shorten_to_zero(
         Sign of the rate at the end of the stretch; at the start it is the opposite.
     zero_ratio
         Approximate place of the zero, as a fraction of the way from start to end.
+
+    Returns
+    -------
+    The part between both arcs. If none is found on a side, the part ends there where the
+    whole stretch does.
     """
+    shortened = stretch
+    has_new_start = False
+    has_new_end = False
     length = np.max(np.abs(stretch.chord))
-    start = stretch.piece
-    end = stretch.end
-    end_error = stretch.end_error
     bracket = FIRST_BRACKET_RAD
-    while bracket < length and (start is stretch.piece or end is stretch.end):
-        # Side 1 is after the approximate zero, side -1 before it.
-        for side in (1, -1):
-            ratio = zero_ratio + 0.5 * side * bracket / length
-            middle = _find_middle_piece(equations, stretch, ratio)
-            if middle is None:
-                continue
-            # The rate has different signs before and after the zero.
-            rate_sign, _ = _rate_signs(middle, half_length=0.0, variable=variable)
-            if rate_sign != side * end_sign:
-                continue
-            # An arc after the zero becomes the end, one before it the start.
-            if side > 0:
-                end = middle.centre
-                end_error = middle.centre_error
-            elif middle.contains(end, end_error):
-                start = middle
+    while bracket < length and not (has_new_start and has_new_end):
+        offset = 0.5 * bracket / length
+        arc_after = _find_arc_with_sign(
+            equations, stretch, variable, zero_ratio + offset, rate_sign=end_sign
+        )
+        if arc_after is not None:
+            shortened = replace(
+                shortened, end=arc_after.centre, end_error=arc_after.centre_error
+            )
+            has_new_end = True
+        arc_before = _find_arc_with_sign(
+            equations, stretch, variable, zero_ratio - offset, rate_sign=-end_sign
+        )
+        # A stretch has to end in the box of the arc at whose centre it begins.
+        if arc_before is not None and arc_before.contains(
+            shortened.end, shortened.end_error
+        ):
+            shortened = replace(shortened, piece=arc_before)
+            has_new_start = True
         bracket *= BRACKET_GROWTH
-    return _Stretch(start, end, end_error)
+    return shortened
+
+
+def _find_arc_with_sign(
+    equations: ArcEquations,
+    stretch: _Stretch,
+    variable: int,
+    ratio: float,
+    rate_sign: int,
+) -> CertifiedArc | None:
+    """Return a certified arc in a stretch if a rate has one given sign at its centre.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    stretch
+        The stretch, a part of a curve.
+    variable
+        Number of the variable whose derivative along the curve is the rate.
+    ratio
+        Position of the centre, as a fraction of the straight line from the start of the
+        stretch to its end.
+    rate_sign
+        The sign, 1 or -1.
+
+    Returns
+    -------
+    None if no arc is proven, or if the rate is not proven to have this sign.
+    """
+    arc = _find_middle_piece(equations, stretch, ratio)
+    if arc is None:
+        return None
+    proven_sign, _ = _rate_signs(arc, half_length=0.0, variable=variable)
+    return arc if proven_sign == rate_sign else None

@@ -54,6 +54,31 @@ MAX_CORRECTOR_STEPS = 12
 Larger: starts farther from a configuration succeed. Smaller: they fail sooner.
 """
 
+MAX_CORRECTOR_STEP_RAD = 1.0
+"""Newton step (rad) towards a configuration from which on the correction fails.
+
+Larger: configurations far from the start may be returned. Smaller: rough starts fail.
+"""
+
+CONVERGED_STEP_RAD = 1e-11
+"""Newton step (rad) below which there is no further one.
+
+Larger: less accurate configurations. Smaller: steps that are only rounding are made.
+"""
+
+MAX_CLOSURE_RESIDUAL = 1e-10
+"""Largest value of an equation before the last Newton step to a configuration.
+
+Larger: positions that do not close may be returned. Smaller: slow convergence fails.
+"""
+
+MIN_SINGULAR_VALUE_RATIO = 1e-13
+"""Relative singular value of the derivatives below which it counts as zero.
+
+Larger: Newton's method does not change some directions. Smaller: nearly singular
+derivatives give huge steps.
+"""
+
 ROUND_UP = 1.0 + 1e-12
 """Factor that covers the rounding of sums of bounds, whose terms are all positive.
 
@@ -150,16 +175,18 @@ class CertifiedArc(OrientedBox):
 
     Attributes
     ----------
-    distance_bound
-        Bound (rad) of the Euclidean distance of the arc from the axis y = 0.
+    euclidean_distance
+        Bound (rad) of the Euclidean length of y on the whole arc: the distance of the arc
+        from the straight axis y = 0.
     centre_error
-        The same at s = 0: the distance of the arc from the centre.
+        Bound (rad) of the Euclidean length of y at s = 0: the distance of the arc from the
+        centre.
     test
         Computes bounds of the equations of the mechanism near the centre. They have proven
         the arc, and give further bounds along it.
     """
 
-    distance_bound: float
+    euclidean_distance: float
     centre_error: float
     test: "TubeTest"
 
@@ -178,14 +205,14 @@ class CertifiedArc(OrientedBox):
         """(v,) the unit tangent t."""
         return self.frame[:, 0]
 
-    def distance_within(self, half_length: float) -> float:
-        """Return a bound (rad) of each coordinate ``|y_i|`` of the arc.
+    def largest_normal_coordinate(self, half_length: float) -> float:
+        """Return a bound (rad) of each coordinate ``|y_i|`` of a part of the arc.
 
-        It is valid for coordinates ``|s|`` along the tangent up to `half_length` (rad).
+        The part has coordinates ``|s|`` along the tangent up to `half_length` (rad).
         """
-        distance = float(self.test.bound_arc(half_length, self.radius).distance)
+        bounds = self.test.bound_arc(half_length, self.radius)
         # The arc is proven to stay in the box, so the radius is also a bound.
-        return min(distance, self.radius)
+        return min(float(bounds.normal_coordinate), self.radius)
 
 
 @dataclass(frozen=True)
@@ -278,7 +305,7 @@ def find_piece(
     half_lengths: Floats = longest * LENGTH_REDUCTION ** np.arange(float(count))[:, None]
     radii: Floats = half_lengths * RADIUS_RATIOS
     bounds = test.bound_arc(half_lengths, radii)
-    stays_inside = bounds.distance * ROUND_UP < radii
+    stays_inside = bounds.normal_coordinate * ROUND_UP < radii
     is_regular = bounds.contraction < 1.0
     proven = np.argwhere(stays_inside & is_regular)
     if not len(proven):
@@ -290,13 +317,13 @@ def find_piece(
     # The bounds are of components along the normals. Other boxes have other normals and
     # need the Euclidean distance.
     to_distance = math.sqrt(len(tangent_frame.inverse)) * ROUND_UP
-    centre_error = float(test.bound_arc(0.0, radius).distance)
+    centre_error = float(test.bound_arc(0.0, radius).normal_coordinate)
     limits = np.array([half_length, *[radius] * len(tangent_frame.inverse)])
     return CertifiedArc(
         centre=centre,
         frame=tangent_frame.frame,
         limits=limits,
-        distance_bound=bounds.distance[best] * to_distance,
+        euclidean_distance=bounds.normal_coordinate[best] * to_distance,
         centre_error=centre_error * to_distance,
         test=test,
     )
@@ -306,24 +333,26 @@ def find_piece(
 class ArcBounds:
     """Bounds for one arc of configurations, or for arcs in many boxes about one centre.
 
-    All configurations of the mechanism satisfy equations F(z) = 0 in its variables z. An
-    arc of them near a centre z0 is z = z0 + t s + N y(s). The tangent t and the normals N
-    are those of the configuration curve at the centre. The box of the arc has |s| up to a
-    half length and each |y_i| up to a radius. F' are the derivatives of F by z. The matrix
-    Y is near the inverse of F'N at the centre.
+    An arc is z = z0 + t s + N y(s). The tangent t and the k normals N are those of the
+    configuration curve at the centre z0. The box of the arc has ``|s|`` up to a half length
+    and each ``|y_i|`` up to a radius. F' are the derivatives of the equations of the
+    mechanism, and Y is near the inverse of F'N at the centre (`TubeTest`).
+
+    All bounds are arrays with the shape of the half lengths and radii: () for one box.
 
     Attributes
     ----------
-    distance
-        Largest |y_i| (rad) of the arc, its distance from the axis y = 0.
+    normal_coordinate
+        Largest ``|y_i|`` (rad) of the arc, over all i. The Euclidean length of y is at most
+        sqrt(k) times as large.
     contraction
-        Largest row sum of |Y F'N - 1| in the box, with the identity 1. Below 1 the arc is
-        unique.
+        Largest row sum of ``|Y F'N - I|`` in the box, with the identity matrix I. Below 1
+        the arc is unique.
     slope
-        Largest |dy_i/ds|, the slope of the arc relative to the axis.
+        Largest ``|dy_i/ds|`` of the arc, over all i.
     """
 
-    distance: Floats
+    normal_coordinate: Floats
     contraction: Floats
     slope: Floats
 
@@ -331,9 +360,12 @@ class ArcBounds:
 class TubeTest:
     """Bounds of Y F and its derivatives near a centre, in coordinates along a frame.
 
-    F = 0 are the equations of the mechanism. The frame consists of the tangent and the
-    normals N of the configuration curve at the centre. The matrix Y is near the inverse of
-    F'N, the derivatives by the normal coordinates.
+    F = 0 are the k equations that close the loops of the mechanism. They are trigonometric
+    polynomials in the v variables. The frame consists of the tangent and the normals N of
+    the configuration curve at the centre. The matrix Y is near the inverse of F'N, the
+    derivatives by the normal coordinates. If Y F' stays near (0, I), a column of zeros and
+    the identity matrix, there is exactly one arc of configurations in a box about the
+    centre.
 
     Parameters
     ----------
@@ -353,7 +385,7 @@ class TubeTest:
     third_bound
         (k,) numbers C: the third derivative of an equation by the coordinates i, j and l is
         at most C d_i d_j d_l.
-    error
+    derivative_error
         (k,) numbers E, rounding included: the error of a computed derivative at the centre
         by the coordinates i and j is at most E d_i d_j, that by i at most E d_i.
     inverse_size
@@ -370,19 +402,10 @@ class TubeTest:
     ) -> None:
         """Compute all quantities at the centre from which bounds follow.
 
-        The k equations F = 0 close the loops of the mechanism. They are trigonometric
-        polynomials in the v variables. Near a configuration, its centre, they are examined
-        in coordinates along a frame: the tangent of the configuration curve and its
-        normals. Y is near the inverse of the derivatives by the normals. If Y F' stays near
-        (0, 1), a column of zeros and the identity matrix, there is exactly one arc of
-        configurations in a box about the centre.
-
         Parameters
         ----------
         equations
-            The equations F. Each has a degree d_i in variable i and a constant C
-            (`derivative_bound`). Its derivative by the variables 1 and 2, for example, is
-            at most C d_1 d_2, and its third derivative by variable 1 at most C d_1^3.
+            The equations F of the mechanism.
         derivatives
             F (k,), F' (k, v) and F'' (k, v, v) at the centre, by the variables.
         tangent_frame
@@ -391,46 +414,33 @@ class TubeTest:
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
-        # (k,) the constant C of each equation bounds derivatives of every order. Those up
-        # to the second are computed, so it is needed as a bound of the third ones only.
+        # The equations are trigonometric polynomials. The derivative of an equation by the
+        # variables i, j and l is at most C d_i d_j d_l, with its degrees d in the
+        # variables. Along a column of the frame, a derivative is the sum of derivatives by
+        # the variables times the elements of the column, and so is its degree.
         self.third_bound = equations.derivative_bound
-        self.inverse_size = np.abs(inverse)
-        # (k,) error bound of each equation. Its computed derivatives are wrong by at most
-        # this number times the degrees in the variables of the derivative. The first part
-        # is the error of the evaluation (`harmonics` evaluates the equations as Fourier
-        # series). The second part is the rounding in the matrix products below. Each
-        # product is wrong by at most `PRODUCT_ROUNDING` times the size of its result, which
-        # is at most C times the degrees. At most three products follow each other, so the
-        # factor 4 is more than enough.
-        self.error = equations.harmonics.error + 4.0 * PRODUCT_ROUNDING * self.third_bound
-        # (k, v) the degrees for derivatives along the columns of the frame. Such a
-        # derivative is a sum of derivatives by the variables, times the elements of the
-        # column. Its bound is the sum of their bounds. `ROUND_UP`, slightly above 1,
-        # covers the rounding of sums of positive terms.
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
-        # (k, v, v) Y F'' along the frame.
+        self.derivative_error = _bound_derivative_error(equations)
+        self.inverse_size = np.abs(inverse)
         self.second_derivatives = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
-        self._second_magnitudes = np.abs(self.second_derivatives)
-        # Coordinates (v,) of the tangent along the frame: 1, then zeros.
-        self._tangent_coordinates = np.eye(1, len(frame))[0]
-        # Largest element of |Y F| at the centre, with its error.
-        residual_error = self.inverse_size @ self.error
+        # Largest element of |Y F|.
+        residual_error = self.inverse_size @ self.derivative_error
         self._residual = np.max(np.abs(inverse @ values) + residual_error)
-        # (k, v) |Y F' - (0, 1)| at the centre, with F' along the frame.
-        zeros_and_identity = np.eye(len(inverse), len(frame), 1)
-        self._slope_error = np.abs(inverse @ (slopes @ frame) - zeros_and_identity)
+        # (k, v) |Y F' - (0, I)|, with F' along the frame, and the identity matrix I.
+        slopes_along_frame = inverse @ (slopes @ frame)
+        slopes_along_frame[:, 1:] -= np.eye(len(inverse))
+        self._slope_error = np.abs(slopes_along_frame)
 
     def bound_slope_change(self, reach: Floats) -> Floats:
-        """Return bounds of |Y F' - (0, 1)| at all points within a reach of the centre.
+        """Return bounds of |Y F' - (0, I)| at all points within a reach of the centre.
 
         F' are the derivatives (k, v) of the equations along the frame: the first column is
         by the tangent, the others are by the normals. Y is near the inverse of the others,
-        so that Y F' is near (0, 1), a column of zeros followed by the identity matrix.
+        so that Y F' is near (0, I), a column of zeros followed by the identity matrix.
 
-        F' is expanded about the centre: F' = F'(0) + F''(0) x + remainder, where x are the
-        coordinates along the frame. The remainder is bounded by third derivatives. Each
-        equation is a trigonometric polynomial with a degree along each coordinate. Its
-        derivative by coordinates i, j and l is at most C d_i d_j d_l, with these degrees d.
+        F' is expanded about the centre by Taylor's formula, with coordinates x along the
+        frame: F' = F'(0) + F''(0) x + remainder. All bounds are polynomials of degree 2 in
+        the reach with positive coefficients.
 
         Parameters
         ----------
@@ -441,34 +451,57 @@ class TubeTest:
         -------
         (..., k, v) bounds for each equation and coordinate.
         """
-        # (..., k) sum over all coordinates of the degree of an equation times the reach.
-        sums = reach @ self.degrees.T
-        # Three bounds are added for the derivative of an equation by coordinate i. With the
-        # bound C of third derivatives, the bound e of errors, and the sum S above they are
-        #     of the remainder                        d_i C S^2 / 2,
-        #     of the error of the computed F'(0)      d_i e,
-        #     of the error of the computed F''(0) x   d_i e S.
-        # (..., k) their sum without the factor d_i, which is multiplied below.
-        remainder = 0.5 * self.third_bound * sums**2 + self.error * (1.0 + sums)
-        # (..., k, v) sum over j of the reach in j times |Y F''(0)| in i and j, which is
-        # `_second_magnitudes` (k, v, v).
-        bending = (reach[..., None, None, :] @ self._second_magnitudes)[..., 0, :]
-        # (..., k, v) |Y| times the remainder.
-        from_remainder = self.inverse_size @ (remainder[..., None] * self.degrees)
-        return (self._slope_error + bending + from_remainder) * ROUND_UP
+        # 1. |Y F'(0) - (0, I)| is `_slope_error`.
+        # 2. |Y F''(0) x|. For each equation, the row |x| (1, v) times the symmetric matrix
+        # |Y F''(0)| (v, v) is a row (1, v).
+        reach_rows = reach[..., None, None, :]
+        linear_change = (reach_rows @ np.abs(self.second_derivatives))[..., 0, :]
+        # 3. |Y| times the remainder and the errors of the computed derivatives.
+        remainder = self._bound_taylor_remainder(reach)
+        remainder_change = self.inverse_size @ remainder
+        return (self._slope_error + linear_change + remainder_change) * ROUND_UP
+
+    def _bound_taylor_remainder(self, reach: Floats) -> Floats:
+        """Return bounds of the error of the Taylor formula F' = F'(0) + F''(0) x.
+
+        Let d be the degrees of an equation along the coordinates, and S the sum of all d_j
+        times the largest ``|x_j|``. Third derivatives are at most C d_i d_j d_l, and errors
+        of computed derivatives at most E d_i or E d_i d_j (`TubeTest`). For the derivative
+        of the equation by coordinate i, three bounds are added:
+
+        - of the remainder                        d_i C S^2 / 2,
+        - of the error of the computed F'(0)      d_i E,
+        - of the error of the computed F''(0) x   d_i E S.
+
+        Parameters
+        ----------
+        reach
+            (..., v) largest coordinates |x| (rad) along the frame.
+
+        Returns
+        -------
+        (..., k, v) bounds for each equation and coordinate.
+        """
+        sums = reach @ self.degrees.T  # (..., k), S
+        third_order = 0.5 * self.third_bound * sums**2
+        computed_derivatives = self.derivative_error * (1.0 + sums)
+        without_degree = third_order + computed_derivatives
+        return without_degree[..., None] * self.degrees
 
     def bound_arc(self, half_length: Floats | float, radius: Floats | float) -> ArcBounds:
         """Return bounds of the arc for |s| <= half_length, if it stays within the radius.
 
-        The caller compares the returned distance with the radius. If it is less, and the
+        Whether the arc y(s) stays within the radius is not assumed to be known. The caller
+        compares the returned largest ``|y_i|`` with the radius. If it is less, and the
         contraction is less than 1, the arc does stay within the radius.
 
-        The arc is y(s) with the coordinate s along the tangent and y along the normals. F'
-        are the derivatives of the k equations by all v = k + 1 coordinates, s first. The
-        constant matrix Y is an approximate inverse of the derivatives by y. Y F' therefore
-        consists of a small column e and a matrix I + E, with the identity I and a small E.
-        The largest row sum of ``|E|`` is the contraction. Along the arc F' (1, y') = 0, so
-        that (I + E) y' = -e. The slope y' is at most ``|e|`` / (1 - contraction).
+        Y F' is (e, I + E): a small column e of derivatives by s, and a matrix near the
+        identity I of derivatives by y. Along the arc F' (1, y') = 0, so (I + E) y' = -e.
+        Three bounds follow from the largest elements and row sums of e and E:
+
+        1. The contraction is the largest row sum of ``|E|`` in the box.
+        2. The slope ``|y'|`` is at most ``|e|`` / (1 - contraction).
+        3. ``|y|`` is at most its bound at s = 0, plus the mean slope times the half length.
 
         Parameters
         ----------
@@ -476,34 +509,72 @@ class TubeTest:
             Limits (rad) of ``|s|`` and of each ``|y_i|``: numbers, or arrays that broadcast
             against each other.
         """
-        # (v,) 1 at the coordinate along the tangent, and 0 at the others.
-        along_tangent = self._tangent_coordinates
-        along_normals = 1.0 - along_tangent
-        # (..., v) largest coordinates: at s = 0, and in the whole box.
-        reach_at_centre = np.multiply.outer(radius, along_normals)
-        reach_of_box = np.multiply.outer(half_length, along_tangent) + reach_at_centre
-        # Index 0 of the first axis (2, ..., v) is the whole box, index 1 is s = 0.
-        reach = np.stack(np.broadcast_arrays(reach_of_box, reach_at_centre))
-        # (2, ..., k, v) bounds of |Y F' - (0, I)|: column 0 is that of |e|, and the others
-        # are those of |E|.
-        change = self.bound_slope_change(reach)
-        column_size = change[..., 0].max(axis=-1)  # largest |e|
-        row_sums = change[0, ..., 1:].sum(axis=-1)  # of |E|, in the whole box
-        # The factor `ROUND_UP` is slightly above 1. It covers the rounding of the
-        # operations before it.
+        normal_count = len(self.inverse_size)
+        # (2, ..., v) the whole box, and the part of it with s = 0.
+        reach_of_box = _largest_coordinates(half_length, radius, normal_count)
+        reach_at_centre = _largest_coordinates(0.0, radius, normal_count)
+        reaches = np.stack(np.broadcast_arrays(reach_of_box, reach_at_centre))
+        # (..., k, v) each: bounds of (|e|, |E|).
+        change_in_box, change_at_centre = self.bound_slope_change(reaches)
+
+        # 1. Contraction. The factor `ROUND_UP` is slightly above 1. It covers the rounding
+        # of the operations before it.
+        row_sums = change_in_box[..., 1:].sum(axis=-1)
         contraction = row_sums.max(axis=-1) * ROUND_UP
-        # Where the contraction exceeds 1 the bounds become huge, and not negative.
+
+        # 2. Slopes in the box and at s = 0, where the contraction of the box is a bound,
+        # too. If the contraction exceeds 1 the slopes become huge, and not negative.
         margin = np.maximum(1.0 - contraction, 1e-300)
-        # The contraction of the whole box is also a bound of that at s = 0.
-        slope, slope_at_centre = column_size / margin * ROUND_UP
-        # The mean of |y'| from s = 0 to the end of the box. The bound of |e| is a
-        # polynomial of degree 2 in s with positive coefficients. It is convex, so its mean
-        # is at most the mean of its values at both ends.
-        mean_slope = 0.5 * slope + 0.5 * slope_at_centre
-        # The distance at s = 0 is at most |Y F| / (1 - contraction), with F at the centre
-        # (`_residual` is the largest |Y F|). To this the integral of the slope is added.
-        distance = (self._residual / margin + half_length * mean_slope) * ROUND_UP
-        return ArcBounds(distance, contraction, slope)
+        slope_in_box = change_in_box[..., 0].max(axis=-1) / margin * ROUND_UP
+        slope_at_centre = change_at_centre[..., 0].max(axis=-1) / margin * ROUND_UP
+
+        # 3. Largest |y_i|. At s = 0 it is at most |Y F| / (1 - contraction), with F at the
+        # centre. From there to an end of the box the slope is integrated. Its bound is a
+        # polynomial of degree 2 in |s| with positive coefficients (`bound_slope_change`).
+        # It is convex, so its mean is at most the mean of its values at both ends.
+        largest_at_centre = self._residual / margin
+        mean_slope = 0.5 * slope_in_box + 0.5 * slope_at_centre
+        largest = (largest_at_centre + half_length * mean_slope) * ROUND_UP
+        return ArcBounds(
+            normal_coordinate=largest, contraction=contraction, slope=slope_in_box
+        )
+
+
+def _bound_derivative_error(equations: ArcEquations) -> Floats:
+    """Return error bounds E (k,) of the computed equations and their derivatives.
+
+    An equation with the degrees d is wrong by at most E, its first derivative by variable i
+    by at most E d_i, and its second derivatives by at most E d_i d_j. There are two parts:
+
+    - the error of the evaluation, for which the equations are Fourier series (`harmonics`),
+    - the rounding in products with the frame and Y.
+
+    A matrix product is wrong by at most `PRODUCT_ROUNDING` times the size of its result.
+    This size is at most the bound of derivatives, times the degrees. At most three products
+    follow each other, so the factor 4 is more than enough.
+    """
+    rounding = 4.0 * PRODUCT_ROUNDING * equations.derivative_bound
+    return equations.harmonics.error + rounding
+
+
+def _largest_coordinates(
+    half_length: Floats | float, radius: Floats | float, normal_count: int
+) -> Floats:
+    """Return the largest coordinates (..., v) of boxes, along the tangent and the normals.
+
+    Parameters
+    ----------
+    half_length, radius
+        Limits (rad) along the tangent and along each normal: numbers, or arrays that
+        broadcast against each other.
+    normal_count
+        Number of normals, v - 1.
+    """
+    shape = np.broadcast_shapes(np.shape(half_length), np.shape(radius))
+    coordinates = np.empty((*shape, 1 + normal_count))
+    coordinates[..., 0] = half_length
+    coordinates[..., 1:] = np.asarray(radius)[..., None]
+    return coordinates
 
 
 def correct_configuration(
@@ -511,8 +582,7 @@ def correct_configuration(
 ) -> Floats | None:
     """Return the configuration near a position, by Newton's method; None if it fails.
 
-    All equations of the mechanism are 0 in a configuration. Here each must be less than
-    1e-10 before the last step.
+    All equations of the mechanism are 0 in a configuration.
 
     Parameters
     ----------
@@ -531,16 +601,20 @@ def correct_configuration(
         # equations are evaluated by Fourier series (harmonics) in the angles, which take
         # their cosines and sines.
         circle_points = np.stack([np.cos(position), np.sin(position)], axis=-1)
-        (values,), (slopes,) = equations.harmonics.derivatives(circle_points[None], 1)
-        # Singular values below `rcond` times the largest count as zero, so that a nearly
-        # singular matrix gives no huge step.
-        change, *_ = np.linalg.lstsq(slopes[:, :free_count], -values, rcond=1e-13)
-        position[:free_count] += change
-        step_size = np.max(np.abs(change))
-        # A step of more than 1 rad has left the neighbourhood of the start.
-        if not step_size < 1.0:
+        (values_before_step,), (slopes,) = equations.harmonics.derivatives(
+            circle_points[None], 1
+        )
+        step, *_ = np.linalg.lstsq(
+            slopes[:, :free_count], -values_before_step, rcond=MIN_SINGULAR_VALUE_RATIO
+        )
+        position[:free_count] += step
+        step_size = np.max(np.abs(step))
+        is_small_enough = step_size < MAX_CORRECTOR_STEP_RAD
+        # Written with `not`, so that a step that is not a number (NaN) fails, too.
+        if not is_small_enough:
             return None
-        # Shorter steps (rad) are only rounding.
-        if step_size < 1e-11:
+        if step_size < CONVERGED_STEP_RAD:
             break
-    return position if np.max(np.abs(values)) < 1e-10 else None
+    # The values are those before the last step, which has made them smaller.
+    is_closed = np.max(np.abs(values_before_step)) < MAX_CLOSURE_RESIDUAL
+    return position if is_closed else None
