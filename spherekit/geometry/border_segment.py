@@ -44,7 +44,7 @@ If a segment is higher, its triangle is cut into smaller ones.
 MIN_BORDER_CHORD_RAD = 1e-11
 """A shorter chord is taken as the border, since its direction has too few digits."""
 
-AUDIT_STEPS = 16
+CHECK_STEPS = 16
 """Number of steps along a segment at which the other margins are evaluated."""
 
 
@@ -128,6 +128,113 @@ def integration_weights(order: int) -> Floats:
 def interpolation_matrix(order: int, u: Floats) -> Floats:
     """Return the matrix (m, order + 1) from values at the nodes to values at u (m,)."""
     return chebyshev.chebvander(u, order) @ coefficient_matrix(order)
+
+
+def areas_beside_chords(height: Floats, length: Floats) -> Floats:
+    """Return the signed areas (sr) between chords and the border of a region.
+
+    The region is to the left of its border. An area is positive where the border is to the
+    right of the chord, so that the region extends beyond the chord.
+
+    The element of area at the angle a from the chord is cos(a) da ds, with the arc length
+    s along the chord. Its integral over a, from 0 to the height h, is sin(h) ds. The
+    integral over s is computed by Clenshaw-Curtis quadrature.
+
+    Parameters
+    ----------
+    height
+        (k, order + 1) heights (rad) of the border to the left of each chord, at the
+        Chebyshev nodes of this order.
+    length
+        (k,) arcs of the chords (rad).
+
+    Returns
+    -------
+    (k,) areas.
+    """
+    order = height.shape[1] - 1
+    # The weights are for a parameter u from -1 to 1, and ds = (length / 2) du.
+    return -0.5 * length * (np.sin(height) @ integration_weights(order))
+
+
+def estimate_area_errors(height: Floats, length: Floats) -> Floats:
+    """Return the errors (sr) of the areas between chords and the border of a region.
+
+    Parameters
+    ----------
+    height
+        (k, order + 1) heights (rad) of the border to the left of each chord, at the
+        Chebyshev nodes of this order.
+    length
+        (k,) arcs of the chords (rad).
+
+    Returns
+    -------
+    (k,) errors of `areas_beside_chords`.
+    """
+    # The truncation error is estimated by the change of the area if every second node is
+    # left out. The remaining ones are the nodes of half the order.
+    coarse_area = areas_beside_chords(height[:, ::2], length)
+    truncation = np.abs(areas_beside_chords(height, length) - coarse_area)
+    rounding = EPS * length
+    # The border beside a very short chord is not searched. Its height is taken to be at
+    # most the length of the chord, and so the area to be at most its square.
+    not_searched = np.where(length > MIN_BORDER_CHORD_RAD, 0.0, length**2)
+    return truncation + rounding + not_searched
+
+
+def parabola_minima(samples: Floats) -> Floats:
+    """Return the smallest value at or beside each inner sample of functions.
+
+    A parabola is laid through each sample and its two neighbours. If it has its extremum
+    between the neighbours, the smaller one of the sample and the extremum is returned,
+    otherwise the sample itself.
+
+    Parameters
+    ----------
+    samples
+        (n, m, k) samples of k functions on n curves at m equally spaced positions.
+
+    Returns
+    -------
+    (n, m - 2, k) smallest values.
+    """
+    before = samples[:, :-2]
+    middle = samples[:, 1:-1]
+    after = samples[:, 2:]
+    # The parabola is middle + slope x + second_difference x^2 / 2, with x in steps from the
+    # middle sample.
+    second_difference = before - 2.0 * middle + after
+    slope = 0.5 * (after - before)
+    with np.errstate(all="ignore"):
+        extremum_position = -slope / second_difference
+        extremum = middle + 0.5 * slope * extremum_position
+        is_between = np.abs(extremum_position) < 1.0
+    return np.minimum(np.where(is_between, extremum, middle), middle)
+
+
+@dataclass(frozen=True)
+class BorderNodes:
+    """Points on the border of a region that lie on several segments, one after another.
+
+    Attributes
+    ----------
+    points
+        (m, 3) unit vectors.
+    segment
+        (m,) index of the segment of each point, ascending from 0.
+    node
+        (m,) number of the point on its segment. It is 0 at the start of the segment.
+    """
+
+    points: Floats
+    segment: Indices
+    node: Indices
+
+    @property
+    def is_start(self) -> Bools:
+        """Whether each point (m,) is the start of its segment."""
+        return self.node == 0
 
 
 @dataclass
@@ -279,14 +386,19 @@ class BorderSegments(ArrayRows):
             self._measure(evaluate, raised, next_order, heights)
 
     def _measure(
-        self, evaluate: MarginEvaluator, selected: Indices, order: int, height: Floats
+        self,
+        evaluate: MarginEvaluator,
+        selected: Indices,
+        order: int,
+        known_height: Floats,
     ) -> None:
         """Compute and store heights, areas and errors of some segments at a new order.
 
         A segment is a piece of the border of a region. Its chord is the arc of the great
         circle between its ends. The height of the border over the chord is a polynomial
         along the chord, given by its values at Chebyshev nodes. The order of the segment is
-        the degree of this polynomial.
+        the degree of this polynomial. If the border is not found at a node, the chord takes
+        the place of the whole segment.
 
         Parameters
         ----------
@@ -297,47 +409,54 @@ class BorderSegments(ArrayRows):
             (k,) numbers of the segments.
         order
             Their new order.
-        height
+        known_height
             (k, order + 1) heights (rad) of the border at the nodes, to the left of the
-            chord, NaN if not known yet. The unknown ones are computed, and replace NaN in
-            this array. If the border is not found at a node, the whole segment becomes its
-            chord.
+            chord, NaN if not known yet.
         """
+        height, is_found = self._complete_heights(evaluate, selected, known_height)
         length = self.length[selected]
-        # Borders over very short chords are not searched. The chord is taken for them.
-        is_long = length > MIN_BORDER_CHORD_RAD
-        height[~is_long] = 0.0
-        # Compute the heights that are not known yet; each has a segment (row) and a node.
-        row, node = np.nonzero(np.isnan(height))
-        u = chebyshev_nodes(order)[node]
-        height[row, node], is_at_border = self._find_heights(evaluate, selected[row], u)
-
-        def integrate(steps: int) -> Floats:
-            """Return the areas (k,) from the heights at `steps` + 1 of the nodes.
-
-            The element of area at the angle a from the chord is cos(a) da ds, with the arc
-            length s along the chord. Its integral over a, from 0 to the height, is
-            sin(height) ds. The region is to the left of its border. Where the border is to
-            the left of the chord (height above 0), it takes area away from the region.
-            """
-            # The nodes of half the order are every second node of this order.
-            node_spacing = order // steps
-            sines = np.sin(height[:, ::node_spacing])
-            # The weights are for a parameter u from -1 to 1, and ds = (length / 2) du.
-            return -0.5 * length * (sines @ integration_weights(steps))
-
-        # The error is the change of the area if half of the nodes are left out, plus
-        # rounding of the heights. Beside a very short chord the border was not searched.
-        # Its height is taken to be at most the length of the chord, and so the area at
-        # most its square.
-        coarse_area = integrate(order // 2)
-        area = integrate(order)
-        truncation = np.abs(area - coarse_area)
-        self.error[selected] = truncation + EPS * length + ~is_long * length**2
-        self.area[selected] = area
         self.order[selected] = order
         self.height[selected, : order + 1] = height
-        self._replace_by_chords(selected[np.unique(row[~is_at_border])])
+        self.area[selected] = areas_beside_chords(height, length)
+        self.error[selected] = estimate_area_errors(height, length)
+        self._replace_by_chords(selected[~is_found])
+
+    def _complete_heights(
+        self, evaluate: MarginEvaluator, selected: Indices, known_height: Floats
+    ) -> tuple[Floats, Bools]:
+        """Return the heights of the border over some chords at all Chebyshev nodes.
+
+        Parameters
+        ----------
+        evaluate
+            The margins, functions that are at least 0 in the region.
+        selected
+            (k,) numbers of the segments.
+        known_height
+            (k, order + 1) heights (rad) at the nodes of this order, NaN if not known.
+
+        Returns
+        -------
+        height
+            (k, order + 1) heights (rad), positive to the left of the chord. They are 0 over
+            very short chords, for which the border is not searched.
+        is_found
+            (k,) whether the border was found at all nodes of a segment.
+        """
+        height = known_height.copy()
+        is_short = ~(self.length[selected] > MIN_BORDER_CHORD_RAD)
+        height[is_short] = 0.0
+
+        # Each unknown height has a position in `selected` and the number of a node.
+        position, node = np.nonzero(np.isnan(height))
+        u = chebyshev_nodes(height.shape[1] - 1)[node]
+        searched_height, is_found_at_node = self._find_heights(
+            evaluate, selected[position], u
+        )
+        height[position, node] = searched_height
+        is_found = np.ones(len(selected), dtype=bool)
+        is_found[position[~is_found_at_node]] = False
+        return height, is_found
 
     def _replace_by_chords(self, selected: Indices) -> None:
         """Replace segments (k,) whose border was not found by their chords."""
@@ -420,47 +539,60 @@ class BorderSegments(ArrayRows):
         is_sound[bracketed] &= ~np.any(is_negative, axis=1)
         return fraction * max_height, is_sound
 
-    def audit(self, evaluate: MarginEvaluator, selected: Indices) -> None:
-        """Check new segments (k,), and replace those that are no border by their chords.
+    def reject_excluded_segments(
+        self, evaluate: MarginEvaluator, selected: Indices
+    ) -> None:
+        """Replace new segments by their chords if another margin excludes a part of them.
 
         A margin is a function of the direction that is at least 0 in the region. One of
-        them is zero on a segment of the border, and no other one may be negative there. A
-        segment with a negative margin is not the border of the region. It is replaced by
-        its chord, the arc of a great circle between its ends. It is marked as not sound:
-        its border was not found.
+        them, the border margin, is zero on a segment. If another margin is negative
+        somewhere on the segment, this part is outside the region, and so the segment is not
+        the border. The chord (the arc of a great circle between its ends) then takes its
+        place, and the segment is marked as not sound.
 
-        The margin that is zero on the exact border is only nearly zero on the computed
-        segment. It is therefore subtracted from the other margins, which are tested at
-        samples along the segment. A parabola through every three samples shows a minimum
-        between them.
+        Parameters
+        ----------
+        evaluate
+            The margins.
+        selected
+            (k,) numbers of the segments, whose polynomials have degree 4.
         """
-        u = np.linspace(-1.0, 1.0, AUDIT_STEPS + 1)
-        # The height of a segment, an angle to the left of its chord, is a polynomial along
-        # the chord. In new segments its degree is `ORDERS[1]`, which is 4. The height is
-        # stored by its values at 5 nodes.
+        excess = self._sample_excess(evaluate, selected)
+        # A minimum between samples is found by parabolas through every three of them.
+        is_negative = parabola_minima(excess) < -evaluate.rounding_errors
+        self._replace_by_chords(selected[np.any(is_negative, axis=(1, 2))])
+
+    def _sample_excess(self, evaluate: MarginEvaluator, selected: Indices) -> Floats:
+        """Return by how much the margins exceed the border margin along new segments.
+
+        The border margin is the one that is zero on the border. On the computed segment,
+        which is a polynomial, it is only nearly zero. The other margins are therefore
+        compared with it instead of with zero.
+
+        Parameters
+        ----------
+        evaluate
+            The margins, functions that are at least 0 in the region.
+        selected
+            (k,) numbers of the segments, whose polynomials have degree 4.
+
+        Returns
+        -------
+        (k, samples, margins) differences at equally spaced points of each segment.
+        """
+        u = np.linspace(-1.0, 1.0, CHECK_STEPS + 1)
+        # New segments have the order `ORDERS[1]`. The height over the chord is stored by
+        # its values at order + 1 nodes, from which it is interpolated.
         order = ORDERS[1]
         nodes_to_samples = interpolation_matrix(order, u)
         height = self.height[selected, : order + 1] @ nodes_to_samples.T
-        values = evaluate(self._points_at(selected, u, height).reshape(-1, 3))
-        zero_margin = select_margins(values, np.repeat(self.margin[selected], len(u)))
-        excess = (values - zero_margin[:, None]).reshape(
-            len(selected), len(u), values.shape[1]
+        points = self._points_at(selected, u, height)  # (k, samples, 3)
+        margins = evaluate(points.reshape(-1, 3))
+        margins = margins.reshape(len(selected), len(u), margins.shape[1])
+        border_margin = np.take_along_axis(
+            margins, self.margin[selected, None, None], axis=2
         )
-        # The parabola through three successive samples is middle + slope x +
-        # second_difference x^2 / 2, with x in steps from the middle one.
-        before, middle, after = excess[:, :-2], excess[:, 1:-1], excess[:, 2:]
-        second_difference = before - 2.0 * middle + after
-        slope = 0.5 * (after - before)
-        with np.errstate(all="ignore"):
-            # Position of the extremum of the parabola, in steps from the middle sample, and
-            # the value there. Beyond the neighbouring samples it does not count.
-            extremum = -slope / second_difference
-            extreme_value = np.where(
-                np.abs(extremum) < 1.0, middle + 0.5 * slope * extremum, middle
-            )
-            # The extremum may be a maximum; the middle sample is the smaller value then.
-            is_negative = np.minimum(extreme_value, middle) < -evaluate.rounding_errors
-        self._replace_by_chords(selected[np.any(is_negative, axis=(1, 2))])
+        return margins - border_margin
 
     def _points_at(self, selected: Indices, u: Floats, height: Floats) -> Floats:
         """Return the points at given heights beside the chords of some segments."""
@@ -473,43 +605,68 @@ class BorderSegments(ArrayRows):
             self.frames, self.length, np.array([-1.0, 1.0]), np.zeros((len(self.length), 2))
         )
 
-    def node_points(self, selected: Indices) -> tuple[Floats, Indices]:
-        """Return the nodes of some segments: points on the border of the region.
+    def node_points(self, selected: Indices) -> BorderNodes:
+        """Return the nodes of some segments (k,): points on the border of the region.
 
         A segment is a piece of the border. Its height over the chord, the arc of a great
         circle between its ends, is a polynomial along the chord. The order of the segment
         is the degree of this polynomial, and the heights at order + 1 Chebyshev nodes are
-        stored.
-
-        Parameters
-        ----------
-        selected
-            (k,) numbers of the segments.
-
-        Returns
-        -------
-        points
-            (m, 3) unit vectors, the nodes of all these segments, one segment after another.
-        segment_index
-            (m,) index in `selected` of the segment of each node.
+        stored. The nodes include both ends.
         """
-        # The highest order, 16, has 17 nodes. The orders 8, 4 and 1 have every second,
-        # fourth and sixteenth of them.
-        highest_order = ORDERS[-1]
-        spacing = highest_order // self.order[selected]
-        is_node = np.arange(highest_order + 1) % spacing[:, None] == 0
-        segment_index, fine_node = np.nonzero(is_node)
-        # `fine_node` counts the nodes of the highest order, `node` those of the segment.
-        node = fine_node // spacing[segment_index]
-        segment = selected[segment_index]
-        height = self.height[segment, node]
-        u = chebyshev_nodes(highest_order)[fine_node]
-        return self._points_at(segment, u, height), segment_index
+        # Each node has an index in `selected` and a number on its segment, from 0 to the
+        # order of the segment.
+        orders = self.order[selected]
+        has_node = np.arange(ORDERS[-1] + 1) <= orders[:, None]
+        index, node = np.nonzero(has_node)
+        # Parameter of each node on its chord, from -1 to 1.
+        u = np.empty(len(node))
+        for order in ORDERS:
+            has_order = orders[index] == order
+            u[has_order] = chebyshev_nodes(order)[node[has_order]]
+        segment = selected[index]
+        points = self._points_at(segment, u, self.height[segment, node])
+        return BorderNodes(points, segment=index, node=node)
 
     def polyline(self, chain: Indices) -> Floats:
         """Return the nodes (m, 3) of segments that follow one another, each node once."""
-        points, position = self.node_points(chain)
-        return points[np.diff(position, prepend=0) == 0]
+        nodes = self.node_points(chain)
+        # The start of a segment is the end of the segment before it.
+        is_repeated = nodes.is_start & (nodes.segment > 0)
+        return nodes.points[~is_repeated]
+
+    def raise_to_highest_order(self, evaluate: MarginEvaluator) -> None:
+        """Raise all segments whose border can be found to the highest order."""
+        while True:
+            can_raise = self.is_sound & (self.order < ORDERS[-1])
+            if not can_raise.any():
+                return
+            self.raise_order(evaluate, np.flatnonzero(can_raise))
+
+    def find_extremal_points(self, number: int, direction: Floats) -> Floats:
+        """Return the points of a segment where its distance from a direction is extremal.
+
+        Parameters
+        ----------
+        number
+            Number of a sound segment of the highest order.
+        direction
+            (3,) unit vector.
+
+        Returns
+        -------
+        (m, 3) unit vectors at which the derivative of the distance along the segment is
+        zero. The ends of the segment are not examined.
+        """
+        order = ORDERS[-1]
+        segment = np.array([number])  # the methods take arrays of numbers
+        # The cosine of the distance as a Chebyshev series in u, which is -1 and 1 at the
+        # ends of the chord.
+        cosine = np.vecdot(self.node_points(segment).points, direction)
+        cosine_series = coefficient_matrix(order) @ cosine
+        u = find_real_zeros(chebyshev.chebder(cosine_series))
+        height = self.height[segment] @ interpolation_matrix(order, u).T
+        (points,) = self._points_at(segment, u, height)
+        return points
 
 
 def find_nearest_point(
@@ -517,14 +674,9 @@ def find_nearest_point(
 ) -> Floats:
     """Return the point of a border that is nearest to a direction.
 
-    The border consists of segments. The chord of a segment is the arc of a great circle
-    between its ends. The height of the border, its angle to the left of the chord, is a
-    polynomial along the chord. The order of a segment is the degree of this polynomial.
-
-    Segments that can contain the nearest point are computed again with polynomials of the
-    highest degree. The nearest point is the end of a segment, or a point at which the slope
-    of the cosine of the distance is zero. Segments without a polynomial, because points of
-    the border were not found, have their ends only.
+    The border consists of segments, curves beside great-circle arcs (chords). The nearest
+    point is the end of a segment, or a point within it at which the distance has a minimum.
+    Segments whose border was not found have their ends only.
 
     Parameters
     ----------
@@ -539,33 +691,36 @@ def find_nearest_point(
     -------
     (3,) unit vector.
     """
-    # A segment is nearby if it may contain a point that is nearer than the nearest end of
-    # all segments. The height of a border is at most 0.4 of its chord, so each of its
-    # points is nearer to one end of the chord than the length of the chord. By the triangle
-    # inequality, its distance is at least that of the nearer end minus this length.
-    end_distance = np.min(arc(segments.ends, direction), axis=1)
-    nearby = segments.rows(end_distance - segments.length <= np.min(end_distance))
-    # `is_sound` tells whether the border was found.
-    while np.any(is_coarse := nearby.is_sound & (nearby.order < ORDERS[-1])):
-        nearby.raise_order(evaluate, np.flatnonzero(is_coarse))
-
-    # Candidates: all ends, and the points of segments where the cosine of the distance has
-    # the slope 0. It is a Chebyshev series in u, which is -1 and 1 at the ends of a chord.
+    nearby = _select_nearby_segments(segments, direction)
+    nearby.raise_to_highest_order(evaluate)
     candidates = [nearby.ends.reshape(-1, 3)]
     for number in np.flatnonzero(nearby.is_sound):
-        # The methods take arrays of numbers.
-        segment = np.array([number])
-        points, _ = nearby.node_points(segment)
-        cosine = np.vecdot(points, direction)
-        cosine_series = coefficient_matrix(ORDERS[-1]) @ cosine
-        u = find_real_zeros(chebyshev.chebder(cosine_series))
-        height = nearby.height[segment] @ interpolation_matrix(ORDERS[-1], u).T
-        (extremal_points,) = nearby._points_at(segment, u, height)
-        candidates.append(extremal_points)
+        candidates.append(nearby.find_extremal_points(number, direction))
+    points = np.concatenate(candidates)
     # The polynomials are approximate, so that their points can be outside of the region.
     # Candidates outside are left out, unless all are.
-    points = np.concatenate(candidates)
     tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)
     is_inside = smallest_margins(evaluate(points)) >= -tolerance
     points = points[is_inside] if is_inside.any() else points
     return points[np.argmin(arc(points, direction))]
+
+
+def _select_nearby_segments(segments: BorderSegments, direction: Floats) -> BorderSegments:
+    """Return the segments that can contain the point of the border nearest to a direction.
+
+    The height of a border is at most `MAX_HEIGHT_RATIO` (0.4) times the length of its
+    chord. Each of its points is therefore nearer to one end of the chord than this length.
+    By the triangle inequality, no point of the segment is nearer to the direction than the
+    distance of its nearer end minus the length. A segment is selected if this limit does
+    not exceed the distance of the nearest end of all segments.
+
+    Parameters
+    ----------
+    segments
+        The border of a region.
+    direction
+        (3,) unit vector.
+    """
+    end_distance = np.min(arc(segments.ends, direction), axis=1)
+    least_distance = end_distance - segments.length
+    return segments.rows(least_distance <= np.min(end_distance))

@@ -6,13 +6,14 @@ stored as `BorderSegments`. The triangles and the segments together give the are
 region, its surface and its border curves.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices, Integers
-from spherekit.geometry.border_point import find_corners, find_crossings
+from spherekit.arrays import Array, Bools, Floats, Indices, Integers
+from spherekit.geometry.border_point import find_corners
 from spherekit.geometry.border_segment import ORDERS, BorderSegments
+from spherekit.geometry.edge_crossings import EdgeCrossings
 from spherekit.geometry.region_margins import MarginEvaluator, smallest_margins
 from spherekit.geometry.sphere_mesh import (
     bisect_triangles,
@@ -139,6 +140,8 @@ class RegionRefinement:
     has_several_uncertain
         (T,) whether several margins may be positive or negative in a triangle. One of them
         may then cut off a part of the region beyond the border of another one.
+    crossings
+        Points at which the border crosses edges of the mesh.
     segments
         The border in the triangles where it is known.
     """
@@ -159,70 +162,76 @@ class RegionRefinement:
         self.evaluate = evaluate
         self.points, self.triangles = icosahedron(spacing)
         self.values = evaluate(self.points)  # margins at the vertices
-        # `_classify` computes these for each triangle: its class, which says whether the
-        # border crosses it; its longest edge (rad); and whether several margins may have
-        # either sign in it.
+        # Properties of the triangles, which `_classify` determines: the class says whether
+        # the border crosses a triangle, and a margin is uncertain if it may be positive or
+        # negative there.
         count = len(self.triangles)
         self.classes = np.full(count, UNCLASSIFIED)
         self.longest_edges = np.zeros(count)
         self.has_several_uncertain = np.zeros(count, dtype=bool)
 
-        # `_find_border` finds the points at which edges cross the border, and the segments
-        # of the border between them, one or two in each triangle that it crosses.
-        #
-        # A crossing has a key, the number of the margin that is zero there, and a point.
-        # The key has the number of the edge's vertex inside the region in its upper 32
-        # bits, and that of the vertex outside in its lower ones.
-        self._crossing_keys = np.zeros(0, np.intp)
-        self._crossing_margins = np.zeros(0, np.intp)
-        self._crossing_points = np.zeros((0, 3))
+        # The border, which `_find_border` searches: its crossings with edges, and the
+        # segments between them in the triangles.
+        self.crossings = EdgeCrossings()
         self.segments = BorderSegments.empty()
 
     def refine(self, tolerance: float, feature: float, max_evaluations: int) -> None:
         """Cut triangles of the mesh until the area of the region is accurate enough.
-
-        Each triangle has a class. It is *open* if a part of the region, or a hole, may be
-        hidden in it. It is *broken* if the margins, the functions that are at least 0 in
-        the region, are defined in a part of it only. Each round takes the first of these
-        steps that finds triangles to cut:
-
-        1. Classify the new triangles. Cut the large triangles that are open or broken.
-        2. Search the border in the triangles that it crosses. A triangle in which it is not
-           found becomes open. Cut the large ones.
-        3. If the error of the area exceeds the tolerance, cut the triangles that cause it.
 
         Parameters
         ----------
         tolerance
             Error of the area (sr) at which the refinement ends.
         feature
-            Smallest size (rad) of parts and holes of the region that are to be found. An
-            open triangle is large if it has a longer edge. Smaller ones are cut in the
-            third step only.
+            Smallest size (rad) of parts and holes of the region that are to be found.
         max_evaluations
             Number of points at which the margins may be evaluated. The refinement ends
             before a cut that would exceed it.
         """
         while True:
-            # Step 1.
             self._classify()
-            is_cut = self.classes == TriangleClass.BROKEN
-            is_cut &= self.longest_edges > MAX_BROKEN_EDGE_RAD
-            is_cut |= self.is_open & (self.longest_edges > feature)
-            if not is_cut.any():
-                # Step 2. This call can make triangles open.
-                self._find_border()
-                is_cut = self.is_open & (self.longest_edges > feature)
-            if not is_cut.any():
-                # Step 3.
-                is_cut = self._reduce_error(tolerance)
+            is_cut = self._choose_triangles(tolerance, feature)
             cost = EVALUATIONS_PER_CUT * np.count_nonzero(is_cut)
             if not cost or self.evaluate.evaluations + cost > max_evaluations:
                 break
             self._cut(is_cut)
-        # If the limit of evaluations ends the loop after step 1, the border in the newest
-        # triangles has not been searched yet. In all other cases this call does nothing.
+        # The limit of evaluations can end the loop before the border in the newest
+        # triangles was searched.
         self._find_border()
+
+    def _choose_triangles(self, tolerance: float, feature: float) -> Bools:
+        """Return which triangles (T,) have to be cut next.
+
+        The first of these reasons for which there are triangles decides:
+
+        1. A large triangle is *open*: a part of the region, or a hole, may be hidden in it.
+           Or it is *broken*: the margins, the functions that are at least 0 in the region,
+           are defined in a part of it only.
+        2. A large triangle becomes open because the border in it is not found.
+        3. The error of the area exceeds the tolerance. The triangles that cause it are cut.
+
+        Parameters
+        ----------
+        tolerance
+            Accepted error of the area (sr).
+        feature
+            Smallest size (rad) of parts and holes of the region that are to be found. An
+            open triangle is large if it has a longer edge. Smaller ones are cut for the
+            third reason only.
+        """
+        is_large = self.longest_edges > feature
+        is_large_broken = self.classes == TriangleClass.BROKEN
+        is_large_broken &= self.longest_edges > MAX_BROKEN_EDGE_RAD
+        is_cut = is_large_broken | (self.is_open & is_large)
+        if is_cut.any():
+            return is_cut
+
+        self._find_border()
+        is_cut = self.is_open & is_large
+        if is_cut.any():
+            return is_cut
+
+        return self._reduce_error(tolerance)
 
     @property
     def is_inside(self) -> Bools:
@@ -251,18 +260,27 @@ class RegionRefinement:
         - the area between the chord and the segment, negative if the segment bends inwards;
         - if two vertices are inside, the triangle of both and of the start of the segment.
 
-        If a segment bends out of its triangle, the area beyond the edge is still assigned
-        to this triangle. Only sums over connected triangles are therefore exact.
+        `TriangleDivision` shows these parts. If a segment bends out of its triangle, the
+        area beyond the edge is still assigned to this triangle. Only sums over connected
+        triangles are therefore exact.
         """
         division = self._divide_triangles()
+        # Areas for each segment (n,) of the border.
         apex = self.points[division.apex]
         other_inside = self.points[division.other_inside]
         start, end = np.moveaxis(self.segments.ends, 1, 0)
-        part = triangle_areas(apex, start, end) + self.segments.area
-        part += division.has_extra_triangle * triangle_areas(apex, other_inside, start)
-        count = division.inside_count
-        whole_triangles = (count == 3) * self.areas
-        return whole_triangles + np.bincount(self.segments.triangle, part, len(count))
+        chord_triangle = triangle_areas(apex, start, end)
+        beside_chord = self.segments.area
+        extra_triangle = np.where(
+            division.has_extra_triangle, triangle_areas(apex, other_inside, start), 0.0
+        )
+        inside_part = chord_triangle + beside_chord + extra_triangle
+
+        # Areas for each triangle (T,) of the mesh. It can contain two segments.
+        triangle_count = len(self.triangles)
+        crossed = np.bincount(self.segments.triangle, inside_part, triangle_count)
+        whole = np.where(division.inside_count == 3, self.areas, 0.0)
+        return whole + crossed
 
     def surface(self) -> tuple[Floats, Indices]:
         """Return a triangulation of the region alone, up to its border.
@@ -282,16 +300,15 @@ class RegionRefinement:
             (F, 3) numbers of points.
         """
         division = self._divide_triangles()
-        # The nodes of all segments, one segment after another.
-        segment_count = len(self.segments.start)
-        border_points, segment = self.segments.node_points(np.arange(segment_count))
-        points = np.concatenate([self.points, border_points])
-        node = np.arange(len(self.points), len(points))  # numbers of the border points
-        is_start = np.diff(segment, prepend=-1) > 0
+        all_segments = np.arange(len(self.segments.start))
+        nodes = self.segments.node_points(all_segments)
+        points = np.concatenate([self.points, nodes.points])
+        node_numbers = np.arange(len(self.points), len(points))
+        start_numbers = node_numbers[nodes.is_start]
 
         whole_triangles = self.triangles[division.inside_count == 3]
-        fan_triangles = division.fan_triangles(node, segment)
-        extra_triangles = division.extra_triangles(node[is_start])
+        fan_triangles = division.fan_triangles(node_numbers, nodes.segment)
+        extra_triangles = division.extra_triangles(start_numbers)
         return points, np.concatenate([whole_triangles, fan_triangles, extra_triangles])
 
     def border_loops(self) -> list[Indices]:
@@ -308,43 +325,56 @@ class RegionRefinement:
     def _find_next_segments(self) -> Indices:
         """Return the number of the segment (n,) that follows each one, -1 if there is none.
 
-        The border enters a triangle at a crossing of one edge and leaves it at a crossing
-        of another edge. There are two sorts of segments:
+        A crossing is a point at which the border crosses an edge of the mesh. The border
+        enters a triangle at the crossing `start` and leaves it at the crossing `stop`. It
+        consists of one segment there, or of two if it has a corner in the triangle::
 
-        - The leading segment of a triangle begins where the border enters. It ends where
-          the border leaves, or else at a corner of the border within the triangle.
-        - A second segment follows after a corner, and ends where the border leaves.
+            start ---- leading segment ---- stop
+            start -- leading segment -- corner -- second segment -- stop
 
-        Both segments of a triangle store both crossings, `start` and `stop`.
+        Both segments of a triangle store both crossings.
         """
         segments = self.segments
         leading = np.flatnonzero(segments.is_leading)
         second = np.flatnonzero(~segments.is_leading)
-        # For each crossing, the segments in the triangle that the border enters there.
-        leading_after = np.full(len(self._crossing_keys), -1)
-        leading_after[segments.start[leading]] = leading
-        second_after = np.full(len(self._crossing_keys), -1)
-        second_after[segments.start[second]] = second
+        # (crossings,) the segments in the triangle that the border enters at each crossing,
+        # -1 if there is none.
+        crossing_count = len(self.crossings.points)
+        leading_at_entry = np.full(crossing_count, -1)
+        leading_at_entry[segments.start[leading]] = leading
+        second_at_entry = np.full(crossing_count, -1)
+        second_at_entry[segments.start[second]] = second
 
-        # The border continues in the next triangle, except after a leading segment that
-        # ends at a corner.
-        next_segment = leading_after[segments.stop]
-        second_in_triangle = second_after[segments.start]
+        # (n,) for each segment, the second one of the same triangle, and the leading one of
+        # the triangle that the border enters next.
+        second_in_triangle = second_at_entry[segments.start]
+        leading_in_next_triangle = leading_at_entry[segments.stop]
         ends_at_corner = segments.is_leading & (second_in_triangle >= 0)
-        next_segment[ends_at_corner] = second_in_triangle[ends_at_corner]
-        return next_segment
+        return np.where(ends_at_corner, second_in_triangle, leading_in_next_triangle)
 
     def _divide_triangles(self) -> TriangleDivision:
-        """Return how the segments of the border divide their triangles.
+        r"""Return how the segments of the border divide their triangles.
 
-        A segment is the border in one triangle, with the region on its left. If one vertex
-        is inside, it is the apex of the fan. If two are inside, the apex is the one that is
-        farther from the start of the segment. The fan then leaves out the triangle of both
-        vertices and the start.
+        A segment is the border in one triangle, with the region on its left. Three vertices
+        follow counter-clockwise: the odd one, which is alone inside or alone outside the
+        region, the second and the third one::
+
+            one vertex inside               two vertices inside
+
+                  odd                               odd
+                  /|\                               / \
+         start   *-*-*   stop              stop    *-*-*    start
+                /     \                           /    _.\
+               /       \                         / _.-'   \
+            second --- third                second ------- third
+
+        The apex of the fan is a vertex inside. If two are inside, it is the second vertex,
+        because the segment starts on the edge of the third one. The fan then leaves out the
+        triangle of second, third and start.
         """
+        # (T,) for every triangle of the mesh.
         inside_count = self.is_inside[self.triangles].sum(axis=1)
-        # The odd vertex is the only one inside, or the only one outside. The others follow
-        # counter-clockwise.
+        # (n,) for every segment.
         odd, second, third = self._odd_vertex_first(self.segments.triangle)
         has_one_inside = inside_count[self.segments.triangle] == 1
         # If the border has a corner, it consists of two segments in this triangle, and only
@@ -371,37 +401,61 @@ class RegionRefinement:
         return np.take_along_axis(vertices, position, axis=1).T
 
     def _classify(self) -> None:
-        """Sample the margins in the new triangles, and classify these.
+        """Determine the classes of the new triangles from samples of the margins.
 
         Margins are functions of the direction that are at least 0 in the region. A class
         says whether the triangle is inside or outside the region, or whether the border
         crosses it. `classes`, `longest_edges` and `has_several_uncertain` are updated. The
         last one says whether several margins may have either sign in a triangle.
-
-        In a triangle, each margin is interpolated from samples at the vertices and at the
-        middles of the edges. Check points show how large the interpolation error is.
         """
         new = np.flatnonzero(self.classes == UNCLASSIFIED)
         triangles = self.triangles[new]
+        samples = self._sample_margins(triangles)
+        classes, has_several_uncertain = classify_triangles(self.points, triangles, samples)
+        self.classes[new] = classes
+        self.has_several_uncertain[new] = has_several_uncertain
         self.longest_edges[new] = measure_edges(self.points, triangles).max(axis=1)
-        # (E, 2) vertices of each edge, and (T, 3) numbers of the edges of each triangle.
-        edges, sides = list_edges(triangles)
-        low, high = np.moveaxis(self.points[edges], 1, 0)
-        centroids = self.points[triangles].sum(axis=1)
-        # The samples are middles of edges, check points on edges, and centroids as further
-        # check points. The interpolation is exact at the middle of an edge, so its check
-        # point is at a quarter, from the vertex with the lower number. Triangles with a
-        # common edge share its samples. `unit_rows` makes unit vectors of the sums.
-        samples = np.concatenate([low + high, 3.0 * low + high, centroids])
-        margins = self.evaluate(unit_rows(samples))
-        middle, check, centroid = np.split(margins, [len(edges), 2 * len(edges)])
-        # (10, T, k) the k margins at the ten samples of each triangle. Those at its three
-        # vertices are in `values`.
-        stacked = np.concatenate(
-            [self.values[triangles.T], middle[sides.T], check[sides.T], centroid[None]]
-        )
-        self.classes[new], self.has_several_uncertain[new] = classify_triangles(
-            self.points, triangles, stacked
+
+    def _sample_margins(self, triangles: Indices) -> Floats:
+        """Return the margins at ten points of each of n triangles.
+
+        A margin in a triangle is interpolated from the samples at the vertices and at the
+        middles of the edges. The others are check points, which show the interpolation
+        error. The interpolation is exact at the middle of an edge, so its check point is at
+        a quarter.
+
+        Parameters
+        ----------
+        triangles
+            (n, 3) vertex numbers.
+
+        Returns
+        -------
+        (10, n, k) margins: at the three vertices, at the middles of the three edges, at
+        their check points, and at the centroid.
+        """
+        # Triangles with a common edge share its samples. Its check point is nearer to the
+        # vertex with the lower number, which comes first.
+        edges, edges_of_triangle = list_edges(triangles)
+        first = self.points[edges[:, 0]]
+        second = self.points[edges[:, 1]]
+        middle_points = unit_rows(first + second)
+        check_points = unit_rows(3.0 * first + second)
+        centroids = unit_rows(self.points[triangles].sum(axis=1))
+
+        # The margins are evaluated in one call, and divided by kind of point.
+        margins = self.evaluate(np.concatenate([middle_points, check_points, centroids]))
+        edge_count = len(edges)
+        at_middles = margins[:edge_count]
+        at_checks = margins[edge_count : 2 * edge_count]
+        at_centroids = margins[2 * edge_count :]
+        return np.concatenate(
+            [
+                self.values[triangles.T],  # known since the vertices were made
+                at_middles[edges_of_triangle.T],
+                at_checks[edges_of_triangle.T],
+                at_centroids[None],
+            ]
         )
 
     def _find_border(self) -> None:
@@ -431,8 +485,8 @@ class RegionRefinement:
         )
         # The border runs from start to stop with the region on its left.
         start_stop = np.where(inside_count[crossed] == 1, crossings, crossings[::-1])
-        margins = self._crossing_margins[start_stop]
-        starts, stops = self._crossing_points[start_stop]
+        margins = self.crossings.margins[start_stop]
+        starts, stops = self.crossings.points[start_stop]
 
         # `margins` (2, n) are the numbers of the margins that are 0 at start and stop. If
         # they differ, the border has a corner between them.
@@ -466,43 +520,26 @@ class RegionRefinement:
         )
         # If several margins may have either sign, others than that of the segment are
         # evaluated along it. It is not sound if one of them is negative there.
-        is_audited = self.has_several_uncertain[triangle] & segments.is_sound
-        segments.audit(self.evaluate, np.flatnonzero(is_audited))
+        is_checked = self.has_several_uncertain[triangle] & segments.is_sound
+        segments.reject_excluded_segments(self.evaluate, np.flatnonzero(is_checked))
         self.classes[triangle[~segments.is_sound]] = TriangleClass.OPEN
         self.segments = BorderSegments.concatenate([self.segments, segments])
 
     def _find_edge_crossings(self, first: Indices, second: Indices) -> Indices:
-        """Return the numbers of the crossings of edges with the border.
+        """Return the numbers (n,) of the points at which edges cross the border.
 
         Parameters
         ----------
         first, second
             (n,) vertices of the edges, one of each edge inside the region.
-
-        Returns
-        -------
-        (n,) numbers of crossings. The keys, points and margins of new ones are computed and
-        appended to `_crossing_keys`, `_crossing_points` and `_crossing_margins`.
         """
-        # An integer key identifies each edge: the vertex inside in its upper 32 bits, and
-        # the vertex outside in its lower ones. Edges with a known key are not searched.
-        inside, outside = np.where(self.is_inside[first], [first, second], [second, first])
-        keys = inside << 32 | outside
-        new_keys = np.setdiff1d(keys, self._crossing_keys)
-        new_inside = new_keys >> 32
-        new_outside = new_keys & (2**32 - 1)
-        # The border is where the smallest margin is zero. Margins are functions of the
-        # direction that are at least 0 in the region. `margins` are the numbers of those
-        # that vanish.
-        points, margins = find_crossings(
-            self.evaluate, self.points[new_inside], self.points[new_outside]
+        first_is_inside = self.is_inside[first]
+        return self.crossings.find(
+            self.evaluate,
+            self.points,
+            inside=np.where(first_is_inside, first, second),
+            outside=np.where(first_is_inside, second, first),
         )
-        self._crossing_keys = np.append(self._crossing_keys, new_keys)
-        self._crossing_points = np.concatenate([self._crossing_points, points])
-        self._crossing_margins = np.append(self._crossing_margins, margins)
-        # Look up the number of each key.
-        order = np.argsort(self._crossing_keys)
-        return order[np.searchsorted(self._crossing_keys, keys, sorter=order)]
 
     def _reduce_error(self, tolerance: float) -> Bools:
         """Reduce the error of the area, and return which triangles (T,) have to be cut.
@@ -510,34 +547,32 @@ class RegionRefinement:
         The error has two parts. Each may be up to half of the tolerance (sr). The border is
         approximated by polynomials, and open triangles may hide parts of the region.
         """
-        is_cut = self._improve_segments(0.5 * tolerance)
-        is_cut |= self._choose_open_triangles(0.5 * tolerance)
+        max_error = 0.5 * tolerance
+        self._raise_orders(max_error)
+        # Segments of the border that are not accurate enough with the highest order.
+        is_poor = self._find_poor_segments(max_error)
+        is_cut = np.zeros(len(self.triangles), dtype=bool)
+        is_cut[self.segments.triangle[is_poor]] = True
+        is_cut |= self._choose_open_triangles(max_error)
         return is_cut & (self.longest_edges > MIN_EDGE_RAD)
 
-    def _improve_segments(self, max_error: float) -> Bools:
+    def _raise_orders(self, max_error: float) -> None:
         """Raise the degrees of border polynomials until the area is accurate enough.
 
         A segment is the border in one triangle, approximated by a polynomial. Its order is
-        the degree of this polynomial.
+        the degree of this polynomial. Segments that have the highest order are not changed.
 
         Parameters
         ----------
         max_error
             Largest error of the area (sr) that all segments together may cause.
-
-        Returns
-        -------
-        (T,) which triangles have to be cut, because their segments have the highest order
-        and are still not accurate enough.
         """
-        is_cut = np.zeros(len(self.triangles), dtype=bool)
         segments = self.segments
         while True:
             is_poor = self._find_poor_segments(max_error)
             can_raise = is_poor & (segments.order < ORDERS[-1])
             if not can_raise.any():
-                is_cut[segments.triangle[is_poor]] = True
-                return is_cut
+                return
             segments.raise_order(self.evaluate, np.flatnonzero(can_raise))
             # The border of a segment may be impossible to find at the nodes of a higher
             # order. The segment is then not sound, and its triangle may hide a part of the
@@ -592,25 +627,55 @@ class RegionRefinement:
 
         Their neighbours are cut too where a vertex would otherwise be in the middle of an
         edge. Triangles that are not cut keep their segments (the parts of the border in
-        them) and what `_classify` determined for them. Segments of triangles that are cut
-        are removed.
+        them) and what `_classify` determined for them.
         """
-        old_count = len(self.points)
         mesh = bisect_triangles(self.points, self.triangles, is_cut)
+        new_points = mesh.points[len(self.points) :]
+        self.values = np.concatenate([self.values, self.evaluate(new_points)])
         self.points = mesh.points
         self.triangles = mesh.triangles
-        origin = mesh.origin  # the old number of each triangle, -1 for new ones
-        new_values = self.evaluate(self.points[old_count:])
-        self.values = np.concatenate([self.values, new_values])
-        is_kept = origin >= 0
-        # New triangles are marked, so that `_classify` computes their classes, longest
-        # edges and flags. Until then they have placeholders in all three arrays: their
-        # `origin` -1 selects the last entry of the old array.
-        self.classes = np.where(is_kept, self.classes[origin], UNCLASSIFIED)
-        self.longest_edges = self.longest_edges[origin]
-        self.has_several_uncertain = self.has_several_uncertain[origin]
+
+        # `mesh.origin` (new T,) is the old number of each triangle, -1 for new ones. The
+        # properties of new triangles are placeholders until `_classify` computes them.
+        self.classes = _carry_over(self.classes, mesh.origin, UNCLASSIFIED)
+        self.longest_edges = _carry_over(self.longest_edges, mesh.origin, 0.0)
+        self.has_several_uncertain = _carry_over(
+            self.has_several_uncertain, mesh.origin, False
+        )
+        self._renumber_segments(mesh.origin, old_count=len(is_cut))
+
+    def _renumber_segments(self, origin: Indices, old_count: int) -> None:
+        """Give segments the new numbers of their triangles, and remove those of cut ones.
+
+        Parameters
+        ----------
+        origin
+            (T,) old number of each triangle, -1 for new ones.
+        old_count
+            Number of triangles before the cut.
+        """
         # The new number of each old triangle, -1 if it was cut.
-        new_number = np.full(len(is_cut), -1)
+        is_kept = origin >= 0
+        new_number = np.full(old_count, -1)
         new_number[origin[is_kept]] = np.flatnonzero(is_kept)
-        self.segments.triangle[:] = new_number[self.segments.triangle]
-        self.segments = self.segments.rows(self.segments.triangle >= 0)
+
+        triangle = new_number[self.segments.triangle]
+        self.segments = replace(self.segments, triangle=triangle).rows(triangle >= 0)
+
+
+def _carry_over(values: Array, origin: Indices, placeholder: float) -> Array:
+    """Return values of triangles in a new numbering.
+
+    Parameters
+    ----------
+    values
+        (old T,) values in the old numbering.
+    origin
+        (T,) old number of each triangle, -1 for new ones.
+    placeholder
+        Value of the new triangles.
+    """
+    is_kept = origin >= 0
+    carried = np.full(len(origin), placeholder, dtype=values.dtype)
+    carried[is_kept] = values[origin[is_kept]]
+    return carried

@@ -1,0 +1,91 @@
+"""Points at which edges of a triangle mesh cross the border of a region."""
+
+import numpy as np
+
+from spherekit.arrays import Floats, Indices
+from spherekit.geometry.border_point import find_crossings
+from spherekit.geometry.region_margins import MarginEvaluator
+
+KEY_BITS = 32
+"""Number of bits for the number of a vertex in the key of an edge, a 64-bit integer."""
+
+
+class EdgeCrossings:
+    """Crossings of mesh edges with the border of a region. Each one is computed once.
+
+    The region has the directions in which all margins (functions of the direction) are at
+    least 0. Edges are great-circle arcs between a vertex inside the region and one outside.
+    The triangles on both sides of an edge share its crossing. Crossings are numbered in the
+    order in which they were computed.
+
+    Attributes
+    ----------
+    points
+        (c, 3) unit vectors.
+    margins
+        (c,) number of the margin that is zero at each crossing.
+    """
+
+    def __init__(self) -> None:
+        """Begin without crossings."""
+        self._keys = np.zeros(0, np.intp)  # see `_edge_keys`
+        self.points = np.zeros((0, 3))
+        self.margins = np.zeros(0, np.intp)
+
+    def find(
+        self,
+        evaluate: MarginEvaluator,
+        vertices: Floats,
+        inside: Indices,
+        outside: Indices,
+    ) -> Indices:
+        """Return the numbers of the crossings of some edges, and compute the new ones.
+
+        Parameters
+        ----------
+        evaluate
+            The margins of the region.
+        vertices
+            (V, 3) unit vectors, the vertices of the mesh.
+        inside, outside
+            (n,) numbers of the vertices of each edge inside and outside the region.
+
+        Returns
+        -------
+        (n,) numbers of crossings.
+        """
+        keys = _edge_keys(inside, outside)
+        new_keys = np.setdiff1d(keys, self._keys)
+        new_inside = _inside_vertices(new_keys)
+        new_outside = _outside_vertices(new_keys)
+        points, margins = find_crossings(
+            evaluate, vertices[new_inside], vertices[new_outside]
+        )
+        self._keys = np.append(self._keys, new_keys)
+        self.points = np.concatenate([self.points, points])
+        self.margins = np.append(self.margins, margins)
+        return self._look_up(keys)
+
+    def _look_up(self, keys: Indices) -> Indices:
+        """Return the numbers (n,) of crossings with known keys (n,)."""
+        order = np.argsort(self._keys)
+        return order[np.searchsorted(self._keys, keys, sorter=order)]
+
+
+def _edge_keys(inside: Indices, outside: Indices) -> Indices:
+    """Return an integer for each edge that identifies it.
+
+    The vertex inside the region is in its upper 32 bits, the vertex outside in its lower
+    ones.
+    """
+    return (inside << KEY_BITS) | outside
+
+
+def _inside_vertices(keys: Indices) -> Indices:
+    """Return the number of the vertex inside the region of each edge, from its key."""
+    return keys >> KEY_BITS
+
+
+def _outside_vertices(keys: Indices) -> Indices:
+    """Return the number of the vertex outside the region of each edge, from its key."""
+    return keys & (2**KEY_BITS - 1)
