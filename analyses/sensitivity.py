@@ -20,9 +20,9 @@ from spherekit.plugin import (
     Floats,
     Mechanism,
     Needs,
+    ParameterTrade,
     Scene,
     Status,
-    Sweep,
     Table,
     TableData,
     listing,
@@ -252,7 +252,7 @@ class SensitivityAnalysis(AbstractAnalysis):
     )
 
     trades = (
-        Sweep(
+        ParameterTrade(
             "draws",
             (16, 64, 256, 1024, 8192),
             "tolerances",

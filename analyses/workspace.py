@@ -16,8 +16,8 @@ from spherekit.plugin import (
     Findings,
     Mechanism,
     Needs,
+    ParameterTrade,
     Scene,
-    Sweep,
     Table,
     TableData,
 )
@@ -204,7 +204,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
     )
 
     trades = (
-        Sweep(
+        ParameterTrade(
             "tolerance",
             (1e-2, 1e-3, 1e-4, 1e-5),
             "areas",

@@ -311,6 +311,16 @@ MODULE_ATTRIBUTES = {"EXAMPLES"}
 reads them from a module by this name. `EXAMPLES` are the examples of a subcommand."""
 
 
+def test_class_names_are_unique():
+    """A class name stands for one class, so that a reader may search for it."""
+    paths: dict[str, list[str]] = {}
+    for path in FILES:
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.ClassDef):
+                paths.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert not {name: found for name, found in paths.items() if len(found) > 1}
+
+
 def test_no_constant_name_has_two_values():
     """A name in capitals stands for one value, so that a reader may search for it.
 

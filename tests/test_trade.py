@@ -20,7 +20,7 @@ from spherekit.errors import AnalysisError, SolveError
 from spherekit.files.study import Study
 from spherekit.proof.balls import Digits, centre_floats
 from spherekit.proof.reference_rows import exact_direction, exact_rows
-from spherekit.runs.contract import Sweep
+from spherekit.runs.contract import ParameterTrade
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.registry import create_analysis
 from spherekit.runs.sampling import make_sampling
@@ -299,7 +299,7 @@ def test_a_setting_with_missing_numbers_does_not_count():
 
 @pytest.mark.parametrize("tolerance", [0.0, -1e-9, np.nan, np.inf])
 def test_a_tolerance_that_is_no_positive_number_is_refused(tolerance):
-    with pytest.raises(AnalysisError, match="needs a finite number above 0"):
+    with pytest.raises(AnalysisError, match="expected a finite number above 0"):
         choose(Study("x", sk.load("four_bar"), 9), [create_analysis("poles")], tolerance)
 
 
@@ -329,7 +329,9 @@ class AngleBesideZero(MinimalAnalysis):
     name: ClassVar = "beside"
     reads_samples: ClassVar = False
     tables: ClassVar = (Table("beside", "", (Column("x", "rad", ""),)),)
-    trades: ClassVar = (Sweep("off", (1e-17, 0.0), "beside", "x", (), places=True),)
+    trades: ClassVar = (
+        ParameterTrade("off", (1e-17, 0.0), "beside", "x", (), places=True),
+    )
     off: float = 0.0
 
     def compute(self, batch):

@@ -14,8 +14,8 @@ from spherekit.plugin import (
     Findings,
     Mechanism,
     Needs,
+    ParameterTrade,
     Scene,
-    Sweep,
     TableData,
 )
 from spherekit.plugin.designs import middle_pairs
@@ -34,7 +34,7 @@ from .tables import ASPECTS, RELATION, SINGULARITIES
 
 def _compare_positions(
     parameter: str, values: tuple[float, ...], inputs: Literal["one", "several"]
-) -> Sweep:
+) -> ParameterTrade:
     """Return a comparison of speed and accuracy for values of a parameter.
 
     The analysis is run with each value of the parameter. The inputs ``q`` of the
@@ -52,7 +52,7 @@ def _compare_positions(
     # during the comparison, so that only the compared parameter limits the accuracy. This
     # is not done for `seconds` itself, nor for `samples`, which is for one input only.
     raises_time_limit = parameter not in ("samples", "seconds")
-    return Sweep(
+    return ParameterTrade(
         parameter,
         values,
         table="singularities",

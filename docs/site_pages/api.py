@@ -57,7 +57,14 @@ DISPLAY_PURPOSES: Purposes = {
 
 PLUGIN_PURPOSES: Purposes = {
     "Declare an analysis": (
-        *("AbstractAnalysis", "Needs", "Batch", "Findings", "FigureOfMerit", "Sweep"),
+        *(
+            "AbstractAnalysis",
+            "Needs",
+            "Batch",
+            "Findings",
+            "FigureOfMerit",
+            "ParameterTrade",
+        ),
         *("registered", "conformance"),
     ),
     "Declare tables": (

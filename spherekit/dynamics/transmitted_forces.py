@@ -169,7 +169,7 @@ class Equilibrium:
 
 
 @dataclass(frozen=True)
-class EquationSystem:
+class ReactionEquations:
     """Equations that have no unknown reactions in common with all other equations.
 
     Attributes
@@ -283,7 +283,7 @@ class NewtonEuler:
         self.matrix = matrix[:, self._has_equation]
         self._invert_systems(self._divide_equations(is_coupled=bool(distances)))
 
-    def _divide_equations(self, is_coupled: bool) -> list[EquationSystem]:
+    def _divide_equations(self, is_coupled: bool) -> list[ReactionEquations]:
         """Return the systems of equations that are solved separately.
 
         The equations of moments have the moments of the pairs as unknowns, and those of
@@ -302,15 +302,15 @@ class NewtonEuler:
         if is_coupled:
             all_equations = np.ones(len(equation_components), dtype=bool)
             all_reactions = np.ones(len(reaction_components), dtype=bool)
-            return [EquationSystem(all_equations, all_reactions)]
+            return [ReactionEquations(all_equations, all_reactions)]
         is_moment_equation = equation_components < MOMENT_COMPONENTS
         is_moment = reaction_components < MOMENT_COMPONENTS
         return [
-            EquationSystem(is_moment_equation, is_moment),
-            EquationSystem(~is_moment_equation, ~is_moment),
+            ReactionEquations(is_moment_equation, is_moment),
+            ReactionEquations(~is_moment_equation, ~is_moment),
         ]
 
-    def _invert_systems(self, systems: Sequence[EquationSystem]) -> None:
+    def _invert_systems(self, systems: Sequence[ReactionEquations]) -> None:
         """Invert systems of equations, and find undetermined reactions and sliding links.
 
         This method sets three attributes:

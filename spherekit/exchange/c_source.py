@@ -13,7 +13,7 @@ from spherekit.exchange.source_language import (
     Language,
     operation_formats,
 )
-from spherekit.exchange.source_printer import Source, SourceFunction
+from spherekit.exchange.source_printer import FormulaSource, SourceFunction
 from spherekit.exchange.source_text import nested, nested_with_nan, wrap_lines
 
 C_HELPER_BY_OPERATION = {
@@ -172,7 +172,7 @@ KNOWN_INPUTS_TEMPLATE = """\
 """Template of the array of known inputs in that function."""
 
 
-def write_c(source: Source) -> str:
+def write_c(source: FormulaSource) -> str:
     """Return formulas as C99, to be compiled on its own or included.
 
     The text begins with declarations of all functions. It continues with
@@ -212,7 +212,7 @@ def write_c(source: Source) -> str:
     return "\n".join(parts)
 
 
-def _prototype_comment(source: Source) -> str:
+def _prototype_comment(source: FormulaSource) -> str:
     """Return the comment before the prototypes, with an example call.
 
     The example computes the results at the known inputs of the first assembly mode (way to
@@ -259,7 +259,7 @@ def _prototype_comment(source: Source) -> str:
     return f"{comment}\n\n   {title}\n\n{example}\n*/"
 
 
-def write_cpp(source: Source) -> str:
+def write_cpp(source: FormulaSource) -> str:
     """Return formulas as a C++ header of templates.
 
     The number type of variables, ``Scalar``, is a parameter of the templates. It may be a
@@ -298,7 +298,7 @@ def write_cpp(source: Source) -> str:
     return "\n".join(parts)
 
 
-def _write_constants(source: Source, storage: str) -> Iterator[str]:
+def _write_constants(source: FormulaSource, storage: str) -> Iterator[str]:
     """Yield the declarations of constants for the users of the formulas.
 
     They are the index of each result in the array of results, the values of the sizes in
@@ -332,7 +332,7 @@ def _write_constants(source: Source, storage: str) -> Iterator[str]:
 
 
 def _write_series(
-    source: Source, scalar: str, constant: str, type_line: str
+    source: FormulaSource, scalar: str, constant: str, type_line: str
 ) -> Iterator[str]:
     """Yield the functions that evaluate the stored series.
 
@@ -373,7 +373,7 @@ def _write_series(
         )
 
 
-def _function_head(source: Source, function: SourceFunction, scalar: str) -> str:
+def _function_head(source: FormulaSource, function: SourceFunction, scalar: str) -> str:
     """Return the C head of a function, without its body.
 
     All arguments are arrays: the inputs and their rates (``motion``), the numbers that
@@ -403,7 +403,7 @@ def _function_head(source: Source, function: SourceFunction, scalar: str) -> str
     )
 
 
-def _write_function(source: Source, function: SourceFunction, scalar: str) -> str:
+def _write_function(source: FormulaSource, function: SourceFunction, scalar: str) -> str:
     """Return the text of a C function with its body.
 
     A function either computes the results of the mechanism, or makes a step of Newton's
@@ -443,7 +443,7 @@ def _write_function(source: Source, function: SourceFunction, scalar: str) -> st
     return f"{head}\n{{\n{type_line}{body}\n}}\n"
 
 
-def _smooth_mode_head(source: Source, scalar: str) -> str:
+def _smooth_mode_head(source: FormulaSource, scalar: str) -> str:
     """Return the C head of the function that selects an assembly mode at an input.
 
     An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
@@ -473,7 +473,7 @@ def _smooth_mode_head(source: Source, scalar: str) -> str:
     )
 
 
-def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
+def _write_smooth_modes(source: FormulaSource, scalar: str) -> Iterator[str]:
     """Yield the C function that selects an assembly mode at an input, if there is one.
 
     An assembly mode (way to assemble the mechanism) is selected by numbers, the mode

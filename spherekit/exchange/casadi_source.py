@@ -15,7 +15,7 @@ from spherekit.exchange.script_parts import (
     write_series,
 )
 from spherekit.exchange.source_language import Language, operation_formats
-from spherekit.exchange.source_printer import Source, SourceFunction
+from spherekit.exchange.source_printer import FormulaSource, SourceFunction
 
 CASADI = Language(
     name="Python",
@@ -95,7 +95,7 @@ CASADI_MOVED_INPUT_TEMPLATE = """\
 """Template of the lines that move an input outside of the range by whole periods."""
 
 
-def write_casadi(source: Source) -> str:
+def write_casadi(source: FormulaSource) -> str:
     """Return the source code of Python functions that each return a CasADi function."""
     parts = [
         write_constants(source, "casadi as ca"),
@@ -111,7 +111,7 @@ def write_casadi(source: Source) -> str:
     return join_parts(source, parts)
 
 
-def _write_function(source: Source, function: SourceFunction) -> str:
+def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     """Return the text of a Python function that makes a function of CasADi.
 
     The text first makes symbols for the arguments, then computes with them line by line,
@@ -148,7 +148,7 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     return f"\ndef {function.name}():\n{docstring}\n{body}\n"
 
 
-def _write_smooth_modes(source: Source) -> Iterator[str]:
+def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     """Yield the text of the function that selects an assembly mode, if there is one.
 
     An assembly mode is selected in the formulas by numbers, the mode values. In closed form

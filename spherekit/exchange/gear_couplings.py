@@ -139,7 +139,7 @@ class IdlerWheel:
 
 
 @dataclass(frozen=True)
-class GearTrain:
+class CoupledGears:
     """The gears of all couplings, by name, and the idler wheels that have to be added."""
 
     gears: Mapping[str, BevelGears]
@@ -301,7 +301,7 @@ GearEquation = BevelEquation | CoaxialEquation
 
 def find_gears(
     hinges: Sequence[ImportedPair], couplings: Sequence[Coupling], first_new_link: int
-) -> GearTrain:
+) -> CoupledGears:
     """Return bevel gears that have the same equations as couplings of hinges.
 
     A coupling is a linear equation between the rates of hinges. For any two links, the
@@ -368,7 +368,7 @@ def find_gears(
         first_mesh, second_mesh = candidate.construct_gears(idler_link)
         gears[name] = first_mesh
         gears[f"{name}_idler"] = second_mesh
-    return GearTrain(gears, idlers)
+    return CoupledGears(gears, idlers)
 
 
 def _write_equations(

@@ -6,7 +6,7 @@ from spherekit.escaping import javascript_comment, json_text
 from spherekit.exchange import identifiers
 from spherekit.exchange.script_parts import join_parts, smooth_mode_texts, write_series
 from spherekit.exchange.source_language import Language, operation_formats
-from spherekit.exchange.source_printer import Source, SourceFunction
+from spherekit.exchange.source_printer import FormulaSource, SourceFunction
 
 JAVASCRIPT = Language(
     name="JavaScript",
@@ -81,7 +81,7 @@ JAVASCRIPT_MOVED_INPUT_TEMPLATE = """\
 """Template of the lines that move an input outside of the range by whole periods."""
 
 
-def write_javascript(source: Source) -> str:
+def write_javascript(source: FormulaSource) -> str:
     """Return the formulas of a mechanism as the text of an ES module.
 
     It begins with a description: names of arguments and results, sizes, and the mode
@@ -121,7 +121,7 @@ def write_javascript(source: Source) -> str:
     return join_parts(source, parts)
 
 
-def _write_function(source: Source, function: SourceFunction) -> str:
+def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     """Return the JavaScript text of a function that writes its results to an array.
 
     - The function of the formulas writes to the array ``result`` and returns it.
@@ -147,7 +147,7 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     return f"export function {function.name}({parameters}) {{\n{body}\n}}\n"
 
 
-def _write_smooth_modes(source: Source) -> Iterator[str]:
+def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     """Yield the text of the function that selects an assembly mode at an input q.
 
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q

@@ -11,7 +11,7 @@ from spherekit.exchange.script_parts import (
     write_series,
 )
 from spherekit.exchange.source_language import Language, operation_formats
-from spherekit.exchange.source_printer import Source, SourceFunction
+from spherekit.exchange.source_printer import FormulaSource, SourceFunction
 from spherekit.exchange.source_text import nested
 
 ERROR_CONDITIONS = {
@@ -97,7 +97,7 @@ JULIA_MOVED_INPUT_TEMPLATE = """\
 """Template of the lines that move an input outside of the range by whole periods."""
 
 
-def write_julia(source: Source) -> str:
+def write_julia(source: FormulaSource) -> str:
     """Return the formulas of a mechanism as the text of a Julia program.
 
     It begins with constants: the names of the results, the sizes of the mechanism, and the
@@ -133,7 +133,7 @@ def write_julia(source: Source) -> str:
     return join_parts(source, parts)
 
 
-def _write_function(source: Source, function: SourceFunction) -> str:
+def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     """Return the text of a function that returns its results.
 
     A step of Newton's method also returns the closure residual (by how much the loops were
@@ -147,7 +147,7 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     return f"function {function.name}({parameters})\n{body}\nend\n"
 
 
-def _write_smooth_modes(source: Source) -> Iterator[str]:
+def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     """Yield the text of the function that selects an assembly mode at an input q.
 
     A mode (way to assemble the mechanism) follows a smooth curve of configurations as q

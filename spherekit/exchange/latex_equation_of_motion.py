@@ -39,7 +39,7 @@ from spherekit.symbolic.expression_graph import (
 from spherekit.symbolic.parsed_expressions import convert_to_graph
 
 
-class EquationOfMotion:
+class LatexEquationOfMotion:
     """Formulas of the inertia matrix, of generalized forces and of the input torques.
 
     They are written to the formula list when this object is made.

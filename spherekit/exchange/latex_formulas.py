@@ -8,7 +8,7 @@ from typing import Any
 
 from spherekit.arrays import Floats
 from spherekit.exchange.latex_coefficients import CoefficientFormulas
-from spherekit.exchange.latex_equation_of_motion import EquationOfMotion
+from spherekit.exchange.latex_equation_of_motion import LatexEquationOfMotion
 from spherekit.exchange.latex_formula_list import FormulaList
 from spherekit.exchange.latex_positions import PositionFormulas
 from spherekit.mechanism.mechanism import Mechanism
@@ -112,7 +112,7 @@ class LatexFormulas:
         self.free_symbols: dict[Any, ExpressionNode] = {**self.positions.free_symbols}
         if mechanism.masses or mechanism.loads:
             self.formula_list.section = "Equation of motion"
-            equation_of_motion = EquationOfMotion(
+            equation_of_motion = LatexEquationOfMotion(
                 self.formula_list,
                 mechanism,
                 self.positions,

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from spherekit.errors import FileError, ModelError
 from spherekit.exchange.gear_couplings import (
     BevelGears,
-    GearTrain,
+    CoupledGears,
     ImportedPair,
     find_gears,
 )
@@ -135,7 +135,7 @@ class ImportedFile:
             },
         }
 
-    def _find_gears(self) -> GearTrain:
+    def _find_gears(self) -> CoupledGears:
         """Return gears that have the same equations as the couplings of hinges.
 
         A coupling is a linear equation between the rates of joints. A mechanism file has

@@ -2,7 +2,7 @@
 
 from pprint import pformat
 
-from spherekit.exchange.source_printer import Source
+from spherekit.exchange.source_printer import FormulaSource
 from spherekit.exchange.source_text import LINE_WIDTH
 
 CONSTANTS_TEMPLATE = """\
@@ -18,7 +18,7 @@ KNOWN_INPUTS_TEXT = ", and inputs at which it has them"
 """Part of the docstring of a function that returns known inputs too."""
 
 
-def write_constants(source: Source, library: str) -> str:
+def write_constants(source: FormulaSource, library: str) -> str:
     """Return the text of the first lines of an exported Python file.
 
     The file computes quantities of a mechanism by formulas. Its first lines import a

@@ -12,7 +12,7 @@ from spherekit.exchange.script_parts import (
     write_series,
 )
 from spherekit.exchange.source_language import Language, operation_formats
-from spherekit.exchange.source_printer import Source, SourceFunction
+from spherekit.exchange.source_printer import FormulaSource, SourceFunction
 
 PYTHON = Language(
     name="Python",
@@ -92,7 +92,7 @@ PYTHON_MOVED_INPUT_TEMPLATE = """\
 """Template of the lines that move an input outside of the range by whole periods."""
 
 
-def write_python(source: Source) -> str:
+def write_python(source: FormulaSource) -> str:
     """Return formulas as functions of NumPy arrays."""
     parts = [
         write_constants(source, "numpy as np"),
@@ -108,7 +108,7 @@ def write_python(source: Source) -> str:
     return join_parts(source, parts)
 
 
-def _write_function(source: Source, function: SourceFunction) -> str:
+def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     """Return the Python text of one function of an exported file.
 
     The written function takes three arrays, whose further axes are samples: the motion (as
@@ -133,7 +133,7 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     )
 
 
-def _write_smooth_modes(source: Source) -> Iterator[str]:
+def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     """Yield the Python text of the function that selects an assembly mode at an input.
 
     An assembly mode is one way to assemble the mechanism. *Mode values* are the numbers

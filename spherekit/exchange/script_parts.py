@@ -7,11 +7,11 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.exchange.source_head import head_comment
-from spherekit.exchange.source_printer import Source
+from spherekit.exchange.source_printer import FormulaSource
 from spherekit.exchange.source_text import nested, nested_with_nan, wrap_lines
 
 
-def join_parts(source: Source, parts: Iterable[str]) -> str:
+def join_parts(source: FormulaSource, parts: Iterable[str]) -> str:
     """Return a source: its head, the helpers that it needs, and its parts."""
     return "\n".join([head_comment(source), *source.helpers, *parts]) + "\n"
 
@@ -22,7 +22,7 @@ def join_items(items: Iterable[str], indent: int = 4) -> str:
 
 
 def write_series(
-    source: Source, template: str, closed_template: str, open_template: str
+    source: FormulaSource, template: str, closed_template: str, open_template: str
 ) -> Iterator[str]:
     """Yield the source code of a function for each stored series, which evaluates it.
 
@@ -37,7 +37,7 @@ def write_series(
         The formulas with their series.
     template
         Template of the function in a programming language. Its fields are the keys of the
-        dictionaries in `Source.series_fields`, and ``{around}``.
+        dictionaries in `FormulaSource.series_fields`, and ``{around}``.
     closed_template, open_template
         Templates of the lines that replace ``{around}``. They deal with values of the
         variable outside of the range of the series. On a closed curve they are moved into
@@ -91,7 +91,7 @@ class SmoothModeTexts:
 
 
 def smooth_mode_texts(
-    source: Source, nan_literal: str, infinity_literal: str, moved_template: str
+    source: FormulaSource, nan_literal: str, infinity_literal: str, moved_template: str
 ) -> SmoothModeTexts:
     """Return the table of mode values by intervals of the input, as source code.
 

@@ -8,7 +8,7 @@ import numpy as np
 from spherekit.escaping import one_line
 from spherekit.exchange.formula_expressions import Formulas, Mode
 from spherekit.exchange.mode_table import UNKNOWN_AT_CROSSING_RAD
-from spherekit.exchange.source_printer import Source
+from spherekit.exchange.source_printer import FormulaSource
 from spherekit.exchange.source_text import LINE_WIDTH
 from spherekit.version import __version__
 from spherekit.wording import counted, listing
@@ -20,7 +20,7 @@ OTHER_CROSSINGS = (
 """Sentence on mechanisms of which not all crossings may be known."""
 
 
-def head_comment(source: Source) -> str:
+def head_comment(source: FormulaSource) -> str:
     """Return the head of a source as a comment of its language."""
     language = source.language
     comment = ""
@@ -30,7 +30,7 @@ def head_comment(source: Source) -> str:
     return comment
 
 
-def _head_lines(source: Source) -> Iterator[str]:
+def _head_lines(source: FormulaSource) -> Iterator[str]:
     """Yield the lines of the head of a source, without the marks of a comment.
 
     They give the title, how positions are computed, what each element of the arguments and
@@ -63,7 +63,7 @@ def _head_lines(source: Source) -> Iterator[str]:
         yield from wrap(_comparison_sentences(source), LINE_WIDTH)
 
 
-def _argument_lines(source: Source) -> Iterator[str]:
+def _argument_lines(source: FormulaSource) -> Iterator[str]:
     """Yield a list of the elements of each argument and of the result, with units.
 
     The arguments are arrays: the motion (inputs, rates, ...), the numbers that select the
@@ -101,7 +101,7 @@ def _sign_note(formulas: Formulas, middle_pair: str) -> str:
     return "+1 or -1: the side of a dyad that replaces a contact"
 
 
-def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
+def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[str]:
     """Yield the lines on an assembly mode: its number, name, mode values and inputs.
 
     Mode values are the numbers that the source takes to select the mode: the signs of its
@@ -140,7 +140,7 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
         )
 
 
-def _method_sentences(source: Source) -> str:
+def _method_sentences(source: FormulaSource) -> str:
     """Return the sentences on how positions are computed, for the head of a source.
 
     Positions are computed by steps of Newton's method, or in closed form. In closed form,
@@ -174,7 +174,7 @@ def _method_sentences(source: Source) -> str:
     )
 
 
-def _smooth_mode_sentences(source: Source) -> str:
+def _smooth_mode_sentences(source: FormulaSource) -> str:
     """Return the sentences on modes that follow smooth curves, for the head of a source.
 
     At a crossing, curves of configurations of different assembly modes meet, as at the
@@ -226,7 +226,7 @@ def _smooth_mode_sentences(source: Source) -> str:
     )
 
 
-def _comparison_sentences(source: Source) -> str:
+def _comparison_sentences(source: FormulaSource) -> str:
     """Return the sentences on the comparison of modes before the source was written."""
     table = source.formulas.mode_table
     difference = f"to {table.largest_difference:.1e} rad"
@@ -242,7 +242,7 @@ def _comparison_sentences(source: Source) -> str:
     )
 
 
-def _renaming_sentences(source: Source) -> Iterator[str]:
+def _renaming_sentences(source: FormulaSource) -> Iterator[str]:
     """Yield the sentences on names that the language does not allow."""
     name = source.formulas.mechanism.name
     if source.name != name:

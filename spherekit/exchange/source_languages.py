@@ -10,14 +10,14 @@ from spherekit.exchange.javascript_source import JAVASCRIPT, write_javascript
 from spherekit.exchange.julia_source import JULIA, write_julia
 from spherekit.exchange.python_source import PYTHON, write_python
 from spherekit.exchange.source_language import Language
-from spherekit.exchange.source_printer import Source
+from spherekit.exchange.source_printer import FormulaSource
 
 
 class SourceWriter(NamedTuple):
     """A language, and the function that writes formulas in it."""
 
     language: Language
-    write: Callable[[Source], str]
+    write: Callable[[FormulaSource], str]
 
 
 WRITERS: Mapping[str, SourceWriter] = {
@@ -42,4 +42,4 @@ def source(formulas: Formulas, language: str) -> str:
         One of the names in `WRITERS`.
     """
     writer = WRITERS[language]
-    return writer.write(Source(formulas, writer.language))
+    return writer.write(FormulaSource(formulas, writer.language))

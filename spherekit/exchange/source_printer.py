@@ -47,7 +47,7 @@ class SourceFunction(NamedTuple):
     used_arguments: set[str]
 
 
-class Source:
+class FormulaSource:
     """Formulas with their names and assignments in a programming language.
 
     Parameters

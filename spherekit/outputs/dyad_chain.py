@@ -28,7 +28,7 @@ Signs = tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class DyadPlacement:
+class ChainDyad:
     """A dyad: two links that a chain of three R pairs connects to links placed before.
 
     The chain leads from the near support through the near pair, the near link, the middle
@@ -235,7 +235,7 @@ class DyadChain:
             for group in assembly.groups
         )
 
-    def _make_dyad(self, group: Group) -> DyadPlacement:
+    def _make_dyad(self, group: Group) -> ChainDyad:
         """Return a dyad with its pairs, links and arcs, from a group of the assembly.
 
         A dyad is two links that three pairs join to each other and to two supports, links
@@ -246,7 +246,7 @@ class DyadChain:
         # Body 0 has all links placed before, the others are the links of the dyad.
         near_link = group.bodies[1][0]
         far_link = group.bodies[2][0]
-        return DyadPlacement(
+        return ChainDyad(
             near_pair=near_pair,
             middle_pair=middle_pair,
             far_pair=far_pair,

@@ -1,9 +1,9 @@
 """The names with which every plugin is written.
 
 They are the contract of analyses (`AbstractAnalysis`, `Needs`, `Batch`, `Findings`,
-`FigureOfMerit`, `Sweep`), declared tables, visible objects, poles by name, and errors.
-`conformance` checks an analysis. The functions that analyses of one topic need are in
-`spherekit.plugin.designs`, `dynamics`, `motion`, `quantities`, `rotations`,
+`FigureOfMerit`, `ParameterTrade`), declared tables, visible objects, poles by name, and
+errors. `conformance` checks an analysis. The functions that analyses of one topic need are
+in `spherekit.plugin.designs`, `dynamics`, `motion`, `quantities`, `rotations`,
 `singularities` and `workspace`. They load more code, so an analysis imports only the
 modules that it uses.
 """
@@ -18,7 +18,7 @@ from spherekit.number_text import degree_range_text, degrees_text, number_text
 from spherekit.planning.pole_plan import Pole, all_poles, parse_pole, pole_of
 from spherekit.plugin.checks import conformance
 from spherekit.runs.batch import Batch
-from spherekit.runs.contract import AbstractAnalysis, Findings, Sweep
+from spherekit.runs.contract import AbstractAnalysis, Findings, ParameterTrade
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.needs import Needs
 from spherekit.runs.registry import registered
@@ -87,6 +87,7 @@ __all__ = [
     "ModelError",
     "Needs",
     "Output",
+    "ParameterTrade",
     "PlaneCurve",
     "Pole",
     "Portrait",
@@ -100,7 +101,6 @@ __all__ = [
     "SphereMap",
     "Status",
     "Surface",
-    "Sweep",
     "Table",
     "TableData",
     "Text",

@@ -25,7 +25,7 @@ CONTRACT = 1
 
 
 @dataclass(frozen=True)
-class Sweep:
+class ParameterTrade:
     """Declares how `spherekit trade` compares the values of a parameter of an analysis.
 
     The parameter trades speed for accuracy. The command runs the analysis with each of its
@@ -139,7 +139,7 @@ class AbstractAnalysis(ABC):
     Otherwise it is computed once, with the first block. That is empty if no analysis of the
     run reads samples.
     """
-    trades: ClassVar[tuple[Sweep, ...]] = ()
+    trades: ClassVar[tuple[ParameterTrade, ...]] = ()
     """Parameters that trade speed for accuracy, if not the samples take the time."""
 
     def requested_tables(self) -> tuple[Table, ...]:

@@ -21,7 +21,7 @@ from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.balls import MIN_DIGITS as REFERENCE_DIGITS
 from spherekit.runs import batch_runner
-from spherekit.runs.contract import AbstractAnalysis, Sweep
+from spherekit.runs.contract import AbstractAnalysis, ParameterTrade
 from spherekit.runs.evaluation_options import ENGINES, ORDINARY, Setting
 from spherekit.runs.registry import create_analysis
 from spherekit.runs.run_plan import RunPlan
@@ -235,9 +235,13 @@ def trade(
     if isinstance(analysis, str):
         analysis = create_analysis(analysis, study.mechanism.angle_unit)
     # Parameters of the analysis that trade speed for accuracy.
-    sweeps = [sweep for sweep in analysis.trades if sweep.applies(study.mechanism)]
-    if sweeps:
-        return _trade_parameters(study, analysis, sweeps, trade_options)
+    parameter_trades = [
+        parameter_trade
+        for parameter_trade in analysis.trades
+        if parameter_trade.applies(study.mechanism)
+    ]
+    if parameter_trades:
+        return _trade_parameters(study, analysis, parameter_trades, trade_options)
     # A study with a start is a simulation. It is computed again with each setting, so it
     # gets fewer samples here. Other runs get fewer samples in `_trade_samples`.
     is_simulation = study.start is not None
@@ -457,7 +461,7 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
 def _trade_parameters(
     study: Study,
     analysis: AbstractAnalysis,
-    sweeps: Sequence[Sweep],
+    parameter_trades: Sequence[ParameterTrade],
     trade_options: TradeOptions,
 ) -> Trade:
     """Measure how parameters of an analysis change its speed and accuracy.
@@ -472,7 +476,7 @@ def _trade_parameters(
         The study of the run for which values are sought.
     analysis
         The analysis.
-    sweeps
+    parameter_trades
         The parameters with their values and the compared columns. The last value of each is
         the most accurate one.
     trade_options
@@ -481,19 +485,19 @@ def _trade_parameters(
     all_measured: list[Measured] = []
     reference_names: list[str] = []
     columns: dict[str, tuple[str, float]] = {}
-    for sweep in sweeps:
+    for parameter_trade in parameter_trades:
         candidates = [
             Candidate(
-                name=f"{sweep.parameter}={value:g}",
+                name=f"{parameter_trade.parameter}={value:g}",
                 setting=None,
-                run=partial(_run_with_value, study, analysis, sweep, value),
+                run=partial(_run_with_value, study, analysis, parameter_trade, value),
             )
-            for value in sweep.values
+            for value in parameter_trade.values
         ]
         reference_candidate = candidates.pop()
         reference_names.append(reference_candidate.name)
         reference = reference_candidate.run(True).tables
-        compare = partial(_compare_sweep_column, sweep, reference)
+        compare = partial(_compare_column, parameter_trade, reference)
         all_measured += measure_candidates(
             candidates, compare, sample_ratio=1.0, trade_options=trade_options
         )
@@ -501,7 +505,7 @@ def _trade_parameters(
         # has either positions (`places`), such as inputs (rad) at which something happens,
         # or other numbers, whose errors are relative to the largest one.
         (deviation,) = compare(reference)
-        scale_words = "absolute rad" if sweep.places else "over the largest"
+        scale_words = "absolute rad" if parameter_trade.places else "over the largest"
         columns.setdefault(deviation.column, (scale_words, deviation.scale))
     finite_errors = [item.error for item in all_measured if np.isfinite(item.error)]
     return Trade(
@@ -523,7 +527,11 @@ def _trade_parameters(
 
 
 def _run_with_value(
-    study: Study, analysis: AbstractAnalysis, sweep: Sweep, value: Any, is_compared: bool
+    study: Study,
+    analysis: AbstractAnalysis,
+    parameter_trade: ParameterTrade,
+    value: Any,
+    is_compared: bool,
 ) -> TimedTables:
     """Run an analysis with one value of a parameter, and measure the time.
 
@@ -538,9 +546,9 @@ def _run_with_value(
         The study of the run of the user.
     analysis
         The analysis.
-    sweep
+    parameter_trade
         The parameter, and the table of the analysis that is compared between its values.
-        `sweep.beside` has values of other parameters, which are constant.
+        `parameter_trade.beside` has values of other parameters, which are constant.
     value
         The value of the parameter. The parameter "samples" is the number of samples.
     is_compared
@@ -549,27 +557,29 @@ def _run_with_value(
     """
     start = time.process_time()
     sample_count = min(study.count, MIN_CHECKED_SAMPLES)
-    parameters = dict(sweep.beside)
-    if sweep.parameter == "samples":
+    parameters = dict(parameter_trade.beside)
+    if parameter_trade.parameter == "samples":
         sample_count = value
     else:
-        parameters[sweep.parameter] = value
+        parameters[parameter_trade.parameter] = value
     result = run(
         replace(study, samples=sample_count),
         replace(analysis, **parameters),  # type: ignore[type-var]
     )
     if result.failures:
         raise AnalysisError(result.failures[analysis.name])
-    data = arrays(result.results[analysis.name].data[sweep.table])
+    data = arrays(result.results[analysis.name].data[parameter_trade.table])
     seconds = time.process_time() - start
     # The caller converts times to the number of samples of the run: `first_seconds` counts
     # once, and the rest of `seconds` grows with this number. The search takes the same time
     # for any number, so all time is in `first_seconds`.
-    return TimedTables({sweep.table: data}, first_seconds=seconds, seconds=seconds)
+    return TimedTables(
+        {parameter_trade.table: data}, first_seconds=seconds, seconds=seconds
+    )
 
 
-def _compare_sweep_column(
-    sweep: Sweep, reference: Tables, tables: Tables
+def _compare_column(
+    parameter_trade: ParameterTrade, reference: Tables, tables: Tables
 ) -> list[Deviation]:
     """Return the deviation of a column, computed with one value of a parameter.
 
@@ -581,7 +591,7 @@ def _compare_sweep_column(
 
     Parameters
     ----------
-    sweep
+    parameter_trade
         The parameter, with the column that is compared.
     reference, tables
         Tables with the most accurate value of the parameter, and with another one.
@@ -589,10 +599,12 @@ def _compare_sweep_column(
     from scipy.spatial import cKDTree
 
     # Numbers (n, columns) by the texts of their rows.
-    reference_numbers = _group_numbers(sweep, arrays(reference[sweep.table]))
-    numbers = _group_numbers(sweep, arrays(tables[sweep.table]))
+    reference_numbers = _group_numbers(
+        parameter_trade, arrays(reference[parameter_trade.table])
+    )
+    numbers = _group_numbers(parameter_trade, arrays(tables[parameter_trade.table]))
     scale = 1.0
-    if not sweep.places:
+    if not parameter_trade.places:
         # The scale is 1 if all numbers are 0.
         sizes = [max_abs(values) for values in reference_numbers.values()]
         scale = max(sizes, default=0.0) or 1.0
@@ -600,10 +612,10 @@ def _compare_sweep_column(
     # not below the rounding error.
     errors = [EPS]
     shared_keys = reference_numbers.keys() & numbers.keys()
-    tree_options: Facts = {"boxsize": TURN} if sweep.places else {}
+    tree_options: Facts = {"boxsize": TURN} if parameter_trade.places else {}
     for key in shared_keys:
         both = [reference_numbers[key], numbers[key]]
-        if sweep.places:
+        if parameter_trade.places:
             # A tiny negative angle modulo a turn is rounded to a turn, which is outside of
             # the periodic box. The second operation makes it 0.
             both = [values % TURN % TURN for values in both]
@@ -612,18 +624,18 @@ def _compare_sweep_column(
             errors += np.divide(distances, scale).tolist()
     # A position without counterpart on either side is missing. Other numbers are missing
     # only if the reference has them.
-    expected = numbers | reference_numbers if sweep.places else reference_numbers
+    expected = numbers | reference_numbers if parameter_trade.places else reference_numbers
     missing = sum(len(values) for key, values in expected.items() if key not in shared_keys)
     # The error that the analysis itself estimates, relative to the largest number.
     estimate = np.nan
-    if sweep.error:
-        column = tables[sweep.table][sweep.column]
-        estimates = tables[sweep.table][sweep.error]
+    if parameter_trade.error:
+        column = tables[parameter_trade.table][parameter_trade.column]
+        estimates = tables[parameter_trade.table][parameter_trade.error]
         largest = np.nanmax(np.abs(column), initial=0.0) or 1.0
         estimate = np.nanmax(estimates, initial=0.0) / largest
     return [
         Deviation(
-            column=f"{sweep.table}.{sweep.column}",
+            column=f"{parameter_trade.table}.{parameter_trade.column}",
             error=max(errors),
             scale=scale,
             compared=len(errors) - 1 + missing,
@@ -633,7 +645,9 @@ def _compare_sweep_column(
     ]
 
 
-def _group_numbers(sweep: Sweep, data: TableArrays) -> dict[Names, Floats]:
+def _group_numbers(
+    parameter_trade: ParameterTrade, data: TableArrays
+) -> dict[Names, Floats]:
     """Return the finite numbers of a column, grouped by the texts in their rows.
 
     Two runs may find a different number of rows. A number is therefore only compared with
@@ -641,7 +655,7 @@ def _group_numbers(sweep: Sweep, data: TableArrays) -> dict[Names, Floats]:
 
     Parameters
     ----------
-    sweep
+    parameter_trade
         A parameter of an analysis that is varied, with the columns by which its results are
         compared: `column` has the numbers, and `match` are the columns of texts. With
         several inputs there is one column of numbers for each, such as ``q_21`` and
@@ -654,10 +668,12 @@ def _group_numbers(sweep: Sweep, data: TableArrays) -> dict[Names, Floats]:
     Numbers (n, columns of numbers) by the texts of their rows.
     """
     number_columns = [
-        name for name in data if name == sweep.column or name.startswith(f"{sweep.column}_")
+        name
+        for name in data
+        if name == parameter_trade.column or name.startswith(f"{parameter_trade.column}_")
     ]
     rows = np.stack([data[name] for name in number_columns], axis=1)
-    text_columns = [data[name].astype(str) for name in sweep.match]
+    text_columns = [data[name].astype(str) for name in parameter_trade.match]
     numbers_by_texts: dict[Names, list[Floats]] = {}
     for row, *texts in zip(rows, *text_columns, strict=True):
         if all_finite(row):
