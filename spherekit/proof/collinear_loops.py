@@ -13,7 +13,7 @@ If the loop closes with both planar angles of y, a + b and a - b are zero, so th
 with all y. The configurations are then a whole curve along which x is constant.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise, product
@@ -53,6 +53,13 @@ SOLUTION_RADIUS_RAD = 1e-9
 
 Larger: the derivatives in the balls may be singular. Smaller: the error of the position is
 no longer inside.
+"""
+
+NEAR_CENTRE_RATIO = 1e-3
+"""Largest difference of a variable from the centre of a box, over half its shortest side.
+
+With v variables it has to be less than 1 / sqrt(v), so that the position is inside the box.
+Smaller: crossings farther from the centre are not proven.
 """
 
 MAX_SADDLES = 64
@@ -117,37 +124,48 @@ class FourPairLoop:
         first, second = self.variables
         return second if variable == first else first
 
-    def constant_angles(self, variable: int) -> list[Ball]:
-        """Return the angles of a variable with which the other variable can have any angle.
+    def angles_that_free_other_variable(self, variable: int) -> list[Ball]:
+        """Return the angles of a variable with which the other one can have any angle.
 
-        Let x be this variable, and y the other one, counted from one of its planar angles.
-        If x has a planar angle, the reflection in this plane maps y to -y. The equation of
-        the loop is linear in cos(y) and sin(y), so it is a + b cos(y) = 0. If the loop
-        closes with both planar angles of y, which are y = 0 and y = pi, then a + b and
-        a - b are 0. So a and b are 0, and the loop closes with all y.
+        They are the planar angles of the variable with which the loop closes in a plane in
+        two ways: with the links of the other pair folded, and with them stretched. The loop
+        then closes with all angles of the other variable, by this argument:
+
+        1. Let x be the variable, and y the other one, which is 0 where its links are folded
+           and pi where they are stretched.
+        2. The equation of the loop is linear in cos(y) and sin(y). If x has a planar angle,
+           the reflection in this plane maps y to -y, so the sine does not occur. The
+           equation is a + b cos(y) = 0.
+        3. It is satisfied with y = 0 and with y = pi, so a + b = 0 and a - b = 0. Both a
+           and b are 0, and all y satisfy the equation.
 
         `variable` is the number of x. The angles (rad) are balls.
         """
-        constant_angles = []
-        for is_same_side in (True, False):
-            angles = [
-                closure[variable].angle
+        other_variable = self.other_variable(variable)
+        free_angles = []
+        for is_folded in (True, False):
+            # All these closures have the same angle of the variable.
+            closures = [
+                closure
                 for closure in self.planar_closures
-                if closure[variable].is_same_side == is_same_side
+                if closure[variable].is_same_side == is_folded
             ]
-            closes_with_both_angles_of_other = len(angles) == 2
-            if closes_with_both_angles_of_other:
-                constant_angles.append(angles[0])
-        return constant_angles
+            sides_of_other = {closure[other_variable].is_same_side for closure in closures}
+            closes_with_other_folded_and_stretched = sides_of_other == {True, False}
+            if closes_with_other_folded_and_stretched:
+                free_angles.append(closures[0][variable].angle)
+        return free_angles
 
 
 def complete_configuration(
     equations: ArcEquations, equation: int, given: Mapping[int, Ball], position: Floats
 ) -> Array | None:
-    """Enclose the solution of all equations but one, if some variables are given.
+    """Enclose the configuration in which some variables have given exact values.
 
-    A ball is a number with a proven bound of its error. The result proves that these
-    equations have exactly one solution near the position.
+    One equation is left out, because the caller knows that the given values satisfy it.
+    The other equations determine the variables that are not given. The result proves that
+    they have exactly one solution near the position. A ball is a number with a proven bound
+    of its error.
 
     Parameters
     ----------
@@ -169,29 +187,58 @@ def complete_configuration(
     """
     balls = exact_balls(position)
     for variable, value in given.items():
-        # The value that differs by whole turns and is nearest to the position.
-        turns = np.round((position[variable] - centre_float(value)) / (2.0 * np.pi))
-        balls[variable] = value + 2 * pi_ball() * turns
+        balls[variable] = _shift_by_turns(value, near_angle=position[variable])
         distance = abs(centre_float(balls[variable]) - position[variable])
         if distance > GIVEN_VALUE_TOLERANCE_RAD:
             return None
     free_variables = [j for j in range(equations.variable_count) if j not in given]
-    # There is one closure equation for each unknown angle.
-    equation_count = equations.unknown_count
-    other_equations = [k for k in range(equation_count) if k != equation]
+    other_equations = [k for k in range(equations.unknown_count) if k != equation]
     if len(free_variables) != len(other_equations):
         return None
     if not free_variables:
         return balls
-    # The free variables are widened by a radius. The residuals at the centre and the
-    # derivatives in the wide balls bound the distance of a zero from the centre. If the
-    # bound is less than the radius, the wide balls contain exactly one zero.
+    return _widen_around_solution(equations, other_equations, free_variables, balls)
+
+
+def _shift_by_turns(angle: Ball, near_angle: float) -> Ball:
+    """Return the angle (rad), shifted by whole turns, that is nearest to another angle."""
+    turns = np.round((near_angle - centre_float(angle)) / (2.0 * np.pi))
+    return angle + 2 * pi_ball() * turns
+
+
+def _widen_around_solution(
+    equations: ArcEquations,
+    square_equations: Sequence[int],
+    free_variables: Sequence[int],
+    balls: Array,
+) -> Array | None:
+    """Widen some variables so that they contain exactly one solution of equations.
+
+    The interval Newton method bounds the distance of the solution from the centre, from the
+    residuals at the centre and the derivatives in the wide balls. If the bound is less than
+    the radius of the wide balls, they contain exactly one solution.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    square_equations
+        Numbers of as many equations as there are free variables.
+    free_variables
+        Numbers of the variables that are widened, by `SOLUTION_RADIUS_RAD`.
+    balls
+        (v,) all variables (rad), the free ones without error.
+
+    Returns
+    -------
+    (v,) the variables with the widened ones, or None if no solution is proven.
+    """
     (residuals,) = equations.evaluate(balls, 0)
     wide_balls = balls.copy()
     wide_balls[free_variables] += widen(0.0, SOLUTION_RADIUS_RAD)
     _, derivatives = equations.evaluate(wide_balls)
     distance_bound = bound_zero_distance(
-        residuals[other_equations], derivatives[np.ix_(other_equations, free_variables)]
+        residuals[square_equations], derivatives[np.ix_(square_equations, free_variables)]
     )
     return wide_balls if distance_bound < SOLUTION_RADIUS_RAD else None
 
@@ -322,32 +369,56 @@ def _exact_arc(
     give this arc, or if it is 0 or half a turn. In radians it is also None for arcs outside
     this range, because whole turns cannot be subtracted exactly.
     """
-    structure = decimal_mechanism.structure
-    table = decimal_mechanism.document.data["links"].get(structure.links[link])
-    if not table or "axes" not in table:
+    arc_text = _find_arc_text(decimal_mechanism, link, first_pair, second_pair)
+    if arc_text is None:
         return None
-    names = table["axes"]
-    pair_names = (structure.pairs[first_pair], structure.pairs[second_pair])
-    # The file gives the arcs of a link from its first axis to each other axis.
-    if names[0] not in pair_names or not set(pair_names) <= set(names):
-        return None
-    if first_pair == second_pair:
-        return None
-    # One of the two pairs has the first axis in the list `names`, with index 0. The list of
-    # arcs has an arc for each of the other axes, so it begins with that of index 1.
-    index_of_other_axis = max(names.index(pair) for pair in pair_names)
-    arc_text = decimal_text(table["arcs"][index_of_other_axis - 1])
     # TOML allows underscores between digits.
     arc = Fraction(arc_text.replace("_", ""))
     if decimal_mechanism.in_degrees:
-        # The arc that is at most half a turn is the smaller one of both ways round.
-        arc = min(arc % 360, -arc % 360)
+        # The arcs both ways round the great circle; the smaller one is at most half a turn.
+        forward_arc = arc % 360
+        backward_arc = (-arc) % 360
+        arc = min(forward_arc, backward_arc)
         upper_limit = 180.0
     else:
         # No decimal number in radians equals pi exactly. A limit a little below pi excludes
         # the few arcs between, which then count as not given exactly.
         upper_limit = 3.14159
     return arc if 0 < arc < upper_limit else None
+
+
+def _find_arc_text(
+    decimal_mechanism: DecimalMechanism, link: int, first_pair: int, second_pair: int
+) -> str | None:
+    """Return the arc between two pair axes of a link as the decimal text of the file.
+
+    The file gives the arcs of a link from its first axis to each other axis. Only these are
+    found.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism with its file.
+    link, first_pair, second_pair
+        Numbers, in the structure, of the link and of the two pairs.
+
+    Returns
+    -------
+    The text of the number, None if the file does not give this arc.
+    """
+    structure = decimal_mechanism.structure
+    table = decimal_mechanism.document.data["links"].get(structure.links[link])
+    if first_pair == second_pair or not table or "axes" not in table:
+        return None
+    first_axis, *other_axes = table["axes"]
+    pair_names = {structure.pairs[first_pair], structure.pairs[second_pair]}
+    if first_axis not in pair_names:
+        return None
+    # `arcs` has the arc from the first axis to each of the other axes, in their order.
+    (other_axis,) = pair_names - {first_axis}
+    if other_axis not in other_axes:
+        return None
+    return decimal_text(table["arcs"][other_axes.index(other_axis)])
 
 
 def _planar_angles(
@@ -373,24 +444,49 @@ def _planar_angles(
     with the arcs on opposite sides.
     """
     pair = pairs[joint]
-    count = len(pairs)
-    # By link: azimuth (rad) of its other axis in the loop about the axis of the joint.
-    azimuths = {}
-    for link_position, neighbour_joint in ((joint, joint - 1), (joint + 1, joint + 1)):
-        link = links[link_position % count]
-        # Rows of a pair frame are its zero direction, its side direction and its axis.
-        neighbour_axis = equations.pair_frame(pairs[neighbour_joint % count], link)[2]
-        zero_and_side = equations.pair_frame(pair, link)[:2]
-        azimuths[link] = polar_angle(*(zero_and_side @ neighbour_axis))
-    # The angle is that of the second link relative to the first. It adds to the azimuth on
-    # the second link. The neighbouring axes are on the same side if both azimuths are then
-    # equal: angle + second azimuth = first azimuth.
+    link_before = links[joint]
+    link_after = links[(joint + 1) % len(links)]
+    pair_after = pairs[(joint + 1) % len(pairs)]
+    azimuth_by_link = {
+        link_before: _azimuth_in_link(equations, link_before, pair, pairs[joint - 1]),
+        link_after: _azimuth_in_link(equations, link_after, pair, pair_after),
+    }
+    # The joint angle is that of the second link relative to the first. In the first link,
+    # the neighbouring axis of the second link has the azimuth (joint angle + second
+    # azimuth). The arcs are on the same side if this equals the first azimuth.
     first_link, second_link = equations.decimal_mechanism.structure.ends[pair]
-    same_side = azimuths[first_link] - azimuths[second_link]
+    same_side = azimuth_by_link[first_link] - azimuth_by_link[second_link]
     return (
         PlanarAngle(same_side, is_same_side=True),
         PlanarAngle(same_side + pi_ball(), is_same_side=False),
     )
+
+
+def _azimuth_in_link(
+    equations: ArcEquations, link: int, pair: int, other_pair: int
+) -> Ball:
+    """Return the azimuth of another pair axis of a link about the axis of a pair.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    link
+        Number of the link that has both pairs.
+    pair
+        Number of the pair about whose axis the azimuth is counted, from the zero direction
+        of the pair in this link.
+    other_pair
+        Number of the pair whose axis has the azimuth.
+
+    Returns
+    -------
+    The azimuth (rad) as a ball, a number with a proven bound of its error.
+    """
+    # The rows of a pair frame are its zero direction, its side direction and its axis.
+    other_axis = equations.pair_frame(other_pair, link)[2]
+    zero_and_side = equations.pair_frame(pair, link)[:2]
+    return polar_angle(*(zero_and_side @ other_axis))
 
 
 class Crossings:
@@ -477,12 +573,14 @@ class Crossings:
         other, and both links b likewise, the axes of two pairs coincide. The links a can
         then turn about this axis together, while the variables of the other two pairs rest.
 
-        Certain angles of the variable are known at which a loop of four pairs closes with
-        all angles of its other variable (`FourPairLoop.constant_angles`). These
-        configurations are a curve along which the variable is constant. A configuration of
-        this curve is searched in the box of one arc. The box contains no other
-        configurations than the arc. If the curve passes through it, the arc, and with it
-        the whole chain, is therefore on this curve.
+        The proof uses the arc in the middle of the chain; any other would do:
+
+        1. With certain angles of the variable, a loop of four pairs closes with all angles
+           of its other variable (`FourPairLoop.angles_that_free_other_variable`). These
+           configurations are a curve along which the variable is constant.
+        2. A configuration of this curve is inside the box of the arc.
+        3. The box contains no other configurations than the arc. So the arc, and with it
+           the whole chain, is on this curve.
 
         Parameters
         ----------
@@ -491,33 +589,48 @@ class Crossings:
         variable
             Number of the variable.
         """
-        # Any arc would do; the one in the middle of the chain is tried.
         piece = pieces[len(pieces) // 2]
         for loop in self.loops:
             if variable not in loop.variables:
                 continue
-            other_variable = loop.other_variable(variable)
-            for angle in loop.constant_angles(variable):
-                # A configuration with this angle, near the centre of the arc; None if the
-                # angle is not near that of the centre, or no configuration is proven.
-                given = {
-                    variable: angle,
-                    other_variable: exact_ball(piece.centre[other_variable]),
-                }
-                balls = complete_configuration(
-                    self.equations, loop.equation, given, piece.centre
-                )
-                if balls is not None:
-                    # Another angle would be half a turn away from the centre. It need not
-                    # be tried.
-                    return _is_inside_box(balls, piece)
+            balls = self._find_on_constant_curve(loop, variable, piece.centre)
+            if balls is not None:
+                return _is_inside_box(balls, piece)
         return False
 
-    def _contains_proven_crossing(self, box: OrientedBox) -> bool:
-        """Return whether configuration curves are proven to cross near a box's centre.
+    def _find_on_constant_curve(
+        self, loop: FourPairLoop, variable: int, position: Floats
+    ) -> Array | None:
+        """Return a configuration near a position on a curve with a constant variable.
 
-        A configuration is searched near the centre in which all four axes of a loop of four
-        pairs are in one plane. Curves cross in it, for these reasons:
+        Parameters
+        ----------
+        loop
+            The loop that closes with all angles of its other variable.
+        variable
+            Number of the variable that is constant along the curve.
+        position
+            (v,) values (rad). The other variable of the loop keeps its value.
+
+        Returns
+        -------
+        (v,) the configuration as balls (rad). None if there is no such curve, the constant
+        angle is not near that of the position, or no configuration is proven.
+        """
+        other_variable = loop.other_variable(variable)
+        # There are at most two angles, half a turn apart, so only one can be near.
+        for angle in loop.angles_that_free_other_variable(variable):
+            given = {variable: angle, other_variable: exact_ball(position[other_variable])}
+            balls = complete_configuration(self.equations, loop.equation, given, position)
+            if balls is not None:
+                return balls
+        return None
+
+    def _contains_proven_crossing(self, box: OrientedBox) -> bool:
+        """Return whether configuration curves are proven to cross in a box.
+
+        It is the box of `find_saddle`. Curves cross in each configuration in it in which
+        all four axes of a loop of four pairs are in one plane, for these reasons:
 
         1. The reflection in this plane reverses small changes of the angles, and does not
            change the equation of the loop. Its derivatives by the angles are therefore 0.
@@ -528,26 +641,36 @@ class Crossings:
            point. A configuration is a zero of g. The curves g = 0 through a saddle point
            cross there.
         """
-        # A crossing that is nearer than this to the centre in each variable (rad) is inside
-        # the box. `limits` are half the sides of the box, which is turned relative to the
-        # variables. The Euclidean distance in v variables is at most sqrt(v) times as
-        # large, so the factor 1e-3 is enough for all v below a million.
-        max_distance = 1e-3 * np.min(box.limits)
-        centre = exact_balls(box.centre)
+        return any(
+            _is_near_centre(configuration, box)
+            for configuration in self._find_planar_configurations(box.centre)
+        )
+
+    def _find_planar_configurations(self, position: Floats) -> Iterator[Array]:
+        """Yield configurations near a position in which a loop of four pairs is planar.
+
+        In a planar loop all four axes are in one plane. Only loops whose exact arcs prove
+        that they close in this way are considered.
+
+        Parameters
+        ----------
+        position
+            (v,) values (rad).
+
+        Yields
+        ------
+        (v,) a configuration in proven balls (rad).
+        """
         for loop in self.loops:
             for closure in loop.planar_closures:
-                # Both variables of the loop have the angles of the planar loop. All other
-                # variables follow from the other equations.
+                # Both variables of the loop have their angles in the planar loop, which
+                # satisfy its equation. All other variables follow from the other equations.
                 given = {variable: planar.angle for variable, planar in closure.items()}
-                balls = complete_configuration(
-                    self.equations, loop.equation, given, box.centre
+                configuration = complete_configuration(
+                    self.equations, loop.equation, given, position
                 )
-                if balls is None:
-                    continue
-                distance_bound = max(map(upper_magnitude, balls - centre))
-                if distance_bound < max_distance:
-                    return True
-        return False
+                if configuration is not None:
+                    yield configuration
 
     def _is_disjoint(self, box: OrientedBox) -> bool:
         """Return whether a box has no point in common with the box of any saddle.
@@ -555,6 +678,17 @@ class Crossings:
         A saddle is a place where configuration curves cross or nearly do.
         """
         return all(_are_disjoint(box, saddle) for saddle in self.saddles)
+
+
+def _is_near_centre(configuration: Array, box: OrientedBox) -> bool:
+    """Return whether a configuration (v,) in balls is near the centre of a box.
+
+    It is then surely inside the box: its distance from the centre in v variables is at most
+    sqrt(v) times the largest difference of a variable.
+    """
+    differences = configuration - exact_balls(box.centre)
+    largest_difference = max(map(upper_magnitude, differences))
+    return largest_difference < NEAR_CENTRE_RATIO * np.min(box.limits)
 
 
 def _is_inside_box(configuration: Array, piece: CertifiedArc) -> bool:

@@ -10,6 +10,7 @@ known (A. Sommese and C. Wampler, The Numerical Solution of Systems of Polynomia
 chapter 8). For almost all random numbers no path passes a singular system.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import permutations, product
@@ -88,17 +89,17 @@ class HomotopyStart:
 
     Attributes
     ----------
-    ends
+    start_and_goal
         Coefficients of each equation, as a polynomial in z = e^(i angle) of its unknowns:
         (1, 2, d_1 + 1, d_2 + 1, ...). The first axis has the length 1, because functions
         that evaluate polynomials take systems at several inputs, and there is one here. The
-        second axis has the start system at t = 0 and the system to be solved at t = 1. Then
-        there is one axis for each unknown, from the power 0 to its degree d.
+        second axis has the start system at t = 0 and the goal, the system to be solved, at
+        t = 1. Then there is one axis for each unknown, from the power 0 to its degree d.
     solutions
         (n, k) e^(i angle) of all solutions at t = 0.
     """
 
-    ends: list[Complexes]
+    start_and_goal: list[Complexes]
     solutions: Complexes
 
 
@@ -147,7 +148,7 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
     """
     # For each path: its points, its t, and the step that is tried next.
     start_system = _make_start_system(polynomials, np.random.default_rng(seed))
-    ends = start_system.ends
+    start_and_goal = start_system.start_and_goal
     path_count = len(start_system.solutions)
     rows = np.zeros(path_count, dtype=np.intp)
     # Each unknown is stored as z or 1 / z, the one of magnitude 1 at most (`inverse`).
@@ -166,7 +167,7 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
         predicted_t = t[moving]
         predicted = start
         for part in (0.5, 1.0):
-            at_points = _evaluate_homotopy(ends, predicted, predicted_t)
+            at_points = _evaluate_homotopy(start_and_goal, predicted, predicted_t)
             rate = apply_matrices(invert_matrices(at_points.by_unknowns), at_points.by_t)
             predicted_t = t[moving] + part * length
             predicted = replace(start, z=start.z - part * length[:, None] * rate)
@@ -174,7 +175,7 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
         magnitude = 1.0 + np.max(np.abs(predicted.z), axis=1)
         corrections = []
         for _ in range(3):
-            at_points = _evaluate_homotopy(ends, predicted, predicted_t)
+            at_points = _evaluate_homotopy(start_and_goal, predicted, predicted_t)
             change = apply_matrices(
                 invert_matrices(at_points.by_unknowns), at_points.values
             )
@@ -219,75 +220,111 @@ def _make_start_system(
     generator
         Random numbers for the roots of the linear factors.
     """
-
-    def draw_roots(degree: int) -> Complexes:
-        """Return the random complex roots (degree,) of the factors of one unknown."""
-        real_and_imaginary = generator.normal(size=(2, degree))
-        return np.asarray(real_and_imaginary.T @ (1.0, 1j))
-
-    # For each equation and unknown the roots of its factors. An axis of the coefficients
-    # has the powers from 0 to the degree.
-    factor_roots = [
-        [draw_roots(degree=size - 1) for size in array.shape[1:]]
-        for array in polynomials.coefficients
-    ]
-    ends: list[Complexes] = []
+    factor_roots = _draw_factor_roots(polynomials, generator)
+    start_and_goal: list[Complexes] = []
     for roots, goal in zip(factor_roots, polynomials.coefficients, strict=True):
-        # Coefficients of the product of the factors of each unknown, the power 0 first.
-        factors = [np.atleast_1d(np.poly(values))[::-1] for values in roots]
         # A random phase of the start equations avoids singular systems on the paths.
         phase = np.exp(2j * np.pi * generator.random())
-        start = reduce(np.multiply.outer, factors) * phase
-        # Both ends get coefficients of the same size. `start` has no axis for the set of
-        # given values yet.
+        start = _expand_factors(roots) * phase
+        # The goal is scaled so that its coefficients have the same norm as the start's.
         scale = np.linalg.norm(start) / np.linalg.norm(goal)
-        ends.append(np.stack([start[None], scale * goal], axis=1))
-    # In a solution one factor of each equation vanishes. It determines one unknown, so the
-    # factors of two equations must be of different unknowns. The permutation `order` says
-    # which: in equation i it is a factor of the unknown order[i].
+        # `goal` has a first axis for sets of given values, of length 1; `start` gets it.
+        start_and_goal.append(np.stack([start[None], scale * goal], axis=1))
+    return HomotopyStart(start_and_goal, _list_start_solutions(factor_roots))
+
+
+def _draw_factor_roots(
+    polynomials: Polynomials, generator: np.random.Generator
+) -> list[list[Complexes]]:
+    """Return random complex roots of the linear factors of each start equation.
+
+    The list has for each equation and each unknown the roots (degree,) of the factors of
+    this unknown. There are as many as the degree of the system's equation in the unknown.
+    """
+    factor_roots = []
+    for coefficients in polynomials.coefficients:
+        # The first axis has sets of given values. Each other axis has the powers of an
+        # unknown from 0 to its degree.
+        roots_of_unknowns = []
+        for power_count in coefficients.shape[1:]:
+            degree = power_count - 1
+            real_and_imaginary = generator.normal(size=(2, degree))
+            roots_of_unknowns.append(np.asarray(real_and_imaginary.T @ (1.0, 1j)))
+        factor_roots.append(roots_of_unknowns)
+    return factor_roots
+
+
+def _expand_factors(roots_of_unknowns: Sequence[Complexes]) -> Complexes:
+    """Return the coefficients of a product of linear factors (z - root).
+
+    `roots_of_unknowns` has the roots of the factors of each unknown z. The coefficients
+    (d_1 + 1, d_2 + 1, ...) have an axis for each unknown, from the power 0 to its degree.
+    """
+    # The polynomial of each unknown. `np.poly` returns the coefficient 1.0 if there is no
+    # root, otherwise all coefficients with the highest power first.
+    polynomials = [np.atleast_1d(np.poly(roots))[::-1] for roots in roots_of_unknowns]
+    return reduce(np.multiply.outer, polynomials)
+
+
+def _list_start_solutions(factor_roots: Sequence[Sequence[Complexes]]) -> Complexes:
+    """Return all solutions (n, k) of k equations that are products of linear factors.
+
+    In a solution one factor (z - root) of each equation is zero. It determines one unknown
+    z, so the factors of two equations have to be of different unknowns.
+
+    `factor_roots` has the roots of the factors by number of the equation, then by number of
+    the unknown.
+    """
+    unknown_count = len(factor_roots)
     solutions = []
-    for order in permutations(range(len(factor_roots))):
-        roots_of_equations = [
-            roots[unknown] for roots, unknown in zip(factor_roots, order, strict=True)
+    # Equation i determines the unknown with the number unknown_by_equation[i].
+    for unknown_by_equation in permutations(range(unknown_count)):
+        possible_roots = [
+            roots_of_unknowns[unknown]
+            for roots_of_unknowns, unknown in zip(
+                factor_roots, unknown_by_equation, strict=True
+            )
         ]
-        for values in product(*roots_of_equations):
-            # `values` are in the order of the equations; sort them by unknowns.
-            solutions.append(np.array(values)[np.argsort(order)])
-    points = np.array(solutions, dtype=complex).reshape(-1, len(factor_roots))
-    return HomotopyStart(ends, points)
+        for roots_by_equation in product(*possible_roots):
+            solution = np.empty(unknown_count, dtype=complex)
+            solution[list(unknown_by_equation)] = roots_by_equation
+            solutions.append(solution)
+    return np.array(solutions, dtype=complex).reshape(-1, unknown_count)
 
 
 def _evaluate_homotopy(
-    ends: list[Complexes], points: ChartRoots, t: Floats
+    start_and_goal: list[Complexes], points: ChartRoots, t: Floats
 ) -> HomotopyValues:
     """Return the equations of a homotopy and their derivatives at points.
 
     The equations H(z, t) = (1 - t) start(z) + t goal(z) lead from the start system at t = 0
-    to the system that is to be solved at t = 1.
+    to the goal, the system that is to be solved, at t = 1.
 
     Parameters
     ----------
-    ends
+    start_and_goal
         Coefficients of each equation, as a polynomial in z = e^(i angle) of its unknowns:
         (1, 2, d_1 + 1, d_2 + 1, ...). The first axis has the length 1, because functions
         that evaluate polynomials take systems at several inputs, and there is one here. The
-        second axis has the start system at t = 0 and the system to be solved at t = 1. Then
-        there is one axis for each unknown, from the power 0 to its degree d.
+        second axis has the start system and the goal. Then there is one axis for each
+        unknown, from the power 0 to its degree d.
     points
         n points. Each coordinate is z = e^(i angle) of an unknown, or 1 / z if z is large,
         so that infinite solutions have finite coordinates.
     t
         (n,) the parameter of each point.
     """
-    # Derivatives of order 0 are the values (n, k, 2) of both systems, those of order 1 are
-    # (n, k, k, 2) derivatives by z. The last axis is the second axis of the coefficients:
-    # the systems at t = 0 and at t = 1.
-    end_values = points.derivatives(ends, 0)
-    end_slopes = points.derivatives(ends, 1)
-    # n: point, k: equation, l: unknown, e: system.
+    # (n, k, 2) values and (n, k, k, 2) derivatives by z of both systems. The last axis has
+    # the start system, then the goal.
+    values_of_systems = points.derivatives(start_and_goal, 0)
+    slopes_of_systems = points.derivatives(start_and_goal, 1)
+    start_values = values_of_systems[..., 0]
+    goal_values = values_of_systems[..., 1]
     weights = np.stack([1.0 - t, t], axis=1)
     return HomotopyValues(
-        values=apply_matrices(end_values, weights),
-        by_unknowns=np.einsum("nkle,ne->nkl", end_slopes, weights),
-        by_t=end_values[..., 1] - end_values[..., 0],
+        # A product with the vector of weights is the weighted sum over the systems.
+        values=apply_matrices(values_of_systems, weights),
+        # n: point, k: equation, l: unknown, e: system.
+        by_unknowns=np.einsum("nkle,ne->nkl", slopes_of_systems, weights),
+        by_t=goal_values - start_values,
     )
