@@ -34,6 +34,7 @@ from spherekit.proof.construction import (
 from spherekit.proof.curve_search import OVERLAPPING, CurveSearch
 from spherekit.proof.decimal_mechanism import DecimalMechanism
 from spherekit.proof.paving import FIRST_ANGLE_RAD, BoxSet, VariableRanges, pave
+from spherekit.proof.saddle_arms import Quadrant
 from spherekit.proof.saddles import Saddle
 from spherekit.proof.stationary_points import StationaryPoints, find_stationary_points
 from spherekit.wording import counted
@@ -215,43 +216,51 @@ class CertifiedCurves:
 
         Parts of the range that overlap are joined.
         """
-        # 1. Undecided boxes: the input angles that each of them covers. Centres and half
-        # widths are vectors of all variables, from which `input_angle` takes the input.
         ranges = []
+        # Centres and half widths of boxes are vectors of all variables, from which
+        # `input_angle` takes the input.
         for centre, radius in zip(
             self.undecided_boxes.centres, self.undecided_boxes.radii, strict=True
         ):
             low = self.input_angle(centre - radius)
             high = self.input_angle(centre + radius)
             ranges.append((low, high))
-        # 2. Parts of curves in which the input may be stationary, as pairs (position,
-        # error): the input variable differs from that at the position by at most the error.
-        doubtful_parts = [
-            (saddle.centre, error)
-            for saddle, error in zip(
-                self.saddles, self.bound_saddle_doubts(self.input_variable), strict=True
-            )
-            if error
-        ]
-        doubtful_parts += [
-            (point.position, point.error)
-            for points in self.input_stationary_points
-            for point in points.undecided
-        ]
-        # After a cycle, `cycle_turns` turns of the input, all links are in the same place
-        # again. Each doubtful part is therefore moved by whole cycles into the range.
-        for position, error in doubtful_parts:
-            # The variable of the input is the input divided by `cycle_turns`. The error of
-            # the input (rad) is therefore this number times that of the variable.
-            half_width = error * self.cycle_turns
-            # The start, the middle and the end of the part are tried, because it can reach
-            # into the range although its middle is outside.
-            for offset in (-half_width, 0.0, half_width):
-                moved_input = self.wrap_into_range(self.input_angle(position) + offset)
-                if moved_input is not None:
-                    middle = moved_input - offset
-                    ranges.append((middle - half_width, middle + half_width))
+        saddle_doubts = self.bound_saddle_doubts(self.input_variable)
+        for saddle, variable_error in zip(self.saddles, saddle_doubts, strict=True):
+            if variable_error > 0.0:
+                ranges += self._ranges_around(saddle.centre, variable_error)
+        for points in self.input_stationary_points:
+            for point in points.undecided:
+                ranges += self._ranges_around(point.position, point.error)
         return _join_ranges(ranges)
+
+    def _ranges_around(
+        self, position: Floats, variable_error: float
+    ) -> list[tuple[float, float]]:
+        """Return the inputs near a position as parts (low, high) rad of the range.
+
+        After a cycle all links are in the same place again. The inputs are therefore moved
+        by whole cycles so that they overlap the range. The result is empty if this is not
+        possible, and may have the same part several times.
+
+        Parameters
+        ----------
+        position
+            (v,) values of all variables (rad).
+        variable_error
+            Largest distance (rad) of the input's variable from its value at the position.
+        """
+        ranges = []
+        # The input is `cycle_turns` times its variable.
+        half_width = variable_error * self.cycle_turns
+        # The start, the middle and the end of the part are moved into the range, because
+        # the part can reach into the range although its middle is outside.
+        for offset in (-half_width, 0.0, half_width):
+            moved_input = self.wrap_into_range(self.input_angle(position) + offset)
+            if moved_input is not None:
+                middle = moved_input - offset
+                ranges.append((middle - half_width, middle + half_width))
+        return ranges
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:
         """Return the distance from each saddle up to which a variable may be stationary.
@@ -270,30 +279,30 @@ class CertifiedCurves:
         For each saddle the largest change (rad) of the variable from its centre. It is 0 if
         the variable is not stationary near the saddle, except at the crossing itself.
         """
-        is_constant = self.find_constant_chains(variable)
-        # An arm is a saddle's number and a quadrant of its coordinates u and v. These are
-        # the arms at both ends of each chain. An end that is not at a saddle has None.
-        arms_of_moving_chains = [
-            arm
-            for arms, constant in zip(self.chain_arms, is_constant, strict=True)
-            if not constant
-            for arm in arms
-            if arm
-        ]
-        stationary_distances = []
+        arms = self._arms_of_moving_chains(variable)
+        distances = []
         for number, saddle in enumerate(self.saddles):
-            distances = [0.0]
-            is_proven_crossing = saddle.level_sign == 0
-            if not (is_proven_crossing or saddle.is_monotonic[variable]):
-                distances.append(saddle.central_zone[variable])
-            # Arms on which the rate of the variable has no proven sign.
-            distances += [
-                saddle.reach[quadrant][variable]
-                for saddle_number, quadrant in arms_of_moving_chains
-                if saddle_number == number and saddle.outward_signs[quadrant][variable] == 0
+            quadrants = [
+                quadrant for saddle_number, quadrant in arms if saddle_number == number
             ]
-            stationary_distances.append(max(distances))
-        return stationary_distances
+            distances.append(_bound_saddle_doubt(saddle, quadrants, variable))
+        return distances
+
+    def _arms_of_moving_chains(self, variable: int) -> list[Arm]:
+        """Return the arms of saddles on which chains with a moving variable begin or end.
+
+        A chain is a configuration curve. Chains along which the variable is constant are
+        left out. An arm is a branch of a curve that leaves a saddle: the number of the
+        saddle, and the quadrant.
+        """
+        moving_arms = []
+        for arms_at_ends, is_constant in zip(
+            self.chain_arms, self.find_constant_chains(variable), strict=True
+        ):
+            if not is_constant:
+                # An end that is not at a saddle has None.
+                moving_arms += [arm for arm in arms_at_ends if arm is not None]
+        return moving_arms
 
     @property
     def saddles(self) -> list[Saddle]:
@@ -318,23 +327,25 @@ class CertifiedCurves:
 
         The input is proven to be constant along such a curve. Each input is listed once.
         """
-        inputs: list[float] = []
-        for q in self._sorted_inputs(
+        positions_on_constant_curves = [
             chain.pieces[0].centre
             for chain, is_constant in zip(self.chains, self.has_constant_input, strict=True)
             if is_constant
-        ):
-            # Inputs that differ by a cycle (`cycle_turns` turns, after which all wheels are
-            # back) are the same. Divided by `cycle_turns`, a cycle is one turn, which
-            # `wrap` removes.
-            is_new = all(
-                abs(wrap((q - listed_input) / self.cycle_turns))
-                > SAME_PROVEN_INPUT_RAD / self.cycle_turns
-                for listed_input in inputs
-            )
-            if is_new:
+        ]
+        inputs: list[float] = []
+        for q in self._sorted_inputs(positions_on_constant_curves):
+            if not any(self._are_same_input(q, listed_input) for listed_input in inputs):
                 inputs.append(q)
         return inputs
+
+    def _are_same_input(self, first: float, second: float) -> bool:
+        """Return whether two inputs (rad) are the same, up to rounding and whole cycles.
+
+        A cycle is `cycle_turns` turns, after which all wheels are back.
+        """
+        # The input's variable makes one turn in a cycle, and `wrap` removes whole turns.
+        variable_difference = abs(wrap((first - second) / self.cycle_turns))
+        return bool(variable_difference <= SAME_PROVEN_INPUT_RAD / self.cycle_turns)
 
     def wrap_into_range(self, q: float) -> float | None:
         """Return an input (rad) modulo whole cycles if it is in the range, else None."""
@@ -389,38 +400,26 @@ class CertifiedCurves:
             self.has_constant_input,
             strict=True,
         ):
-            # Values (v,) of all variables at the listed points, in order along the curve.
-            # Each piece of the chain, with the next one.
-            positions = []
-            for number, (piece, _) in enumerate(chain.successive_pieces):
-                # Stationary points between the centre of this piece and the next, sorted by
-                # the coordinate along the arc. `point.piece` is the number of the piece
-                # after whose centre the point comes.
-                stationary_positions = [
-                    point.position
-                    for point in (*points.proven, *points.undecided)
-                    if point.piece == number
-                ]
-                stationary_positions.sort(
-                    key=lambda position: piece.coordinates(position)[0]
-                )
-                positions += [piece.centre, *stationary_positions]
-            # A closed chain ends at its first piece again.
-            last_piece = chain.pieces[0] if chain.closed else chain.pieces[-1]
-            positions.append(last_piece.centre)
-            # An arm has the number of its saddle as the first entry.
+            if is_constant:
+                continue
+            positions = _list_positions(chain, points)
             first_arm, last_arm = arms
             if first_arm is not None:
-                positions.insert(0, self.saddles[first_arm[0]].centre)
+                positions.insert(0, self._saddle_centre(first_arm))
             if last_arm is not None:
-                positions.append(self.saddles[last_arm[0]].centre)
+                positions.append(self._saddle_centre(last_arm))
             variable = np.array(positions)[:, self.input_variable]
             # The boxes are much shorter than half a turn. The shortest differences from
             # point to point are therefore the changes of the variable. Their sum counts
             # whole turns.
-            if not is_constant:
-                paths.append(np.cumsum([variable[0], *wrap(np.diff(variable))]))
+            changes = wrap(np.diff(variable))
+            paths.append(np.cumsum([variable[0], *changes]))
         return paths
+
+    def _saddle_centre(self, arm: Arm) -> Floats:
+        """Return the centre (v,) rad of the saddle to which an arm belongs."""
+        saddle_number, _quadrant = arm
+        return self.saddles[saddle_number].centre
 
     @cached_property
     def intervals(self) -> list[ModeInterval]:
@@ -434,44 +433,55 @@ class CertifiedCurves:
         """
         if OVERLAPPING in self.problems:
             return []
-        # `undecided_ranges` are parts of the input's range with possible further modes.
+        shortest = self._shortest_interval()
+        intervals = []
+        for low, high in pairwise([self.low, *self._find_cuts(), self.high]):
+            middle = 0.5 * (low + high)
+            if high - low > shortest and not self._is_undecided(middle):
+                intervals.append(ModeInterval(low, high, self.count_modes_at(middle)))
+        return intervals
+
+    def _find_cuts(self) -> list[float]:
+        """Return the inputs (rad) at which the number of modes may change, in order.
+
+        Inputs at the ends of the range are left out.
+        """
         undecided_ends = [end for part in self.undecided_ranges for end in part]
-        cuts = sorted(
-            q
-            for q in (
-                *self.turning_points,
-                *self.crossing_inputs,
-                *self.constant_input_values,
-                *undecided_ends,
-            )
-            if self.low + SHORTEST_INTERVAL_RAD < q < self.high - SHORTEST_INTERVAL_RAD
+        inputs = (
+            *self.turning_points,
+            *self.crossing_inputs,
+            *self.constant_input_values,
+            *undecided_ends,
         )
-        # `turning_points` has the inputs at the proven stationary points of the input. Here
-        # the same points are read from their source, which also has their errors.
-        # `point.error` (rad) is that of the input's variable in the equations. The input is
-        # `cycle_turns` times this variable, so the error is multiplied, too. Two cuts may
-        # be the same input if they differ by less than twice the largest error. No interval
-        # is listed between them.
-        cut_errors = [
+        first = self.low + SHORTEST_INTERVAL_RAD
+        last = self.high - SHORTEST_INTERVAL_RAD
+        return sorted(q for q in inputs if first < q < last)
+
+    def _shortest_interval(self) -> float:
+        """Return the length (rad) up to which a part of the range may be one input.
+
+        Turning points are known with an error. Two of them may be the same input if they
+        differ by less than twice the largest error.
+        """
+        # The error of a point is that of the input's variable. The input is `cycle_turns`
+        # times this variable.
+        input_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points
             for point in points.proven
         ]
-        shortest = max(2.0 * max(cut_errors, default=0.0), SHORTEST_INTERVAL_RAD)
+        return max(2.0 * max(input_errors, default=0.0), SHORTEST_INTERVAL_RAD)
+
+    def _is_undecided(self, q: float) -> bool:
+        """Return whether modes may be missing at an input (rad) in the range."""
         # Over a full cycle undecided parts may reach beyond the ends of the range.
         period = self.cycle_turns * TURN
-        shifts = (-period, 0.0, period) if self.is_full_cycle else (0.0,)
-        intervals = []
-        for low, high in pairwise([self.low, *cuts, self.high]):
-            middle = 0.5 * (low + high)
-            is_undecided = any(
-                start <= middle + shift <= end
-                for start, end in self.undecided_ranges
-                for shift in shifts
-            )
-            if high - low > shortest and not is_undecided:
-                intervals.append(ModeInterval(low, high, self.count_modes_at(middle)))
-        return intervals
+        equivalent_inputs = (q - period, q, q + period) if self.is_full_cycle else (q,)
+        return any(
+            start <= equivalent_input <= end
+            for start, end in self.undecided_ranges
+            for equivalent_input in equivalent_inputs
+        )
 
     @cached_property
     def completeness(self) -> Completeness:
@@ -511,6 +521,71 @@ class CertifiedCurves:
         if self.problems:
             return Completeness(Guarantee.COMPONENT, f"{self.problems[0]}; {facts}")
         return Completeness(Guarantee.CERTIFIED, f"all configurations; {facts}")
+
+
+def _list_positions(chain: Chain, points: StationaryPoints) -> list[Floats]:
+    """Return the centres of the pieces of a chain and its stationary points, in order.
+
+    Each piece of the chain is a box with one arc of a configuration curve.
+
+    Parameters
+    ----------
+    chain
+        The chain. If it is closed, its first centre is also the last position.
+    points
+        Configurations in which a variable is stationary, proven or undecided.
+
+    Returns
+    -------
+    (v,) positions (rad) along the curve.
+    """
+    all_points = (*points.proven, *points.undecided)
+    positions: list[Floats] = []
+    for number, (piece, _next_piece) in enumerate(chain.successive_pieces):
+        # The stationary points between the centres of this piece and the next one.
+        stationary_positions = [
+            point.position for point in all_points if point.piece == number
+        ]
+        # The first coordinate of a piece is that along its arc.
+        stationary_positions.sort(key=lambda position: piece.coordinates(position)[0])
+        positions += [piece.centre, *stationary_positions]
+    last_piece = chain.pieces[0] if chain.closed else chain.pieces[-1]
+    positions.append(last_piece.centre)
+    return positions
+
+
+def _bound_saddle_doubt(
+    saddle: Saddle, quadrants: Iterable[Quadrant], variable: int
+) -> float:
+    """Return the distance from a saddle up to which a variable may be stationary.
+
+    Parameters
+    ----------
+    saddle
+        A place where two curves of configurations cross or narrowly miss each other.
+    quadrants
+        The arms, branches of curves that leave the saddle, on which the variable is not
+        constant.
+    variable
+        Number of the variable.
+
+    Returns
+    -------
+    The largest change (rad) of the variable from the centre of the saddle, 0 if it is not
+    stationary near the saddle.
+    """
+    distance = 0.0
+    # The level sign is 0 if the curves are proven to cross. They do not bend then.
+    is_proven_crossing = saddle.level_sign == 0
+    if not (is_proven_crossing or saddle.is_monotonic[variable]):
+        distance = max(distance, saddle.central_zone[variable])
+    for quadrant in quadrants:
+        # An outward sign of 0 means that the sign of the rate is not proven on the arm.
+        has_proven_rate = saddle.outward_signs[quadrant][variable] != 0
+        if not has_proven_rate:
+            largest_change_on_arm = saddle.reach[quadrant][variable]
+            distance = max(distance, largest_change_on_arm)
+    return distance
 
 
 def _join_ranges(ranges: list[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -587,9 +662,7 @@ def certify_curves(
                 f"{counted(cycle_turns, 'turn')}, after which the motion repeats; give "
                 "a range that is not longer"
             )
-        search, box_count, undecided_boxes = _search_curves(
-            equations, low, high, is_full_cycle
-        )
+        search_result = _search_curves(equations, low, high, is_full_cycle)
     return CertifiedCurves(
         decimal_mechanism=decimal_mechanism,
         construction=construction,
@@ -598,17 +671,66 @@ def certify_curves(
         low=centre_float(low) * cycle_turns,
         high=centre_float(high) * cycle_turns,
         is_full_cycle=is_full_cycle,
-        chains=search.chains,
-        crossings=search.crossings,
-        box_count=box_count,
-        undecided_boxes=undecided_boxes,
-        problems=search.problems(),
+        chains=search_result.search.chains,
+        crossings=search_result.search.crossings,
+        box_count=search_result.box_count,
+        undecided_boxes=search_result.undecided_boxes,
+        problems=search_result.search.problems(),
     )
+
+
+@dataclass(frozen=True)
+class _InputVariableRange:
+    """The range of the input's variable, in which curves are searched.
+
+    Attributes
+    ----------
+    start, end
+        Ends of the variable (rad).
+    is_full_cycle
+        Whether both ends are exactly one turn apart.
+    """
+
+    start: float
+    end: float
+    is_full_cycle: bool
+
+    def side(self, variable: float, margin: float) -> int:
+        """Return on which side of the range the input's variable (rad) is.
+
+        It is 1 above the range by more than the margin (rad), -1 below it by more than the
+        margin, else 0. Curves are followed a little beyond the range, by such a margin. A
+        full cycle has no ends, so that every variable is in it.
+        """
+        if self.is_full_cycle:
+            return 0
+        if variable > self.end + margin:
+            return 1
+        return -1 if variable < self.start - margin else 0
+
+
+@dataclass(frozen=True)
+class _CurveSearchResult:
+    """What a search of the whole range has found.
+
+    Attributes
+    ----------
+    search
+        The search with all curves.
+    box_count
+        Number of boxes that were examined.
+    undecided_boxes
+        Boxes that may contain other configurations.
+    """
+
+    search: CurveSearch
+    box_count: int
+    undecided_boxes: BoxSet
 
 
 def _search_curves(
     equations: ArcEquations, low: Ball, high: Ball, is_full_cycle: bool
-) -> tuple[CurveSearch, int, BoxSet]:
+) -> _CurveSearchResult:
     """Search the whole range for curves of configurations.
 
     The space of all variables is divided into boxes. If a box is not proven to be empty, a
@@ -623,15 +745,9 @@ def _search_curves(
         Ends of the input's variable (rad), as balls: numbers with a bound of their error.
     is_full_cycle
         Whether both ends are exactly one turn apart.
-
-    Returns
-    -------
-    The search with all curves, the number of examined boxes, and the undecided boxes.
     """
     unknown_count = equations.unknown_count
     turn = 2 * pi_ball()
-    start = centre_float(low)
-    end = centre_float(high)
     input_width = turn if is_full_cycle else high - low
     # The box that is divided: a full turn of each unknown angle, and the range of the
     # input. Mechanisms of simple sizes often have configurations at angles such as 0 or 90
@@ -642,17 +758,10 @@ def _search_curves(
         width=[*[turn] * unknown_count, input_width],
     )
 
-    def range_side(variable: float, margin: float) -> int:
-        """Return on which side of the range of the input the input's variable is.
-
-        It is 1 above the range by more than the margin (rad), -1 below it by more than the
-        margin, else 0. Curves are followed a little beyond the range, by such a margin.
-        """
-        if is_full_cycle:
-            return 0
-        return int(variable > end + margin) - int(variable < start - margin)
-
-    search = CurveSearch(equations, range_side)
+    input_range = _InputVariableRange(centre_float(low), centre_float(high), is_full_cycle)
+    search = CurveSearch(equations, input_range.side)
+    # `pave` divides the box. It asks the search which parts are covered by known curves. It
+    # passes each new configuration to the search, which follows the curve through it.
     box_count, undecided_boxes = pave(
         equations,
         ranges,
@@ -661,4 +770,4 @@ def _search_curves(
         max_boxes=MAX_CURVE_BOXES,
     )
     # Boxes are also decided if they are in the box of a place where curves cross.
-    return search, box_count, search.resolve_undecided(undecided_boxes)
+    return _CurveSearchResult(search, box_count, search.resolve_undecided(undecided_boxes))

@@ -10,7 +10,7 @@ and Bernstein's inequality carries the bound over to derivatives.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from itertools import product
 from math import prod
 
 import numpy as np
@@ -92,20 +92,12 @@ class Harmonics:
         # `initial` is the least result. Without it, `max` fails if there is no equation.
         self.max_degree = int(np.max(degrees, initial=1))
 
-        # Equations share many of their nodes, so values of all equations are cached. A node
-        # is a fraction of a turn (numerator, denominator) for each variable.
-        @cache
-        def evaluate_node(fractions: tuple[tuple[int, int], ...]) -> Array:
-            """Return the values (k,) of all equations at a node."""
-            return evaluate([2 * pi_ball() * part / count for part, count in fractions])
-
-        # An equation of degree m has 2 m + 1 waves, so its values at as many angles give
-        # the coefficients of the waves. `_interpolate` also returns an error bound of the
-        # values that are computed from the coefficients in float64.
-        node_counts = (2 * degrees + 1).tolist()
+        nodes = _NodeEvaluator(evaluate)
         coefficients_and_errors = [
-            _interpolate(counts, equation, evaluate_node)
-            for equation, counts in enumerate(node_counts)
+            # An equation of degree m has 2 m + 1 waves. Its values at as many angles give
+            # the coefficients of the waves.
+            _interpolate(nodes.evaluate_equation(equation, node_counts))
+            for equation, node_counts in enumerate((2 * degrees + 1).tolist())
         ]
         self.coefficients = [coefficients for coefficients, _ in coefficients_and_errors]
         self.error = np.array([error for _, error in coefficients_and_errors])
@@ -142,23 +134,16 @@ class Harmonics:
             # not occur (m = 0) have the length 1, and `squeeze` leaves them out.
             variables = np.flatnonzero(self.degrees[equation])
             sums = _sum_waves(np.squeeze(coefficients), waves[variables]).real
-            # A row of `sums` is the derivative of order a by the first variable, b by the
-            # second, c by the third and so on. Its number is
-            # a + b (order + 1) + c (order + 1)^2 + ...
-            # For example, two variables x and y with order 2 have nine rows:
-            #   0: f,     1: df/dx,        2: d2f/dx2,
-            #   3: df/dy, 4: d2f/(dx dy),  5: not used,
-            #   6: d2f/dy2,                7 and 8: not used.
-            # The first derivatives are in the rows (order + 1)^j, here 1 and 3. The numbers
-            # of two such rows add up to the row of the second derivative by both variables:
-            # 1 + 1 = 2, 1 + 3 = 4, 3 + 3 = 6.
-            first_rows = (order + 1) ** np.arange(len(variables))
-            results[0][:, equation] = sums[0]
-            results[1][:, equation, variables] = sums[first_rows].T
+            # `sums` counts only the variables of this equation, as 0, 1, ...
+            count = len(variables)
+            results[0][:, equation] = _select_derivative(sums, count)
+            for i in range(count):
+                slope = _select_derivative(sums, count, i)
+                results[1][:, equation, variables[i]] = slope
             if order > 1:
-                second_rows = first_rows[:, None] + first_rows
-                second_derivatives = sums[second_rows].T
-                results[2][:, equation, variables[:, None], variables] = second_derivatives
+                for i, j in product(range(count), repeat=2):
+                    curvature = _select_derivative(sums, count, i, j)
+                    results[2][:, equation, variables[i], variables[j]] = curvature
         return results
 
     def insert_given_angles(
@@ -182,28 +167,62 @@ class Harmonics:
 
         Returns
         -------
-        coefficients
-            (n, 2 m_1 + 1, 2 m_2 + 1, ...) coefficients, with one axis for each unknown;
-            index j belongs to z^j.
-        derivatives
-            (n, g, 2 m_1 + 1, ...) their derivatives by the given angles (1/rad).
+        The coefficients of the polynomials, and their derivatives by the given angles.
         """
         others = [j for j in range(self.degrees.shape[1]) if j not in unknowns]
         # The given angles are inserted into the harmonics (waves) e^(i j angle) of the
         # Fourier sum. The sum is taken over the axes of these angles only. The axes of the
-        # unknowns remain, and their waves are the powers of z. `order` 1 asks for first
-        # derivatives of the waves.
+        # unknowns remain, and their waves are the powers of z.
         coefficients = self.coefficients[equation].transpose([*unknowns, *others])
         waves = _evaluate_waves(given, self.max_degree, order=1)
-        # (2^g, 2 m_1 + 1, ..., n). Index 0 of the first axis is the value of the sum, and
-        # index 2^k its first derivative by given angle k. The other indices are mixed
-        # derivatives, which are not used.
         sums = _sum_waves(coefficients, waves)
-        # Without given angles the last axis has the length 1 so far.
+        # Without given angles the last axis, that of the n sets, has the length 1 so far.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
-        sums = np.moveaxis(sums, -1, 0)  # (n, 2^g, 2 m_1 + 1, ...)
-        first_derivatives = 2 ** np.arange(len(others))
-        return PartialPolynomial(sums[:, 0], sums[:, first_derivatives])
+        values = _select_derivative(sums, len(others))  # (2 m_1 + 1, ..., n)
+        slopes = np.empty((len(others), *values.shape), dtype=complex)
+        for k in range(len(others)):
+            slopes[k] = _select_derivative(sums, len(others), k)
+        # The axis of the n sets comes first.
+        return PartialPolynomial(np.moveaxis(values, -1, 0), np.moveaxis(slopes, -1, 0))
+
+
+class _NodeEvaluator:
+    """Evaluates equations at nodes, which are evenly spaced angles of each variable.
+
+    Several equations have the same nodes. The values of all equations at a node are
+    computed once and stored.
+    """
+
+    def __init__(self, evaluate: BallEquations) -> None:
+        """Store the function that evaluates all equations at balls (rad)."""
+        self._evaluate = evaluate
+        # By node: values (k,) of all k equations in balls. A node has for each variable a
+        # fraction of a turn, as the number of the node and the count of nodes in a turn.
+        self._values_by_node: dict[tuple[tuple[int, int], ...], Array] = {}
+
+    def evaluate_equation(self, equation: int, node_counts: Sequence[int]) -> Array:
+        """Return the values of an equation at all combinations of nodes.
+
+        Parameters
+        ----------
+        equation
+            Number of the equation.
+        node_counts
+            (v,) number of nodes in a turn of each variable.
+
+        Returns
+        -------
+        (node_counts) values in balls, numbers with a bound of their error. Index j of the
+        axis of a variable with c nodes belongs to the angle 2 pi j / c.
+        """
+        values = np.empty(node_counts, dtype=object)
+        for index in np.ndindex(*node_counts):
+            node = tuple(zip(index, node_counts, strict=True))
+            if node not in self._values_by_node:
+                angles = [2 * pi_ball() * number / count for number, count in node]
+                self._values_by_node[node] = self._evaluate(angles)
+            values[index] = self._values_by_node[node][equation]
+        return values
 
 
 def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
@@ -224,29 +243,47 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
 
     Returns
     -------
-    (orders ** variables, ..., n). Index a + b orders + c orders^2 ... of the first axis is
-    the a-th derivative by the first variable, the b-th by the second one and so on. With
-    two variables and two orders (value and first derivative), the rows are the value, the
-    derivatives by the first and by the second variable, and the mixed one.
+    (orders, orders, ..., kept axes, n), first one axis of length `orders` for each
+    variable. The index [a, b, ...] is the a-th derivative by the first variable, the b-th
+    by the second one and so on; all 0 is the value (`_select_derivative`).
     """
-    # The first axis has the value and the derivatives, the last one the n points. Before
-    # the first sum both have the length 1. Each sum removes the last axis of coefficients,
-    # and multiplies the number of derivatives by that of the orders. The last variable is
-    # summed first, so that the order of the derivative by the first variable changes
-    # fastest in the end.
-    sums: Complexes = coefficients[None, ..., None]
+    # The shape of `sums` with two variables of 5 and 3 waves, n points and 2 orders:
+    #   at first                              (5, 3, 1), the axis of points is repeated
+    #   after the sum over variable 1      (2, 5, n)
+    #   after the sum over variable 0   (2, 2, n)
+    # The last variable is summed first, so that the first axis is that of variable 0.
+    sums: Complexes = coefficients[..., None]
     for wave in waves[::-1]:
         # `wave` has the waves -max_degree to max_degree. A variable of a lower degree m
         # needs only those from -m to m, which are in the middle.
-        unused = (wave.shape[1] - sums.shape[-2]) // 2
-        wave = wave[:, unused : wave.shape[1] - unused]
-        # Letters: w wave of this variable, n point, o order of the derivative by this
-        # variable, p derivatives by the variables that are summed already. In the first sum
-        # axis n of `sums` has the length 1, and is repeated for all points.
-        sums = np.einsum("p...wn,own->po...n", sums, wave)
-        # Join the axes p and o: all derivatives by the variables summed so far.
-        sums = sums.reshape(-1, *sums.shape[2:])
+        wave_count = sums.shape[-2]
+        unused = (wave.shape[1] - wave_count) // 2
+        wave = wave[:, unused : unused + wave_count]
+        # Letters: w wave of this variable, n point, o order of the derivative by it.
+        sums = np.einsum("...wn,own->o...n", sums, wave)
     return sums
+
+
+def _select_derivative(
+    sums: Complexes | Floats, variable_count: int, *variables: int
+) -> Array:
+    """Return the value or a derivative from the result of `_sum_waves`.
+
+    Parameters
+    ----------
+    sums
+        Values and derivatives. The first axes are the orders of the derivative by each
+        variable.
+    variable_count
+        Number of these variables.
+    *variables
+        Numbers of the variables by which the derivative is taken, one after another: none
+        for the value, i and j for the second derivative by the variables i and j.
+    """
+    orders = [0] * variable_count
+    for variable in variables:
+        orders[variable] += 1
+    return sums[tuple(orders)]
 
 
 def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Complexes:
@@ -266,7 +303,7 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
     (v, order + 1, 2 max_degree + 1, n). Axes: variable, order of the derivative by x, wave
     k, point.
     """
-    z = (circle_points[..., 0] + 1j * circle_points[..., 1]).T
+    z = (circle_points[..., 0] + 1j * circle_points[..., 1]).T  # (v, n)
     positive_powers = [z]
     while len(positive_powers) < max_degree:
         positive_powers.append(positive_powers[-1] * z)
@@ -275,12 +312,12 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
     # Each derivative multiplies the wave by i k.
     wave_numbers = np.arange(-len(positive_powers), len(positive_powers) + 1)
     factors = np.vander(1j * wave_numbers, order + 1, increasing=True)
-    return waves.swapaxes(0, 1)[:, None] * factors.T[..., None]
+    waves_of_variables = waves.swapaxes(0, 1)  # (v, waves, n)
+    factors_of_orders = factors.T  # (order + 1, waves)
+    return waves_of_variables[:, None, :, :] * factors_of_orders[None, :, :, None]
 
 
-def _interpolate(
-    node_counts: Sequence[int], equation: int, evaluate_node: Callable[..., Array]
-) -> tuple[Complexes, float]:
+def _interpolate(values: Array) -> tuple[Complexes, float]:
     """Return the Fourier coefficients of one equation and the error of its values.
 
     An equation of degree m in an angle has 2 m + 1 harmonics (waves) e^(i j angle). Its
@@ -289,27 +326,20 @@ def _interpolate(
 
     Parameters
     ----------
-    node_counts
-        Number 2 m + 1 of nodes, and of waves, of each variable.
-    equation
-        Number of the equation.
-    evaluate_node
-        Returns the values of all equations in balls. Its argument has for each variable the
-        angle as a fraction of a turn (numerator, denominator).
+    values
+        Values of the equation in balls at all combinations of nodes. The axis of each
+        variable has the length 2 m + 1 and begins with the angle 0.
 
     Returns
     -------
     coefficients
-        (node_counts) with one axis for each variable, the wave -m first.
+        Array of the same shape, with the wave -m first in each axis.
     error
         Bound of the error of float64 values of the equation at any angles.
     """
-    # 1. Values of the equation at all combinations of nodes, one axis for each variable.
-    values = np.empty(node_counts, dtype=object)
-    for index in np.ndindex(*node_counts):
-        values[index] = evaluate_node(tuple(zip(index, node_counts, strict=True)))[equation]
+    node_counts = values.shape
 
-    # 2. The discrete Fourier transform of their centres, in one variable after another. A
+    # 1. The discrete Fourier transform of the centres, in one variable after another. A
     # value less its centre is a ball about 0. Its largest magnitude is the radius, which
     # adds to the error below.
     sums = exact_centres(values)
@@ -324,7 +354,7 @@ def _interpolate(
         wave_rows = np.roll(rows, count // 2, axis=0)
         sums = np.moveaxis(np.tensordot(wave_rows, sums, (1, axis)), 0, axis)
 
-    # 3. The error of float64 values: conversion of the coefficients, rounding of the sums,
+    # 2. The error of float64 values: conversion of the coefficients, rounding of the sums,
     # and radii of the balls.
     coefficients = sums.astype(complex)
     conversion_error = sum(map(upper_magnitude, (sums - coefficients).flat))
