@@ -170,17 +170,33 @@ class PathVariation:
         return np.real(self.path.speed(add_complex_step(u, 0.0)))
 
 
+@dataclass(frozen=True)
+class MovingFit:
+    """A spline through points that move with a design variable.
+
+    Attributes
+    ----------
+    path
+        The spline. Its numbers carry derivatives by the design variable as complex steps.
+    arc_length_rate
+        Derivative of the arc length by the design variable, at a fixed parameter.
+    step_rates
+        (panels,) derivatives of the lengths of the curve between successive points.
+    """
+
+    path: SplinePath
+    arc_length_rate: ArcLength
+    step_rates: Floats
+
+
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     """Return the smooth curve through moving points, with its derivative.
 
-    The points depend on a design variable. A number a and its derivative a' by this
-    variable are stored as one complex number a + i h a' with a tiny step h (complex step).
-
     The curve is a spline, whose knots are the parameters of the points. The parameters
     should be nearly arc lengths, but the arc lengths depend on the spline. The spline is
-    therefore fitted several times. The knots of the first fit are the sums of the arcs
-    between points. The knots of every other fit are the arc lengths of the points on the
-    fit before it.
+    therefore fitted several times. The steps between the knots of the first fit are the
+    great-circle arcs between the points. Those of every other fit are the lengths between
+    the points on the fit before it. All of these steps change with the design variable.
 
     Parameters
     ----------
@@ -191,42 +207,70 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     closed
         Whether the curve is closed.
     """
+    moving_points = _make_moving_points(points, change, closed)
+    step_rates = _differentiate_arcs(moving_points)
+    fits = list(spline_fits(points, closed))
+    for path, _ in fits:
+        fit = _differentiate_fit(path, moving_points, step_rates)
+        step_rates = fit.step_rates
+    # The last fit is the curve.
+    _, arc_length = fits[-1]
+    return PathVariation(
+        path=fit.path,
+        arc_length=arc_length,
+        arc_length_rate=fit.arc_length_rate,
+        length_rate=float(np.sum(fit.step_rates)),
+        closed=closed,
+    )
+
+
+def _make_moving_points(points: Floats, change: Floats, closed: bool) -> Floats:
+    """Return points that carry their derivatives as complex steps, with unit length.
+
+    Parameters
+    ----------
+    points, change
+        (m, 3) unit vectors, and their derivatives by the design variable.
+    closed
+        Whether the first point is repeated at the end.
+    """
     moving_points = add_complex_step(points, change)
     moving_points = moving_points / np.sqrt(dot(moving_points, moving_points))[:, None]
     if closed:
         moving_points = np.concatenate([moving_points, moving_points[:1]])
+    return moving_points
 
-    # Derivatives, by the design variable, of the differences between successive knots. The
-    # loop computes those of the next fit from those of the present one.
-    knot_step_rates = _differentiate_arcs(moving_points)
-    # `spline_fits` returns each fit, a spline of real numbers, with its arc length. Each is
-    # repeated here with derivatives, which the next one needs for its knots.
-    fits = list(spline_fits(points, closed))
-    for path, _ in fits:
-        knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
-        knots = add_complex_step(path.knots, knot_rates)
-        # SciPy has no splines with complex knots, so the same spline is made here.
-        spline = quintic_panels(knots, moving_points, closed)
-        # The points follow from `spline` and its complex knots. A `SplinePath` stores knots
-        # as well, but does not compute points from them, so these may be real.
-        moving_path = SplinePath(spline, path.knots, closed)
-        arc_length_rate = _integrate_speed_rate(moving_path, path.knots)
-        # The next knots are the arc lengths s(u, x) at these knots u. With the design
-        # variable x, ds/dx has two parts: the curve changes at a fixed u, and the knot
-        # moves along the curve, at the speed ds/du times du/dx.
-        rate_at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
-        rate_by_moving_knots = path.speed(path.knots) * extract_derivative(knots)
-        knot_step_rates = np.diff(rate_at_fixed_parameter + rate_by_moving_knots)
-    # The arc length of the last fit, the final curve.
-    _, arc_length = fits[-1]
-    return PathVariation(
-        path=moving_path,
-        arc_length=arc_length,
-        arc_length_rate=arc_length_rate,
-        # After the last fit, the sum of the steps is the whole arc length.
-        length_rate=float(np.sum(knot_step_rates)),
-        closed=closed,
-    )
+
+def _differentiate_fit(
+    path: SplinePath, moving_points: Floats, knot_step_rates: Floats
+) -> MovingFit:
+    """Return a spline through points again, with its derivative by the design variable.
+
+    Parameters
+    ----------
+    path
+        The spline, with real numbers.
+    moving_points
+        (panels + 1, 3) its points with their derivatives (complex step).
+    knot_step_rates
+        (panels,) derivatives of the differences between its successive knots.
+    """
+    # SciPy has no splines with complex knots, so the same spline is made here. `SplinePath`
+    # evaluates `spline`, which has the complex knots. Those that `SplinePath` itself stores
+    # are real.
+    knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
+    moving_knots = add_complex_step(path.knots, knot_rates)
+    spline = quintic_panels(moving_knots, moving_points, path.closed)
+    moving_path = SplinePath(spline, path.knots, path.closed)
+
+    # The arc lengths s(u, x) at the knots u depend on the design variable x in two ways:
+    # the curve changes at a fixed u, and the knot moves along the curve, at the speed ds/du
+    # times du/dx.
+    arc_length_rate = _integrate_speed_rate(moving_path, path.knots)
+    rate_at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
+    rate_by_moving_knots = path.speed(path.knots) * extract_derivative(moving_knots)
+    length_rates = rate_at_fixed_parameter + rate_by_moving_knots
+    return MovingFit(moving_path, arc_length_rate, step_rates=np.diff(length_rates))
 
 
 def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
@@ -300,56 +344,54 @@ class CurveDerivative:
     def __call__(self, s: Floats) -> Floats:
         """Return the derivatives by the design variable at fixed arc lengths s (n,), rad.
 
+        The derivative of each step is carried on to the next one:
+
+        1. The arc length on the path is +s or -s plus a number of laps, each of the length
+           of the path. Only this length depends on the design variable.
+        2. The arc length determines the parameter u of the path.
+        3. The path at u gives tangent, point and curvature. They change because the path
+           changes and because u does.
+
         Returns
         -------
         (8, n) derivatives. Rows 0 to 2 are those of the tangent, 3 to 5 those of the point,
         6 that of the geodesic curvature k, and 7 that of dk/ds.
         """
-        # The points of the curve are points of the path.
-        laps = self._count_laps(s)
-        lengths = self._find_path_lengths(s, laps)
-        # The length of a lap changes with the design variable, and with it the arc length
-        # at which a point of the curve is on the path.
-        length_rates = laps * self.variation.length_rate
-        u = self.variation.find_parameters(lengths)
-        u_rates = self.variation.find_parameter_rates(u, length_rates)
-        frames = self.variation.path.frames(add_complex_step(u, u_rates))
+        variation = self.variation
+        signed_lengths = -s if self.backwards else s
+        laps = self._count_laps(signed_lengths)
+        path_lengths = signed_lengths + laps * variation.arc_length.length
+        path_length_rates = laps * variation.length_rate
+
+        u = variation.find_parameters(path_lengths)
+        u_rates = variation.find_parameter_rates(u, path_length_rates)
+
+        # The numbers of the path carry its own derivative, and u carries that of u, both as
+        # scaled imaginary parts (complex step). The results carry the sum of both effects.
+        frames = variation.path.frames(add_complex_step(u, u_rates))
         return self._differentiate_points(frames)
 
-    def _count_laps(self, s: Floats) -> Floats:
-        """Return how many lengths of the path to add for its arc lengths.
+    def _count_laps(self, signed_lengths: Floats) -> Floats:
+        """Return how many lengths of the path are added to reach its range.
 
-        A closed path repeats after each lap. Whole laps are added or removed, so that the
-        arc length on the path belongs to its first lap. An open curve that runs backwards
-        starts at the end of the path, which is one length from the start of the path.
+        The arc length on the path, from 0 to its length, is the signed length plus the
+        number of laps times the length of the path.
 
         Parameters
         ----------
-        s
-            (n,) arc lengths (rad) on the curve.
+        signed_lengths
+            (n,) arc lengths (rad) on the curve, with the opposite sign if the curve runs
+            backwards.
 
         Returns
         -------
         (n,) whole numbers, negative if laps are removed.
         """
         if self.variation.closed:
-            path_lengths = -s if self.backwards else s
-            return -np.floor(path_lengths / self.variation.arc_length.length)
-        return np.ones_like(s) if self.backwards else np.zeros_like(s)
-
-    def _find_path_lengths(self, s: Floats, laps: Floats) -> Floats:
-        """Return the arc lengths (n,) on the path of points of the curve, in rad.
-
-        Parameters
-        ----------
-        s
-            (n,) arc lengths (rad) on the curve. A curve that runs backwards has the
-            opposite direction of the path.
-        laps
-            (n,) number of lengths of the path to add.
-        """
-        path_lengths = -s if self.backwards else s
-        return path_lengths + laps * self.variation.arc_length.length
+            return -np.floor(signed_lengths / self.variation.arc_length.length)
+        # An open curve that runs backwards starts at the end of the path.
+        lap = 1.0 if self.backwards else 0.0
+        return np.full_like(signed_lengths, lap)
 
     def _differentiate_points(self, frames: PathFrames) -> Floats:
         """Return the derivatives of points of the curve by the design variable.
@@ -402,20 +444,23 @@ def differentiate_fourier(
     backwards
         Whether the curve is run backwards.
     """
-    # `cosines` and `sines` are padded with zeros to the same number of orders. Axes: value
-    # (0) or derivative (1), cosine (0) or sine (1), order.
     order_count = max(np.size(cosines[0]), np.size(sines[0]))
-    series = np.zeros((2, 2, order_count))
-    for k in (0, 1):
-        series[k, 0, : np.size(cosines[k])] = cosines[k]
-        series[k, 1, : np.size(sines[k])] = sines[k]
+    cosine_values = _append_zeros(cosines[0], order_count)
+    cosine_rates = _append_zeros(cosines[1], order_count)
+    sine_values = _append_zeros(sines[0], order_count)
+    sine_rates = _append_zeros(sines[1], order_count)
+    centre_value, centre_rate = centre
+
+    path = FourierPath(
+        axes_about(np.asarray(centre_value, dtype=float)), cosine_values, sine_values
+    )
     # The moving path has complex numbers. Their real parts are the values, their scaled
     # imaginary parts the derivatives by the design variable (complex step).
-    moving_cosines, moving_sines = add_complex_step(*series)
     moving_path = FourierPath(
-        axes_about(add_complex_step(*centre)), moving_cosines, moving_sines
+        axes_about(add_complex_step(centre_value, centre_rate)),
+        add_complex_step(cosine_values, cosine_rates),
+        add_complex_step(sine_values, sine_rates),
     )
-    path = FourierPath(axes_about(np.asarray(centre[0], dtype=float)), *series[0])
     # Four azimuths for each order of the series. Between them the path is smooth enough for
     # an accurate integral of its speed, the arc length.
     edges = azimuth_panels(order_count)
@@ -429,6 +474,13 @@ def differentiate_fourier(
         closed=True,
     )
     return CurveDerivative(variation, backwards)
+
+
+def _append_zeros(coefficients: ArrayLike, count: int) -> Floats:
+    """Return coefficients followed by zeros, `count` numbers together."""
+    padded = np.zeros(count)
+    padded[: np.size(coefficients)] = coefficients
+    return padded
 
 
 def differentiate_spline(

@@ -75,39 +75,64 @@ class MarginBounds:
     error: Floats
 
 
-def _interpolation_matrices() -> tuple[Floats, Floats, Floats]:
-    """Return matrices that act on six samples of a function in a triangle.
+def _bernstein_matrix() -> Floats:
+    """Return the matrix (6, 6) from samples of a function to Bernstein coefficients.
 
-    The samples are at the vertices and at the midpoints of the edges 12, 23 and 31. They
-    determine a polynomial of degree 2, which is written with Bernstein coefficients b and
-    barycentric coordinates p, q, r of the point as b1 p^2 + b2 q^2 + b3 r^2 + 2 b12 p q +
-    2 b23 q r + 2 b13 p r.
+    The samples are at the vertices 1, 2, 3 and at the midpoints of the edges 12, 23, 31 of
+    a triangle. They determine a polynomial of degree 2. With the barycentric coordinates p,
+    q, r of a point and the Bernstein coefficients b it is b1 p^2 + b2 q^2 + b3 r^2 +
+    2 b12 p q + 2 b23 q r + 2 b31 r p. The smallest and the largest coefficient bound it in
+    the triangle.
 
     Returns
     -------
-    bernstein
-        (6, 6) to the Bernstein coefficients b1, b2, b3, b12, b23, b13. Their smallest and
-        largest value bound the polynomial in the triangle.
-    slopes
-        (3, 2, 6) to the derivatives along the edges 12 and 13 (per edge), at each vertex.
-    checks
-        (7, 6) to the values at the check points, whose barycentric coordinates are
-        `CHECK_TWELFTHS` / 12.
+    The rows give b1, b2, b3, b12, b23 and b31.
     """
-    # b1 is the sample at vertex 1, and b12 twice the sample at the midpoint of edge 12 less
+    # b1 is the sample at vertex 1. b12 is twice the sample at the midpoint of edge 12, less
     # the mean of the samples at its ends.
-    bernstein = np.diag([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-    bernstein[3:, :3] = -0.5 * np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]])
-    b1, b2, b3, b12, b23, b13 = bernstein
-    slopes = 2.0 * np.stack(
-        [[b12 - b1, b13 - b1], [b2 - b12, b23 - b12], [b23 - b13, b3 - b13]]
-    )
+    half_sum_of_ends = 0.5 * np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]])
+    from_vertices = np.vstack([np.eye(3), -half_sum_of_ends])
+    from_midpoints = np.vstack([np.zeros((3, 3)), 2.0 * np.eye(3)])
+    return np.hstack([from_vertices, from_midpoints])
+
+
+def _slope_matrix(bernstein: Floats) -> Floats:
+    """Return the matrix (3, 2, 6) from samples to derivatives at the vertices.
+
+    Parameters
+    ----------
+    bernstein
+        (6, 6) matrix from the samples to the Bernstein coefficients of the polynomial.
+
+    Returns
+    -------
+    Axes: vertex 1, 2, 3; derivative along the edge from 1 to 2 and from 1 to 3, per edge;
+    sample. For example, at vertex 2 the derivative along the edge 13 is 2 (b23 - b12).
+    """
+    # Each b is a row of the matrix: the factors of the samples that give the coefficient.
+    b1, b2, b3, b12, b23, b31 = bernstein
+    at_vertex_1 = [b12 - b1, b31 - b1]
+    at_vertex_2 = [b2 - b12, b23 - b12]
+    at_vertex_3 = [b23 - b31, b3 - b31]
+    return 2.0 * np.stack([at_vertex_1, at_vertex_2, at_vertex_3])
+
+
+def _check_matrix(bernstein: Floats) -> Floats:
+    """Return the matrix (7, 6) from samples to values at the points `CHECK_TWELFTHS`.
+
+    Parameters
+    ----------
+    bernstein
+        (6, 6) matrix from the samples to the Bernstein coefficients of the polynomial.
+    """
     p, q, r = CHECK_TWELFTHS.T / 12.0
     terms = np.stack([p * p, q * q, r * r, 2 * p * q, 2 * q * r, 2 * p * r], axis=1)
-    return bernstein, slopes, terms @ bernstein
+    return terms @ bernstein
 
 
-_TRIANGLE_BERNSTEIN, _SLOPES, _CHECKS = _interpolation_matrices()
+_BERNSTEIN = _bernstein_matrix()
+_SLOPES = _slope_matrix(_BERNSTEIN)
+_CHECKS = _check_matrix(_BERNSTEIN)
 
 
 def classify_triangles(
@@ -207,29 +232,53 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
     samples
         (10, n, k) margins: at the three vertices, at the midpoints of the edges 12, 23 and
         31, at a check point on each of these edges, and at the centroid. A check point is
-        at a quarter of its edge from the vertex with the lower number. Both triangles at an
-        edge therefore have the same check point.
+        at a quarter of its edge from the vertex with the lower number.
     """
     # Six samples determine a polynomial of degree 2, which its Bernstein coefficients
-    # bound. Its error is measured at four check points.
-    coefficients = np.tensordot(_TRIANGLE_BERNSTEIN, samples[:6], axes=1)
-    interpolated = np.tensordot(_CHECKS, samples[:6], axes=1)
-    # The rows are the interpolated values at a quarter of the edges 12, 23 and 31 from the
-    # first vertex of the edge, at a quarter from its second vertex, and at the centroid.
-    near_first = interpolated[:3]
-    near_second = interpolated[3:6]
-    at_centroid = interpolated[6:]
-    # An edge goes from a vertex of the triangle to the next one, counter-clockwise.
-    second_is_lower = triangles > np.roll(triangles, -1, axis=1)
-    at_check_points = np.where(second_is_lower.T[..., None], near_second, near_first)
-    deviations = np.concatenate([at_check_points, at_centroid]) - samples[6:]
-    error = max_abs(deviations, axis=0)
+    # bound. Its error is measured at the other samples.
+    nodes = samples[:6]
+    check_values = samples[6:]
+    coefficients = np.tensordot(_BERNSTEIN, nodes, axes=1)
+    error = max_abs(_interpolate_at_checks(triangles, nodes) - check_values, axis=0)
     slack = VALUE_SAFETY_FACTOR * error
     return MarginBounds(
         low=coefficients.min(axis=0) - slack,
         high=coefficients.max(axis=0) + slack,
         error=error,
     )
+
+
+def _interpolate_at_checks(triangles: Indices, nodes: Floats) -> Floats:
+    """Return interpolated values at the check points of triangles.
+
+    The check point of an edge is at a quarter of it from the vertex with the lower number,
+    so that both triangles at the edge have the same one.
+
+    Parameters
+    ----------
+    triangles
+        (n, 3) vertex numbers.
+    nodes
+        (6, n, k) values of k functions at the vertices and at the midpoints of the edges
+        12, 23 and 31.
+
+    Returns
+    -------
+    (4, n, k) values of the polynomial of degree 2 at the check points of these edges and at
+    the centroid.
+    """
+    interpolated = np.tensordot(_CHECKS, nodes, axes=1)
+    near_first_vertex = interpolated[:3]
+    near_second_vertex = interpolated[3:6]
+    at_centroid = interpolated[6:]
+    # (n, 3) for the edges 12, 23 and 31, whether the second vertex has the lower number.
+    first = triangles
+    second = triangles[:, [1, 2, 0]]
+    second_is_lower = second < first
+    on_edges = np.where(
+        second_is_lower.T[:, :, None], near_second_vertex, near_first_vertex
+    )
+    return np.concatenate([on_edges, at_centroid])
 
 
 def _gradients_lie_in_cone(
