@@ -404,9 +404,15 @@ class _AspectGraph:
     def add_configurations(self, values: Floats, samples: Indices) -> Indices:
         """Add configurations at samples of the grid, unless the graph has them already.
 
-        Configurations of one sample are the same if their variables differ by whole periods
-        only, within a tolerance. New ones are appended to `nodes`, `numbers_at_sample` and
-        `is_path_known`.
+        The table `numbers_at_sample` has one row per sample, with the numbers of the
+        configurations at this sample:
+
+            sample 0:  configurations 4,  7
+            sample 1:  configuration  5,  none
+
+        Each given configuration is compared with those of its sample, from the first column
+        to the last one. If it equals none of them, it is new, and takes the first free
+        place in the row. All samples are treated together, column by column.
 
         Parameters
         ----------
@@ -420,75 +426,129 @@ class _AspectGraph:
         (n,) numbers of the configurations.
         """
         numbers = np.full(len(values), NO_CONFIGURATION)
+        # Positions of the configurations whose number is not known yet.
         remaining = np.arange(len(values))
-        # Row i of `numbers_at_sample` has the numbers of all configurations at sample i.
-        # Each pass of the loop compares the remaining configurations with those in one
-        # column, that is with one configuration of their sample.
         column = 0
         while len(remaining):
-            if column == self.numbers_at_sample.shape[1]:
-                self.numbers_at_sample = np.pad(
-                    self.numbers_at_sample,
-                    ((0, 0), (0, 1)),
-                    constant_values=NO_CONFIGURATION,
-                )
-            # If a sample has no configuration in this column, none of the former columns
-            # has an equal one. The first remaining configuration of the sample is therefore
-            # new, and is stored here. Below it is compared with itself, so it gets its own
-            # number.
-            stored = self.numbers_at_sample[samples[remaining], column]
-            without_stored = remaining[stored == NO_CONFIGURATION]
-            empty_samples, first = np.unique(samples[without_stored], return_index=True)
-            new = without_stored[first]
-            new_numbers = len(self.nodes) + np.arange(len(new))
-            self.numbers_at_sample[empty_samples, column] = new_numbers
-            new_nodes = self._make_nodes(values[new], empty_samples)
-            self.nodes = _AspectNodes.concatenate([self.nodes, new_nodes])
-
-            # Configurations that equal the stored one get its number. The others are
-            # compared with the next column. Now every sample has one in this column.
-            stored = self.numbers_at_sample[samples[remaining], column]
-            differences = less_periods(
-                values[remaining] - self.nodes.values[stored], self.periods
+            remaining_values = values[remaining]
+            remaining_samples = samples[remaining]
+            self._fill_free_places(column, remaining_values, remaining_samples)
+            # A configuration that was just stored is found here, too: it equals itself.
+            found_numbers = self._find_in_column(
+                column, remaining_values, remaining_samples
             )
-            is_same = max_abs(differences, axis=1) < SAME_ASPECT_CONFIGURATION_RAD
-            numbers[remaining[is_same]] = stored[is_same]
-            remaining = remaining[~is_same]
+            is_found = found_numbers != NO_CONFIGURATION
+            numbers[remaining[is_found]] = found_numbers[is_found]
+            remaining = remaining[~is_found]
             column += 1
-        # `is_path_known` (configurations, directions) is whether the path from a
-        # configuration in a direction was followed from its other end. New rows are False.
-        added = len(self.nodes) - len(self.is_path_known)
-        self.is_path_known = np.pad(self.is_path_known, ((0, added), (0, 0)))
         return numbers
 
-    def connect_neighbours(self) -> None:
-        """Follow the paths from all configurations to neighbouring samples.
+    def _fill_free_places(self, column: int, values: Floats, samples: Indices) -> None:
+        """Store one new configuration at each sample whose place in a column is free.
 
-        The paths do not pass singularities. Configurations that they connect are therefore
-        in one aspect (a part of the configurations without a singularity inside).
+        The configurations are known to differ from those in all former columns. If the
+        place in this column is free, so are those behind it: no other configuration can be
+        equal, and they are new. If several belong to one sample, only the first is stored.
 
-        Configurations that are met for the first time are added and continued in turn,
-        until none is new, or until the limit of time or of their number is reached. No
-        paths start at singular configurations, which cannot be connected to others. All
-        results are stored in the graph.
+        Parameters
+        ----------
+        column
+            The column of `numbers_at_sample`; it is added if the table ends before it.
+        values, samples
+            (n, V) variables (rad) and (n,) samples of the configurations.
         """
-        processed = 0
-        while processed < len(self.nodes) < MAX_ASPECT_CONFIGURATIONS:
-            next_step = f"configuration {processed + 1} of aspects"
+        if column == self.numbers_at_sample.shape[1]:
+            self.numbers_at_sample = np.pad(
+                self.numbers_at_sample, ((0, 0), (0, 1)), constant_values=NO_CONFIGURATION
+            )
+        is_free = self.numbers_at_sample[samples, column] == NO_CONFIGURATION
+        free_samples, first_positions = np.unique(samples[is_free], return_index=True)
+        new_values = values[is_free][first_positions]
+        new_numbers = len(self.nodes) + np.arange(len(free_samples))
+        self.numbers_at_sample[free_samples, column] = new_numbers
+        self._append_nodes(new_values, free_samples)
+
+    def _append_nodes(self, values: Floats, samples: Indices) -> None:
+        """Append n new configurations, from which no path is known.
+
+        Parameters
+        ----------
+        values, samples
+            (n, V) variables (rad) and (n,) samples of the configurations.
+        """
+        new_nodes = self._make_nodes(values, samples)
+        self.nodes = _AspectNodes.concatenate([self.nodes, new_nodes])
+        # The new rows are False.
+        self.is_path_known = np.pad(self.is_path_known, ((0, len(samples)), (0, 0)))
+
+    def _find_in_column(self, column: int, values: Floats, samples: Indices) -> Indices:
+        """Return the numbers of configurations that are in a column of their sample.
+
+        Two configurations are the same if their variables differ by whole periods only,
+        within a tolerance.
+
+        Parameters
+        ----------
+        column
+            The column of `numbers_at_sample`. It has a configuration at all these samples.
+        values, samples
+            (n, V) variables (rad) and (n,) samples of the configurations.
+
+        Returns
+        -------
+        (n,) number of the configuration in the column if it is the same one, else
+        `NO_CONFIGURATION`.
+        """
+        stored_numbers = self.numbers_at_sample[samples, column]
+        stored_values = self.nodes.values[stored_numbers]
+        differences = less_periods(values - stored_values, self.periods)
+        is_same = max_abs(differences, axis=1) < SAME_ASPECT_CONFIGURATION_RAD
+        return np.where(is_same, stored_numbers, NO_CONFIGURATION)
+
+    def connect_neighbours(self) -> None:
+        """Connect all configurations to neighbouring ones, as far as paths lead.
+
+        A path changes one input from a sample to a neighbouring one, and does not pass
+        singularities. Configurations that it connects are therefore in one aspect (a part
+        of the configurations without a singularity inside).
+
+        Paths can lead to configurations that are not in the graph yet. These are added, and
+        paths are followed from them in turn, until no path leads to a new one, or until the
+        limit of time or of their number is reached. All results are stored in the graph.
+        """
+        # Direction 2 k of the grid leads upwards along input k, and 2 k + 1 downwards.
+        directions = np.arange(len(self.neighbours))
+        upwards = directions[0::2]
+        downwards = directions[1::2]
+        processed_count = 0
+        while processed_count < len(self.nodes) < MAX_ASPECT_CONFIGURATIONS:
+            next_step = f"configuration {processed_count + 1} of aspects"
             if not self.time_limit.goes_on(next_step):
                 return
-            # Numbers of the regular configurations that were added last.
-            new = processed + np.flatnonzero(self.nodes.is_regular[processed:])
-            processed = len(self.nodes)
-            # Direction 2 k of the grid leads upwards along input k, and 2 k + 1 downwards.
-            # All paths upwards are followed first. A path downwards is often one of these,
-            # seen from its other end, and is then left out.
-            for is_downwards in (0, 1):
-                directions = np.arange(is_downwards, len(self.neighbours), 2)
-                # Rows are the new configurations, columns are the directions.
-                needs_path = ~self.is_path_known[new[:, None], directions]
-                start, direction_index = np.nonzero(needs_path)
-                self._follow_paths(new[start], directions[direction_index])
+            # Singular configurations cannot be connected to others.
+            is_regular = self.nodes.is_regular[processed_count:]
+            starts = processed_count + np.flatnonzero(is_regular)
+            processed_count = len(self.nodes)
+            # A path downwards is often a path upwards, seen from its other end. It is then
+            # known after the first call, and the second call leaves it out.
+            self._follow_unknown_paths(starts, upwards)
+            self._follow_unknown_paths(starts, downwards)
+
+    def _follow_unknown_paths(self, starts: Indices, directions: Indices) -> None:
+        """Follow those paths from configurations that are not known from their other end.
+
+        Parameters
+        ----------
+        starts
+            Numbers of the configurations.
+        directions
+            Directions of the grid, numbered as in `neighbours`, in which paths start at
+            each of the configurations.
+        """
+        # Rows are the configurations, columns are the directions.
+        needs_path = ~self.is_path_known[np.ix_(starts, directions)]
+        start_rows, direction_columns = np.nonzero(needs_path)
+        self._follow_paths(starts[start_rows], directions[direction_columns])
 
     def _follow_paths(self, starts: Indices, directions: Indices) -> None:
         """Follow straight paths of the inputs, and connect configurations at their ends.
@@ -536,32 +596,38 @@ class _AspectGraph:
     def _keeps_sign_of_type_one(self, pairs: Indices, input_changes: Floats) -> Bools:
         """Return whether the determinant of type I keeps its sign on straight paths.
 
-        The determinant vanishes where inputs can move while the output rests. On a path it
-        is interpolated by a cubic from its values and slopes at both ends. The cubic has no
-        zero if its four Bernstein coefficients have the same sign.
+        The determinant vanishes at singularities of type I, where inputs can move while the
+        output rests. On a path it is interpolated by a cubic from its values and slopes at
+        both ends. The cubic has no zero if its four Bernstein coefficients have the same
+        sign.
 
         Parameters
         ----------
         pairs
-            (n, 2) configurations at the ends of each path.
+            (n, 2) configurations at the start and end of each path.
         input_changes
-            (n, g) changes of the inputs along the path (rad).
+            (n, g) changes of the g inputs along the path (rad).
         """
-        # (n, 2) values at both ends, and derivatives by the position on the path, from 0 to
-        # 1. The outer Bernstein coefficients are the values, the inner ones are value +
-        # slope / 3 at the start, and value - slope / 3 at the end.
+        start_value, end_value = self.nodes.determinant_one[pairs].T
+        # Derivatives by the position on the path, which rises from 0 to 1: the scalar
+        # products of (n, 2, g) derivatives by the inputs with the changes (n, g).
         slopes = np.matvec(self.nodes.slope_one[pairs], input_changes)
-        values = self.nodes.determinant_one[pairs]
-        inner_coefficients = values + slopes * [1.0, -1.0] / 3.0
-        signs = np.sign(np.append(values, inner_coefficients, axis=1))
-        return (signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1)
+        start_slope, end_slope = slopes.T
+        coefficients = [
+            start_value,
+            start_value + start_slope / 3.0,
+            end_value - end_slope / 3.0,
+            end_value,
+        ]
+        is_positive = np.all([c > 0.0 for c in coefficients], axis=0)
+        is_negative = np.all([c < 0.0 for c in coefficients], axis=0)
+        return is_positive | is_negative
 
     def label_aspects(self, free_of: tuple[LocusName, ...]) -> Aspects:
         """Return the regular configurations with their aspects.
 
         An aspect is a part of the configurations that is connected without a singularity.
-        Aspects are the connected components of the graph. The result has for each aspect
-        the sign of the determinants that vanish at types II and I (`sign_two`, `sign_one`).
+        Aspects are the connected components of the graph, and the largest one has number 0.
 
         Parameters
         ----------
@@ -572,26 +638,11 @@ class _AspectGraph:
         # Numbers of the regular configurations among all, rising.
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
         nodes = self.nodes.rows(regular_numbers)
-        # Connections have numbers among all configurations. They are converted to positions
-        # among the regular ones.
+        # Connections join numbers among all configurations, all regular. They are converted
+        # to positions among the regular ones.
         edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
-        label = label_components(len(regular_numbers), edges)
-
-        # Aspects are numbered anew by their size, the largest one first. `order` has the
-        # old number of each new one, and its inverse permutation the new number of each old
-        # one.
+        label = _number_by_size(label_components(len(regular_numbers), edges))
         sizes = np.bincount(label)
-        order = np.argsort(-sizes, kind="stable")
-        new_numbers = np.argsort(order)
-        label = new_numbers[label]
-        sizes = sizes[order]
-        # The greatest number of configurations of an aspect at the same sample, which are
-        # different assembly modes.
-        modes = np.zeros(len(sizes), dtype=np.int64)
-        (aspect_numbers, _), counts = np.unique(
-            np.stack([label, nodes.sample]), axis=1, return_counts=True
-        )
-        np.maximum.at(modes, aspect_numbers, counts)
         # The sign of the determinant of type I may have no meaning, for example if the
         # output has more degrees of freedom than there are inputs, so that the matrix is
         # not square. The determinant then counts as zero.
@@ -606,11 +657,59 @@ class _AspectGraph:
             sizes=sizes,
             sign_two=_common_signs(nodes.determinant_two, label, sizes),
             sign_one=_common_signs(determinant_one, label, sizes),
-            modes=modes,
+            modes=_most_modes_at_a_sample(label, nodes.sample, len(sizes)),
             free_of=free_of,
             singular=len(self.nodes) - len(regular_numbers),
             note=self.time_limit.note,
         )
+
+
+def _number_by_size(label: Indices) -> Indices:
+    """Number aspects anew by their size, so that the largest one has number 0.
+
+    Aspects of the same size keep their order.
+
+    Parameters
+    ----------
+    label
+        (n,) old number of the aspect of each configuration.
+
+    Returns
+    -------
+    (n,) new number of the aspect of each configuration.
+    """
+    sizes = np.bincount(label)
+    old_numbers = np.argsort(-sizes, kind="stable")
+    new_numbers = np.empty_like(old_numbers)
+    new_numbers[old_numbers] = np.arange(len(sizes))
+    return new_numbers[label]
+
+
+def _most_modes_at_a_sample(
+    label: Integers, sample: Integers, aspect_count: int
+) -> Integers:
+    """Return the largest number of configurations that each aspect has at one sample.
+
+    They are different assembly modes: ways to assemble the mechanism at the same inputs.
+
+    Parameters
+    ----------
+    label, sample
+        (n,) aspect and sample of each configuration.
+    aspect_count
+        Number of aspects.
+
+    Returns
+    -------
+    (aspects,) numbers of configurations.
+    """
+    # One column for each aspect and sample at which it has configurations.
+    aspect_and_sample, mode_counts = np.unique(
+        np.stack([label, sample]), axis=1, return_counts=True
+    )
+    most_modes = np.zeros(aspect_count, dtype=np.int64)
+    np.maximum.at(most_modes, aspect_and_sample[0], mode_counts)
+    return most_modes
 
 
 def _common_signs(values: Floats, label: Integers, sizes: Integers) -> SmallIntegers:
