@@ -246,15 +246,17 @@ class _LinearisedLocus:
     the loops and satisfies E x = 0. E x are the m rates that have to be zero, of the inputs
     (type II) or of the output (type I).
 
-    The unknowns of the linear equations are the coordinates of two changes:
+    The unknowns are the coordinates of two changes, one below the other:
 
-    - u, g coordinates: the configuration changes by `space.basis` u, with closed loops.
-    - z, k coordinates: x changes by `motion_space.basis` z + `motion_slopes` u. The second
-      term is necessary because the changed configuration needs other rates to close the
-      loops.
+    - g configuration coordinates u: the variables change by `space.basis` u,
+    - k motion coordinates z: x changes by `motion_space.basis` z + `motion_slopes` u. The
+      second term is necessary because other rates close the loops after the change u.
 
-    So every u and z keeps the loops closed, to first order, and only E x = 0 and |x| = 1
-    remain as equations.
+    All these changes keep the loops closed, to first order, so that only two equations
+    remain, E x = 0 and |x| = 1. Their matrix is
+
+        [ d(E x)/du   d(E x)/dz ]   m rows
+        [ d|x|/du     d|x|/dz   ]   1 row
 
     Attributes
     ----------
@@ -271,7 +273,7 @@ class _LinearisedLocus:
     constraint_matrix
         (n, m, V) the matrices E.
     equations
-        (n, m + 1, g + k) matrices of E x = 0 and |x| = 1, over u and z.
+        (n, m + 1, g + k) the matrices above.
     """
 
     space: TangentSpace
@@ -286,18 +288,26 @@ class _LinearisedLocus:
         """(n, m) the rates E x, zero on the locus."""
         return np.matvec(self.constraint_matrix, self.unit_motions)
 
+    def configuration_coordinates(self, coordinates: Floats) -> Floats:
+        """Return the first g rows, u, of j columns of unknowns (n, g + k, j)."""
+        return coordinates[:, : self.space.dimension]
+
+    def motion_coordinates(self, coordinates: Floats) -> Floats:
+        """Return the last k rows, z, of j columns of unknowns (n, g + k, j)."""
+        return coordinates[:, self.space.dimension :]
+
     def value_changes(self, coordinates: Floats) -> Floats:
-        """Return the changes (n, V, j) of the variables for j columns of u and z.
+        """Return the changes (n, V, j) of the variables for j columns of unknowns.
 
         `coordinates` are (n, g + k, j).
         """
-        return self.space.basis @ coordinates[:, : self.space.dimension]
+        return self.space.basis @ self.configuration_coordinates(coordinates)
 
     def motion_changes(self, coordinates: Floats) -> Floats:
-        """Return the changes (n, V, j) of x for j columns (n, g + k, j) of u and z."""
-        g = self.space.dimension
-        changes = self.motion_space.basis @ coordinates[:, g:]
-        return changes + self.motion_slopes @ coordinates[:, :g]
+        """Return the changes (n, V, j) of x for j columns (n, g + k, j) of unknowns."""
+        changes = self.motion_space.basis @ self.motion_coordinates(coordinates)
+        corrections = self.motion_slopes @ self.configuration_coordinates(coordinates)
+        return changes + corrections
 
 
 @dataclass(frozen=True)
@@ -306,17 +316,17 @@ class _ClosingStep:
 
     Attributes
     ----------
-    values
+    value_changes
         (n, V) changes of the variables (rad).
-    motions
+    motion_changes
         (n, V) changes of the motion x, so that it closes the loops after the step.
-    constrained_rates
+    constrained_rate_changes
         (n, m) changes of the rates E x that have to be zero.
     """
 
-    values: Floats
-    motions: Floats
-    constrained_rates: Floats
+    value_changes: Floats
+    motion_changes: Floats
+    constrained_rate_changes: Floats
 
 
 @dataclass(frozen=True)
@@ -558,31 +568,26 @@ class SingularityLocus:
         """
         values, motions = np.split(unknowns, 2, axis=1)
         linearised = self._linearise(values, motions, reference)
+        scaling_steps = linearised.unit_motions - motions  # so that |x| = 1
         closing = self._closing_step(linearised)
+
+        # The residuals of the second part, as they are after the first part.
+        rates_to_remove = -linearised.constrained_rates - closing.constrained_rate_changes
+        length_errors = np.zeros((len(values), 1))
+        condition_errors = targets - np.matvec(conditions, values + closing.value_changes)
+        right_side = np.concatenate(
+            [rates_to_remove, length_errors, condition_errors], axis=1
+        )
         equations = append_conditions(
             linearised.equations, conditions, linearised.space.basis
         )
-        # What the second part has to correct, in the order of the equations: E x, |x| and
-        # the conditions. All are residuals after the first part, to first order.
-        # `unit_motions` have |x| = 1 already.
-        right_side = np.concatenate(
-            [
-                -linearised.constrained_rates - closing.constrained_rates,
-                np.zeros((len(values), 1)),
-                targets - np.matvec(conditions, values + closing.values),
-            ],
-            axis=1,
-        )
-        finite = all_finite(equations, (1, 2))
-        # The pseudo-inverse gives the shortest step if there are fewer conditions than
-        # dimensions of the locus, and ignores equations that repeat others.
-        inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT_EQUATION_RATIO)
-        coordinates = np.zeros((len(values), equations.shape[2], 1))
-        coordinates[finite, :, 0] = np.matvec(inverse, right_side[finite])
-        value_steps = closing.values + linearised.value_changes(coordinates)[:, :, 0]
-        scaling_steps = linearised.unit_motions - motions  # to |x| = 1
+        # One column of coordinates, for the changes of the variables and of x.
+        coordinates = _solve_least_norm(equations, right_side)
+        value_changes = linearised.value_changes(coordinates)[:, :, 0]
         motion_changes = linearised.motion_changes(coordinates)[:, :, 0]
-        motion_steps = scaling_steps + closing.motions + motion_changes
+
+        value_steps = closing.value_changes + value_changes
+        motion_steps = scaling_steps + closing.motion_changes + motion_changes
         return np.concatenate([value_steps, motion_steps], axis=1)
 
     def _linearise(
@@ -592,7 +597,8 @@ class SingularityLocus:
 
         The locus is the set of singular configurations. Each has a singular motion: unit
         rates x that close the loops, with E x = 0. E x are the rates of the inputs (type
-        II) or of the output (type I). `_LinearisedLocus` explains the unknowns u and z.
+        II) or of the output (type I). The unknowns of the linear equations are coordinates
+        u of the change of the configuration, and z of the change of x.
 
         Parameters
         ----------
@@ -607,53 +613,75 @@ class SingularityLocus:
         else:
             space = self.tangent_space(values, reference.configuration)
             motion_space = self.motion_space(space, reference.motion)
-        # The motions, projected onto the rates that close the loops.
-        coordinates = unit_rows(np.vecmat(motions, motion_space.basis))
-        unit_motions = motion_space.to_rates(coordinates)
+        # (n, k) the motions, projected onto the rates that close the loops.
+        motion_coordinates = unit_rows(np.vecmat(motions, motion_space.basis))
+        unit_motions = motion_space.to_rates(motion_coordinates)
+        motion_slopes = _motion_slopes(space, motion_space, unit_motions)
 
-        # Derivatives by u, the change of the configuration. The letters are: n
-        # configuration, g direction of change, v and w variables, m equations E x = 0.
-        changes = space.closed_changes
-        motion_slopes = np.einsum(
-            "ngvw,nw->nvg", motion_space.rate_corrections(changes), unit_motions
+        # The blocks of the matrix: derivatives of E x and of |x| by u and z. |x| does not
+        # depend on u, because the corrections of x (`motion_slopes`) are perpendicular to
+        # all rates that close the loops, and so to x.
+        rates_by_configuration = self._constrained_rate_slopes(
+            space, unit_motions, motion_slopes
         )
         constraint_matrix = self.constraint.equations(space.linearisation)
-        # E x changes because E changes, and because x has to be corrected.
-        constraint_derivatives = self.constraint.equation_derivatives(changes)
-        slopes = np.einsum("ngmv,nv->nmg", constraint_derivatives, unit_motions)
-        slopes += constraint_matrix @ motion_slopes
-
-        constraint_rows = np.concatenate(
-            [slopes, constraint_matrix @ motion_space.basis], axis=2
-        )
-        # The length of x keeps its value if the change z is perpendicular to x. (The
-        # corrections of x are perpendicular to all rates that close the loops.)
-        norm_row = np.pad(coordinates, ((0, 0), (space.dimension, 0)))[:, None]
+        rates_by_motion = constraint_matrix @ motion_space.basis
+        length_by_configuration = np.zeros((len(values), 1, space.dimension))
+        length_by_motion = motion_coordinates[:, None]
         return _LinearisedLocus(
             space=space,
             motion_space=motion_space,
             unit_motions=unit_motions,
             motion_slopes=motion_slopes,
             constraint_matrix=constraint_matrix,
-            equations=np.concatenate([constraint_rows, norm_row], axis=1),
+            equations=np.block(
+                [
+                    [rates_by_configuration, rates_by_motion],
+                    [length_by_configuration, length_by_motion],
+                ]
+            ),
         )
+
+    def _constrained_rate_slopes(
+        self, space: TangentSpace, unit_motions: Floats, motion_slopes: Floats
+    ) -> Floats:
+        """Return the derivatives (n, m, g) of the rates E x by changes of configuration.
+
+        E x changes because E changes, and because x has to be corrected.
+
+        Parameters
+        ----------
+        space
+            The g independent changes of the configuration, at n configurations.
+        unit_motions
+            (n, V) the rates x.
+        motion_slopes
+            (n, V, g) the corrections of x, so that it still closes the loops.
+        """
+        constraint_matrix = self.constraint.equations(space.linearisation)  # E
+        constraint_derivatives = self.constraint.equation_derivatives(space.closed_changes)
+        # n configuration, g direction of change, m equation, v variable.
+        slopes = np.einsum("ngmv,nv->nmg", constraint_derivatives, unit_motions)
+        slopes += constraint_matrix @ motion_slopes
+        return slopes
 
     def _closing_step(self, linearised: _LinearisedLocus) -> _ClosingStep:
         """Return the shortest step that closes slightly open loops, with its effects."""
         space = linearised.space
-        # (n, V, 1) one direction of change. For contacts that close a loop, derivatives
-        # along this step are an approximation.
-        change = ConfigurationChanges(space.linearisation, space.closing_step[:, :, None])
-        rate_corrections = linearised.motion_space.rate_corrections(change)[:, 0]
-        motions = np.matvec(rate_corrections, linearised.unit_motions)
+        # The only direction of change is the step itself, so that the derivatives along it
+        # are the changes to first order. For contacts that close a loop, these are an
+        # approximation.
+        step = ConfigurationChanges(space.linearisation, space.closing_step[:, :, None])
+        rate_corrections = linearised.motion_space.rate_corrections(step)[:, 0]
+        constraint_change = self.constraint.equation_derivatives(step)[:, 0]
+        motion_changes = np.matvec(rate_corrections, linearised.unit_motions)
         # E x changes because E changes, and because x has to be corrected.
-        constraint_change = self.constraint.equation_derivatives(change)[:, 0]
         from_constraint = np.matvec(constraint_change, linearised.unit_motions)
-        from_motions = np.matvec(linearised.constraint_matrix, motions)
+        from_motions = np.matvec(linearised.constraint_matrix, motion_changes)
         return _ClosingStep(
-            values=space.closing_step,
-            motions=motions,
-            constrained_rates=from_constraint + from_motions,
+            value_changes=space.closing_step,
+            motion_changes=motion_changes,
+            constrained_rate_changes=from_constraint + from_motions,
         )
 
     def _find_tangents(self, linearised: _LinearisedLocus) -> _LocusTangents:
@@ -669,62 +697,110 @@ class SingularityLocus:
         locus is a curve.
         """
         # At a regular point, k + 1 of the equations are independent, so that the null space
-        # has (g + k) - (k + 1) dimensions.
+        # has (g + k) - (k + 1) = g - 1 dimensions. k is the motion dimension.
         rank = self.motion_dimension + 1
         svd = decompose(linearised.equations)
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
-        # Each column of the null space has g coordinates of a change of the configuration,
-        # then k coordinates of a change of the motion. Combinations of the columns are used
-        # whose changes of the configuration are orthonormal.
-        configuration_changes = null_space[:, : self.degrees_of_freedom]
-        motion_changes = linearised.motion_changes(null_space)
-        combinations = _orthonormalise(configuration_changes)
+        configuration_columns = linearised.configuration_coordinates(null_space)
+        motion_columns = linearised.motion_changes(null_space)
+        # Combinations of these columns are the tangents. They are chosen so that the
+        # changes of the configuration are orthonormal.
+        orthonormalisation = _orthonormalise(configuration_columns)
+        configuration_tangents = orthonormalisation.orthonormal
+        motion_tangents = orthonormalisation.combine(motion_columns)
+
         # A point is irregular for two reasons: an equation depends on the others, or a
-        # tangent hardly changes the configuration.
-        smallest_singular_value = svd.values[:, rank - 1]
+        # tangent hardly changes the configuration. The product vanishes in both cases.
         greatest_singular_value = np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
-        smallest_length = combinations.lengths[:, -1]
-        condition = smallest_singular_value * smallest_length / greatest_singular_value
+        smallest_singular_value = svd.values[:, rank - 1]
+        smallest_change = orthonormalisation.singular_values[:, -1]
+        condition = smallest_singular_value * smallest_change / greatest_singular_value
         return _LocusTangents(
-            values=linearised.space.basis @ combinations.orthonormal,
-            motion_derivatives=combinations.combine(motion_changes),
+            values=linearised.space.basis @ configuration_tangents,
+            motion_derivatives=motion_tangents,
             reciprocal_condition=np.where(svd.is_finite, condition, 0.0),
         )
 
 
-@dataclass(frozen=True)
-class _OrthonormalCombinations:
-    """Combinations of the j columns of n matrices that are orthonormal vectors.
+def _motion_slopes(
+    space: TangentSpace, motion_space: TangentSpace, motions: Floats
+) -> Floats:
+    """Return how motions must change with the configuration to keep the loops closed.
 
-    They follow from the singular value decompositions U S W of the matrices M:
-    U = M W^T S^-1.
+    Parameters
+    ----------
+    space
+        The g changes of the configuration: the columns of its basis, per unit.
+    motion_space
+        The loops that the motions close.
+    motions
+        (n, V) rates of the variables.
+
+    Returns
+    -------
+    (n, V, g) derivatives of the rates along the g changes.
+    """
+    # Row v and column w of a matrix: change of rate v per unit of rate w, for each
+    # configuration n and change g.
+    correction_matrices = motion_space.rate_corrections(space.closed_changes)
+    return np.einsum("ngvw,nw->nvg", correction_matrices, motions)
+
+
+def _solve_least_norm(equations: Floats, right_side: Floats) -> Floats:
+    """Return the shortest solution of each of n systems of linear equations.
+
+    If there are fewer equations than unknowns, there are many solutions. Equations that
+    repeat others are ignored.
+
+    Parameters
+    ----------
+    equations, right_side
+        (n, rows, unknowns) matrices and (n, rows) right sides.
+
+    Returns
+    -------
+    (n, unknowns, 1) solutions as columns, zero if a matrix is not finite.
+    """
+    is_finite = all_finite(equations, (1, 2))
+    inverse = np.linalg.pinv(equations[is_finite], rcond=REDUNDANT_EQUATION_RATIO)
+    solutions = np.zeros((len(equations), equations.shape[2], 1))
+    solutions[is_finite, :, 0] = np.matvec(inverse, right_side[is_finite])
+    return solutions
+
+
+@dataclass(frozen=True)
+class _Orthonormalisation:
+    """Combinations of the j columns of n matrices M that are orthonormal vectors.
+
+    With the singular value decomposition M = U S V^T, they are the columns of
+    U = M V S^-1. The same combinations of the columns of another matrix C are C V S^-1.
 
     Attributes
     ----------
     orthonormal
-        (n, rows, j) the combinations U.
-    lengths
-        (n, j) singular values S in descending order. If the smallest is zero, the columns
+        (n, rows, j) the orthonormal vectors U.
+    singular_values
+        (n, j) the diagonals of S, in descending order. If the smallest is zero, the columns
         of M are dependent.
-    right
-        (n, j, j) orthogonal matrices W.
+    right_rows
+        (n, j, j) the matrices V^T, with right singular vectors in rows.
     """
 
     orthonormal: Floats
-    lengths: Floats
-    right: Floats
+    singular_values: Floats
+    right_rows: Floats
 
     def combine(self, columns: Floats) -> Floats:
-        """Return the same combinations of other columns (n, rows, j)."""
+        """Return the same combinations C V S^-1 of other columns C (n, rows, j)."""
         # The least divisor prevents a division by zero if the columns of M are dependent.
-        divisors = np.maximum(self.lengths, REDUNDANT_EQUATION_RATIO)[:, None]
-        return columns @ np.swapaxes(self.right, 1, 2) / divisors
+        divisors = np.maximum(self.singular_values, REDUNDANT_EQUATION_RATIO)
+        return columns @ np.swapaxes(self.right_rows, 1, 2) / divisors[:, None]
 
 
-def _orthonormalise(matrices: Floats) -> _OrthonormalCombinations:
+def _orthonormalise(matrices: Floats) -> _Orthonormalisation:
     """Return orthonormal combinations of the columns of matrices (n, rows, j)."""
-    left, lengths, right = np.linalg.svd(matrices, full_matrices=False)
-    return _OrthonormalCombinations(orthonormal=left, lengths=lengths, right=right)
+    left, singular_values, right_rows = np.linalg.svd(matrices, full_matrices=False)
+    return _Orthonormalisation(left, singular_values, right_rows)
 
 
 def append_conditions(

@@ -101,25 +101,37 @@ class OutputStationary:
     def equation_derivatives(self, changes: ConfigurationChanges) -> Floats:
         """Return the derivatives (n, d, m, V) of E along d changes of the configuration.
 
-        E x = 0 says that the output does not turn about m axes fixed in its link. Entry
-        (i, v) of E is the scalar product of axis i with the angular velocity of the output
-        per unit rate of variable v. Both factors change with the configuration, so the
-        derivative has two terms.
+        E x = 0 says that the output does not turn about m axes fixed in its link. Row i of
+        E has the components of the output's angular velocities along axis i: E = A W^T,
+        with the axes in the rows of A (m, 3), and the angular velocity per unit rate of
+        each variable in the rows of W (V, 3). Both change with the configuration, so
+        dE = dA W^T + A dW^T.
         """
         linearisation = changes.linearisation
-        # The components of all vectors are along ground axes.
         axes = self._constrained_directions(linearisation)
         angular_velocities = self._angular_velocities(linearisation)
-        axis_changes = cross(self._link_velocity(changes)[:, :, None], axes[:, None])
-        # The angular velocities of the output are relative to the reference link, so the
-        # path leads from this link to the output link.
-        path_senses = self._path_senses(linearisation)
-        velocity_changes = path_senses[:, None] * changes.vector_derivatives
-        # The scalar products are matrix products over the three components: (m, 3) times
-        # (3, V), for each configuration and direction of change.
-        from_axes = axis_changes @ np.swapaxes(angular_velocities, 1, 2)[:, None]
-        from_velocities = axes[:, None] @ np.swapaxes(velocity_changes, 2, 3)
+        axis_derivatives = self._constrained_direction_derivatives(changes)
+        velocity_derivatives = self._angular_velocity_derivatives(changes)
+        # The axes of the products are configuration n, direction d, then matrices. A and W
+        # have no axis d.
+        from_axes = axis_derivatives @ np.swapaxes(angular_velocities, 1, 2)[:, None]
+        from_velocities = axes[:, None] @ np.swapaxes(velocity_derivatives, 2, 3)
         return from_axes + from_velocities
+
+    def _constrained_direction_derivatives(self, changes: ConfigurationChanges) -> Floats:
+        """Return the derivatives (n, d, m, 3) of `_constrained_directions` along d changes.
+
+        These m directions are fixed in the output link. If it rotates by w, a direction a
+        changes by w x a.
+        """
+        directions = self._constrained_directions(changes.linearisation)
+        rotations = self._link_velocity(changes)
+        return cross(rotations[:, :, None], directions[:, None])
+
+    def _angular_velocity_derivatives(self, changes: ConfigurationChanges) -> Floats:
+        """Return the derivatives (n, d, V, 3) of `_angular_velocities` along d changes."""
+        path_senses = self._path_senses(changes.linearisation)
+        return path_senses[:, None] * changes.vector_derivatives
 
     def _link_velocity(self, changes: ConfigurationChanges) -> Floats:
         """Return the rotation (n, d, 3) of the output link along d changes.
@@ -134,7 +146,11 @@ class OutputStationary:
         return np.einsum("nvd,nvk->ndk", changes.directions, link_vectors)
 
     def _path_senses(self, linearisation: Linearisation) -> Floats:
-        """Return the sense (V,), +1, -1 or 0, in which each variable turns the output."""
+        """Return the sense (V,) in which each variable turns the output.
+
+        It is +1 or -1 on a path of pairs from the reference link to the output link, and 0
+        for other variables.
+        """
         if self.variable_senses is not None:
             return np.array(self.variable_senses)
         paths = linearisation.tree.paths

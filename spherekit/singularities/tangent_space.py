@@ -228,21 +228,31 @@ class TangentSpace:
         -------
         (n, d, V, V) the matrices -J^+ J', zero for variables outside of the loops.
         """
-        # J is linear in the velocity vectors of its variables, so J' is the same function
-        # of their derivatives.
         n, direction_count, variable_count, _ = changes.vector_derivatives.shape
-        vector_changes = changes.vector_derivatives[:, :, self.variables]
-        jacobian_change = self.tree.jacobian(
-            vector_changes.reshape(-1, len(self.variables), 3)
-        )
-        jacobian_change = jacobian_change.reshape(
-            n, direction_count, *jacobian_change.shape[1:]
-        )
         corrections = np.zeros((n, direction_count, variable_count, variable_count))
-        corrections[:, :, self.variables[:, None], self.variables] = (
-            -self.jacobian_inverse[:, None] @ jacobian_change
-        )
+        # Rows and columns of the variables in the loops.
+        rows_and_columns = np.ix_(self.variables, self.variables)
+        corrections[:, :, *rows_and_columns] = -self.jacobian_inverse[
+            :, None
+        ] @ self._jacobian_derivatives(changes)
         return corrections
+
+    def _jacobian_derivatives(self, changes: ConfigurationChanges) -> Floats:
+        """Return the derivatives of J along d directions of change.
+
+        J is linear in the velocity vectors of its variables, so each derivative is the same
+        function of the derivatives of these vectors.
+
+        Returns
+        -------
+        (n, d, 3 loops, variables) derivatives, for the variables in the loops.
+        """
+        vector_derivatives = changes.vector_derivatives[:, :, self.variables]
+        n, direction_count, variable_count, _ = vector_derivatives.shape
+        # All directions of all configurations in one axis, as `jacobian` needs it.
+        derivatives = self.tree.jacobian(vector_derivatives.reshape(-1, variable_count, 3))
+        _, equation_count, _ = derivatives.shape
+        return derivatives.reshape(n, direction_count, equation_count, variable_count)
 
     def to_rates(self, coordinates: Floats) -> Floats:
         """Return the rates (n, V) that have the given coordinates (n, k) in the basis."""
