@@ -145,7 +145,7 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     """
     if profile.kind == "points":
         spline, _table = spline_through(np.array(profile.points), profile.closed)
-        path = _make_spline(spline)
+        path = _SphericalSpline(spline).evaluate
         return _by_arc_length(path, exact_balls(spline.knots), profile.closed)
     assert profile.centre is not None  # only profiles through points have no centre
     axes = azimuth_frame(unit_vector(exact_balls(profile.centre)))
@@ -156,26 +156,46 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         # The parameter is the azimuth, over one turn from 0 to 2 pi.
         one_turn = exact_balls([0.0, 2.0]) * pi_ball()
         return _by_arc_length(path, one_turn, closed=True)
-    # A circle about z with the angular radius r. At the azimuth a, which is the arc length
-    # over sin(r), its frame is
-    #     tangent = y cos(a) - x sin(a),
-    #     normal  = z sin(r) - (x cos(a) + y sin(a)) cos(r),
-    #     point   = z cos(r) + (x cos(a) + y sin(a)) sin(r).
-    x, y, z = axes
     if profile.kind == "circle":
-        sine, cosine = exact_ball(profile.radius or 0.0).sin_cos()
+        assert profile.radius is not None  # every circle has a radius
+        sine, cosine = exact_ball(profile.radius).sin_cos()
     else:
-        # The only other kind is a great circle, with r = 90 degrees.
+        # The only other kind is a great circle, whose radius is 90 degrees.
         sine, cosine = exact_balls([1.0, 0.0])
-    # The same as sums of a constant part, a part times cos(a) and a part times sin(a). Each
-    # list has this part of the tangent, the normal and the point.
-    constant_part = [0 * z, sine * z, cosine * z]
-    cosine_part = [y, -cosine * x, sine * x]
-    sine_part = [-x, -cosine * y, sine * y]
-    # (3, 3, 3): part, then the frame, in which vectors are columns.
-    terms = np.array([constant_part, cosine_part, sine_part]).swapaxes(1, 2)
     # A circle is closed, so its reverse starts at 0.
-    return lambda s: evaluate_rotation(terms, s / sine), exact_ball(0.0)
+    return _make_circle(axes, sine, cosine), exact_ball(0.0)
+
+
+def _make_circle(axes: Array, sine: Ball, cosine: Ball) -> Curve:
+    """Return the curve of a circle about the axis z, with the angular radius r.
+
+    Let a be the azimuth, which is the arc length over sin(r). The frame at a is
+
+        tangent = y cos(a) - x sin(a),
+        normal  = z sin(r) - (x cos(a) + y sin(a)) cos(r),
+        point   = z cos(r) + (x cos(a) + y sin(a)) sin(r).
+
+    Parameters
+    ----------
+    axes
+        (3, 3) rows: x and y, the directions of azimuth 0 and 90 degrees, and z.
+    sine, cosine
+        Sine and cosine of the angular radius r.
+    """
+    x, y, z = axes
+    # The frame is constant_part + cos(a) cosine_part + sin(a) sine_part. The columns of
+    # each part belong to the tangent, the normal and the point.
+    constant_part = np.stack([0 * z, sine * z, cosine * z], axis=1)
+    cosine_part = np.stack([y, -cosine * x, sine * x], axis=1)
+    sine_part = np.stack([-x, -cosine * y, sine * y], axis=1)
+    terms = np.array([constant_part, cosine_part, sine_part])
+
+    def circle(s: Array) -> Array:
+        """Return the frames (n, 3, 3) at arc lengths (n,) rad."""
+        azimuth = s / sine
+        return evaluate_rotation(terms, azimuth)
+
+    return circle
 
 
 def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]:
@@ -311,22 +331,28 @@ def _enclose_pieces(
 def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
     """Return the distance from its centre up to which a power series has all digits.
 
-    The terms that the series lacks are estimated by its last terms. The distance x is the
-    largest one with abs(c_n) x^n of at most 2 ** -bits for each of the last four
-    coefficients c_n. There are several, because a single one can be zero by chance. The
-    factor `CONVERGENCE_MARGIN` makes x smaller, because the estimate is not a bound.
+    It is estimated from the last coefficients c_n. The term c_n x^n is below the last bit
+    if abs(c_n) x^n is at most 2^-bits, that is for
+
+        ln x <= -(bits ln 2 + ln abs(c_n)) / n.
+
+    The distance x is the largest one for which this applies to the last four terms. There
+    are several, because a single coefficient can be zero by chance, and then allows any x.
+    The factor `CONVERGENCE_MARGIN` makes x smaller, because the estimate is not a bound.
 
     Parameters
     ----------
     coefficients
-        Coefficients c_n of the series, the power 0 first.
+        Five or more coefficients c_n of the series, the power 0 first.
     bits
         Bits that the sum of the series must have.
     """
     count = len(coefficients)
+    powers = np.arange(count - 4, count)
+    last_coefficients = centre_floats(np.array(coefficients[-4:]))
     with np.errstate(divide="ignore"):
-        logs = np.log(np.abs(centre_floats(np.array(coefficients[-4:]))))
-    log_distances = -(bits * np.log(2.0) + logs) / np.arange(count - 4, count)
+        logs = np.log(np.abs(last_coefficients))
+    log_distances = -(bits * np.log(2.0) + logs) / powers
     return np.exp(np.min(log_distances)) * CONVERGENCE_MARGIN
 
 
@@ -351,83 +377,100 @@ def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
         The azimuths are balls (intervals with a centre and a radius), or power series with
         such coefficients. The results are of the same kind.
         """
-        # The colatitude (angle from the centre z of the profile) and its derivative (slope)
-        # by the azimuth. The zeros at which the sums begin are of the kind of the azimuths.
-        colatitude = 0 * azimuth
-        slope = 0 * azimuth
-        for harmonic, (a, b) in enumerate(zip_longest(cosines, sines, fillvalue=0)):
-            sine, cosine = sine_cosine(harmonic * azimuth)
-            colatitude = colatitude + (a * cosine + b * sine)
-            slope = slope + harmonic * (b * cosine - a * sine)
+        colatitude, slope = _evaluate_colatitude(azimuth, cosines, sines)
         # With the colatitude r the point is cos(r) z + sin(r) outward. The unit vector
         # `outward` is perpendicular to z, at the azimuth from x. `along` is its derivative
         # by the azimuth.
-        sine, cosine = (part[:, None] for part in sine_cosine(colatitude))
         azimuth_sine, azimuth_cosine = (part[:, None] for part in sine_cosine(azimuth))
         outward = azimuth_cosine * x + azimuth_sine * y
         along = azimuth_cosine * y - azimuth_sine * x
+        sine, cosine = (part[:, None] for part in sine_cosine(colatitude))
+        point = cosine * z + sine * outward
         rate = slope[:, None] * (cosine * outward - sine * z) + sine * along
-        return cosine * z + sine * outward, rate
+        return point, rate
 
     return path
 
 
-def _make_spline(spline_path: SplinePath) -> Path:
-    """Return the radial projection of a quintic spline in space onto the sphere.
+def _evaluate_colatitude(
+    azimuth: Array, cosines: Array, sines: Array
+) -> tuple[Array, Array]:
+    """Return the colatitude of a Fourier profile and its derivative by the azimuth.
 
-    The spline and its derivative are evaluated by de Boor's algorithm, in balls: numbers
-    with a centre and a radius, which bounds their error. Its float64 knots and control
-    points count as exact.
-
-    Between two knots the spline is a polynomial. If a ball contains a knot, the result
-    contains the values of the polynomials on both sides. They differ by a multiple of
-    (u - u_k)^5 at a knot u_k, because derivatives up to the fourth agree there.
+    Parameters
+    ----------
+    azimuth
+        (n,) azimuths a (rad), as balls or power series.
+    cosines, sines
+        Coefficients (rad): the colatitude is the sum of cosines[k] cos(k a) + sines[k]
+        sin(k a). One list can be shorter than the other.
 
     Returns
     -------
-    A function of the parameter (n,) of the spline. It returns the projected points (n, 3)
-    and their derivatives by the parameter.
+    Colatitudes (n,) rad and their derivatives (n,), of the kind of the azimuths.
     """
-    degree = spline_path.spline.k
-    control_points = exact_balls(spline_path.spline.c)
-    spline_knots: Floats = spline_path.spline.t
+    # Multiples of the azimuth have its kind, zeros too.
+    colatitude = 0 * azimuth
+    slope = 0 * azimuth
+    coefficients = zip_longest(cosines, sines, fillvalue=0)
+    for harmonic, (cosine_factor, sine_factor) in enumerate(coefficients):
+        sine, cosine = sine_cosine(harmonic * azimuth)
+        colatitude = colatitude + (cosine_factor * cosine + sine_factor * sine)
+        slope = slope + harmonic * (sine_factor * cosine - cosine_factor * sine)
+    return colatitude, slope
 
-    def path(parameter: Array) -> tuple[Array, Array]:
+
+class _SphericalSpline:
+    """The radial projection of a quintic spline in space onto the sphere, in balls.
+
+    A ball has a centre and a radius, which bounds its error. The float64 knots and control
+    points of the spline count as exact.
+
+    Between two knots, in an interval, the spline is a polynomial. If a ball contains a
+    knot, the result contains the values of the polynomials on both sides. They differ by a
+    multiple of (u - u_k)^5 at a knot u_k, because derivatives up to the fourth agree there.
+    """
+
+    def __init__(self, spline_path: SplinePath) -> None:
+        """Store the degree, the control points (m, 3) in balls, and the knots (float64)."""
+        self._degree: int = spline_path.spline.k
+        self._control_points = exact_balls(spline_path.spline.c)
+        self._knots: Floats = spline_path.spline.t
+
+    def evaluate(self, parameter: Array) -> tuple[Array, Array]:
         """Return points (n, 3) on the unit sphere and their derivatives by the parameter.
 
-        The spline is a curve in space, which is projected from the centre of the sphere.
         The parameter (n,) is an array of balls, or of power series with balls as
         coefficients, which also give derivatives. The results are of the same kind.
         """
-        both = _enclose_pieces(evaluate_polynomials, parameter, find_intervals)
-        return both[:, 0], both[:, 1]
+        points_and_rates = _enclose_pieces(
+            self._evaluate_intervals, parameter, self._find_intervals
+        )
+        return points_and_rates[:, 0], points_and_rates[:, 1]
 
-    def find_intervals(parameter_floats: Floats) -> Indices:
+    def _find_intervals(self, parameter_floats: Floats) -> Indices:
         """Return the number of the interval between knots of each parameter (n,)."""
         # The first and the last degree + 1 knots are the ends of the spline.
-        inner_knots = spline_knots[degree + 1 : len(control_points)]
+        inner_knots = self._knots[self._degree + 1 : len(self._control_points)]
         return np.searchsorted(inner_knots, parameter_floats, side="right")
 
-    def evaluate_polynomials(parameter: Array, interval: Indices) -> Array:
+    def _evaluate_intervals(self, parameter: Array, interval: Indices) -> Array:
         """Return projected points and their derivatives (n, 2, 3) in given intervals.
 
-        Between two knots, in an interval, the spline is a polynomial. The polynomial of the
-        interval (n,) of each parameter (n,) is evaluated, and projected onto the sphere.
-        All numbers are balls, which are numbers with a bound of their error.
+        The polynomial of the interval (n,) of each parameter (n,) is evaluated, and
+        projected onto the sphere.
         """
         # In interval i the spline depends on the control points i to i + degree and on the
         # knots i + 1 to i + 2 degree. The first axis counts these points and knots, the
         # second the parameters: the shapes are (degree + 1, n, 3) and (2 degree, n).
-        point_numbers = interval + np.arange(degree + 1)[:, None]
-        knot_numbers = interval + np.arange(1, 2 * degree + 1)[:, None]
+        point_numbers = interval + np.arange(self._degree + 1)[:, None]
+        knot_numbers = interval + np.arange(1, 2 * self._degree + 1)[:, None]
         spline_point, derivative = _evaluate_de_boor(
-            control_points[point_numbers],
-            exact_balls(spline_knots[knot_numbers]),
+            self._control_points[point_numbers],
+            exact_balls(self._knots[knot_numbers]),
             parameter,
         )
         return _project_to_sphere(spline_point, derivative)
-
-    return path
 
 
 def _evaluate_de_boor(
@@ -453,19 +496,24 @@ def _evaluate_de_boor(
     """
     degree = len(control_points) - 1
     points = list(control_points)
+    u = parameter[:, None]
     # Each level replaces the points by interpolations between neighbours. There is one
-    # point less on each level, until one is left.
-    for level in range(degree):
+    # point less on each level. The last level, which leaves one point, comes below.
+    for level in range(degree - 1):
         interpolated_points = []
         for k in range(degree - level):
             # The line with point k at the knot `low` and point k + 1 at the knot `high`.
             low = knots[k + level][:, None]
             high = knots[k + degree][:, None]
             slope = (points[k + 1] - points[k]) / (high - low)
-            interpolated_points.append(points[k] + (parameter[:, None] - low) * slope)
+            interpolated_points.append(points[k] + (u - low) * slope)
         points = interpolated_points
-    (spline_point,) = points
-    # `slope` is the only one of the last level.
+    # The line between the last two points, at the ends of the interval of the parameter.
+    first_point, last_point = points
+    low = knots[degree - 1][:, None]
+    high = knots[degree][:, None]
+    slope = (last_point - first_point) / (high - low)
+    spline_point = first_point + (u - low) * slope
     return spline_point, degree * slope
 
 

@@ -60,8 +60,14 @@ def rotate_frame(frame: Frame, angle: Ball) -> Frame:
 def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
     """Return the rotation of an R pair as a linear function of 1, cosine and sine.
 
-    At the angle x, zero direction and side of the second frame are rotated by x about the
-    common axis, relative to those of the first frame.
+    At the angle x, the rotation maps the vectors of the second frame to
+
+        zero direction:  zero_direction cos(x) + side sin(x),
+        side:            side cos(x) - zero_direction sin(x),
+        axis:            axis,
+
+    where the vectors on the right are those of the first frame. The rotation is the sum of
+    the outer products of each image with its vector of the second frame.
 
     Parameters
     ----------
@@ -71,24 +77,15 @@ def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
 
     Returns
     -------
-    (3, 3, 3) matrices T such that T[0] + cos(angle) T[1] + sin(angle) T[2] rotates from the
-    axes of the second link to those of the first.
+    (3, 3, 3) matrices T such that T[0] + cos(x) T[1] + sin(x) T[2] rotates from the axes of
+    the second link to those of the first.
     """
     zero_direction, side, axis = first
-    zero = 0 * zero_direction  # a vector of balls, as the others
-    # The rotation maps the second frame to zero_direction cos(x) + side sin(x),
-    # side cos(x) - zero_direction sin(x) and axis. The rows have the factors of 1, cos(x)
-    # and sin(x) in these three vectors.
-    images = np.array(
-        [
-            [zero, zero, axis],
-            [zero_direction, side, zero],
-            [side, -zero_direction, zero],
-        ]
-    )
-    # Each factor is the sum of (image) (vector of the second frame)^T over the three
-    # vectors, that is (images as columns) times (second frame as rows).
-    return images.swapaxes(1, 2) @ second
+    second_zero_direction, second_side, second_axis = second
+    constant = np.outer(axis, second_axis)
+    cosine = np.outer(zero_direction, second_zero_direction) + np.outer(side, second_side)
+    sine = np.outer(side, second_zero_direction) + np.outer(-zero_direction, second_side)
+    return np.array([constant, cosine, sine])
 
 
 def azimuth_frame(centre: Vector) -> Frame:

@@ -10,7 +10,7 @@ from math import factorial
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Floats, SmallIntegers
+from spherekit.arrays import Array, Bools, Floats, Indices, SmallIntegers
 from spherekit.mechanism.elements import PoseGeometry, Profile
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint import Joint
@@ -131,11 +131,9 @@ def _contact_kinematics(
 def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
     """Return the arc lengths (2,) rad at which two profiles touch in the reference pose.
 
-    At two points of the curves, a rotation of the second link makes both curve frames (with
-    tangent, normal and point) coincide. In the reference pose the curves touch already, so
-    the points are those at which this rotation is the identity. They are computed by
-    Newton's method in the sense of least squares, since the profiles may miss each other by
-    the rounding of the float64 geometry.
+    They are the arc lengths at which the frames of both curves (tangent, normal and point)
+    coincide. Newton's method is used in the sense of least squares, since the profiles may
+    miss each other by the rounding of the float64 geometry.
 
     Numbers are balls, which are numbers with a bound of their error. The result is an
     approximation without a bound, so each iteration keeps the centres only.
@@ -153,15 +151,8 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
     )
     last_step_size = np.inf
     for _ in range(MAX_CONTACT_STEPS):
-        values = arc_lengths[None]
-        # The residual is the axis times the sine of the angle of the remaining rotation.
-        # For a small rotation its derivatives by the arc lengths are the angular
-        # velocities.
-        (residual,) = skew_part(kinematics.rotation(values))
-        vectors = _rotation_vectors(kinematics.rotation, values)
-        (inverse,), _conditions = left_inverses(vectors.swapaxes(1, 2))
-        step = inverse @ residual
-        arc_lengths = exact_centres(arc_lengths - step)
+        step = _newton_step_to_identity(kinematics.rotation, arc_lengths)
+        arc_lengths = exact_centres(arc_lengths + step)
         step_size = np.max(np.abs(centre_floats(step)))
         # Newton's steps shrink faster and faster. A step that is not even half of the step
         # before is rounding.
@@ -169,6 +160,27 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
             break
         last_step_size = step_size
     return arc_lengths
+
+
+def _newton_step_to_identity(rotation: PairFunction, variables: Array) -> Array:
+    """Return the Newton step (m,) of pair variables that makes a rotation the identity.
+
+    The residual is the axis of the rotation times the sine of its angle. For a small
+    rotation, its derivatives by the variables are the angular velocities at unit rates.
+
+    Parameters
+    ----------
+    rotation
+        The rotation of the pair.
+    variables
+        (m,) balls: present values of the m pair variables.
+    """
+    values = variables[None]  # functions of pairs take several configurations
+    (residual,) = skew_part(rotation(values))  # (3,)
+    velocities_in_rows = _rotation_vectors(rotation, values)
+    jacobians = velocities_in_rows.swapaxes(1, 2)  # (1, 3, m)
+    (inverse,), _conditions = left_inverses(jacobians)
+    return -(inverse @ residual)
 
 
 def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
@@ -379,25 +391,13 @@ class Linkage:
         self._tree = find_spanning_tree(ends)
         tree_pairs = [pair for pair, _, _ in self._tree]
         self._loop_pairs = np.setdiff1d(range(len(all_kinematics)), tree_pairs)
-        # (links, pairs) sense in which the path from the ground to a link passes a pair:
-        # 1 from its first to its second link, -1 in the opposite sense, 0 if it does not.
-        path_senses = np.zeros((len(mechanism.links), len(all_kinematics)))
-        for pair, parent, child in self._tree:
-            path_senses[child] = path_senses[parent]
-            path_senses[child, pair] = 1.0 if ends[pair][0] == parent else -1.0
-        # (loops, pairs) the same for loops. A loop goes from the ground to the first link
-        # of the pair that closes it, across this pair, and from its second link back.
-        first_links, second_links = np.array(ends)[self._loop_pairs].T
-        loop_senses = (
-            np.eye(len(all_kinematics))[self._loop_pairs]
-            + path_senses[first_links]
-            - path_senses[second_links]
-        )
-        # A pair with several variables gets a column for each of them. `variable_owners`
-        # has the pair of each variable.
+        path_senses = _find_path_senses(mechanism, self._tree)
+        loop_senses = _find_loop_senses(mechanism, self._loop_pairs, path_senses)
+        # From columns of pairs to columns of variables: a pair with several variables gets
+        # a column for each of them. `variable_owners` has the pair of each variable.
         variable_owners = mechanism.variable_owners
-        self._path_senses = path_senses[:, variable_owners]
-        self._loop_senses = loop_senses[:, variable_owners]
+        self._path_senses_of_variables = path_senses[:, variable_owners]
+        self._loop_senses_of_variables = loop_senses[:, variable_owners]
 
     def place_links(self, values: Array) -> tuple[Array, Array]:
         """Return the orientations of all links, and the residuals of the loops.
@@ -422,24 +422,27 @@ class Linkage:
             ground axes, times the sine of its angle. They are 0 if the loop closes, and
             also if half a turn remains.
         """
-        # By pair: rotations (n, 3, 3) of the second link relative to the first.
+        # By pair: rotations (n, 3, 3) from the axes of its second link to those of its
+        # first one.
         rotations = [
             pair.kinematics.rotation(values[:, pair.variables]) for pair in self._pairs
         ]
         # By link: its orientation (n, 3, 3). The ground is link 0.
         placed = {0: np.broadcast_to(exact_balls(np.eye(3)), (len(values), 3, 3))}
         for pair, parent, child in self._tree:
-            rotation = rotations[pair]
-            if self.mechanism.ends[pair][0] == child:
-                # From the second link to the first the rotation is the transpose.
-                rotation = rotation.swapaxes(1, 2)
-            placed[child] = placed[parent] @ rotation
+            first_link, _second_link = self.mechanism.ends[pair]
+            if first_link == parent:
+                child_to_parent = rotations[pair]
+            else:
+                # The transpose of a rotation is its inverse.
+                child_to_parent = rotations[pair].swapaxes(1, 2)
+            placed[child] = placed[parent] @ child_to_parent
         # The empty array gives the right shape if there are no loops.
         residuals = [exact_balls(np.zeros((len(values), 0)))]
         for pair in self._loop_pairs:
-            first, second = self.mechanism.ends[pair]
-            remaining = placed[first] @ rotations[pair] @ placed[second].swapaxes(1, 2)
-            # The skew part of a rotation is its axis times the sine of its angle.
+            first_link, second_link = self.mechanism.ends[pair]
+            ground_to_second_link = placed[second_link].swapaxes(1, 2)
+            remaining = placed[first_link] @ rotations[pair] @ ground_to_second_link
             residuals.append(skew_part(remaining))
         orientations = np.stack([placed[link] for link in range(len(placed))], axis=1)
         return orientations, np.concatenate(residuals, axis=1)
@@ -520,9 +523,9 @@ class Linkage:
         -------
         (n, links, 3) in ground axes.
         """
-        # `_path_senses` (links, variables) is 1 or -1 for variables on the path of a link,
-        # and 0 for all others.
-        return self._path_senses @ (vectors * rates[:, :, None])
+        # The senses (links, variables) are 1 or -1 for variables on the path of a link, and
+        # 0 for all others.
+        return self._path_senses_of_variables @ (vectors * rates[:, :, None])
 
     def jacobian(self, vectors: Array) -> Array:
         """Return the derivatives of the loop residuals by the variables.
@@ -541,10 +544,11 @@ class Linkage:
         -------
         (n, 3 loops, variables).
         """
-        # Axes: row, loop, component, variable.
-        signed_vectors = self._loop_senses[:, None] * vectors.swapaxes(1, 2)[:, None]
-        loop_count = len(self._loop_senses)
-        return signed_vectors.reshape(len(vectors), 3 * loop_count, vectors.shape[1])
+        senses = self._loop_senses_of_variables  # (loops, variables)
+        vectors_as_columns = vectors.swapaxes(1, 2)  # (n, 3, variables)
+        # Axes: configuration, loop, component, variable.
+        signed_vectors = senses[None, :, None, :] * vectors_as_columns[:, None, :, :]
+        return signed_vectors.reshape(len(vectors), 3 * len(senses), vectors.shape[1])
 
     def close_loops(self, start: Array, held: Sequence[int], eps: float) -> LoopClosure:
         """Close the loops by Newton's method, with some variables held.
@@ -616,8 +620,14 @@ class Linkage:
         """Return all variables as power series in one variable that moves.
 
         The coefficients of one power after another are computed so that the loops stay
-        closed. They solve linear equations with the same matrix for all powers, the
-        Jacobian of the loops by the free variables.
+        closed. Let J be the Jacobian of the loops by the free variables, and c_p the
+        coefficients of these variables for the power p. Each c_p occurs in the residuals
+        first at the power p, where it is multiplied by J:
+
+            residual of the power p = J c_p + (terms of lower powers).
+
+        With c_p = 0 the residual is these terms. Then c_p is minus the inverse of J times
+        this residual.
 
         Parameters
         ----------
@@ -639,12 +649,60 @@ class Linkage:
         ]
         coefficients[1][:, moving_variable] = exact_ball(1.0)
         for power in range(1, order + 1):
-            # The coefficient of this power is still 0. It has to remove the residual of
-            # this power.
+            # The coefficients of the free variables for this power are still 0.
             _, residuals = self.place_links(power_series(*coefficients[: power + 1]))
             residual = series_coefficient(residuals, power)
             coefficients[power][:, closure.free] = -np.matvec(closure.inverse, residual)
         return coefficients
+
+
+def _find_path_senses(mechanism: Mechanism, tree: Sequence[tuple[int, int, int]]) -> Floats:
+    """Return the senses in which paths from the ground to the links pass the pairs.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    tree
+        Each pair of the spanning tree, with the link nearer to the ground (parent) and the
+        link that the pair places (child). Parents come before their children.
+
+    Returns
+    -------
+    (links, pairs) 1 if the path passes the pair from its first to its second link, -1 in
+    the opposite sense, 0 if the pair is not on the path.
+    """
+    senses = np.zeros((len(mechanism.links), len(mechanism.pairs)))
+    for pair, parent, child in tree:
+        first_link, _second_link = mechanism.ends[pair]
+        senses[child] = senses[parent]
+        senses[child, pair] = 1.0 if first_link == parent else -1.0
+    return senses
+
+
+def _find_loop_senses(
+    mechanism: Mechanism, loop_pairs: Indices, path_senses: Floats
+) -> Floats:
+    """Return the senses (loops, pairs) in which loops pass the pairs: 1, -1, or 0 if not.
+
+    A loop goes from the ground to the first link of the pair that closes it, across this
+    pair to its second link, and from there back to the ground.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    loop_pairs
+        Numbers of the pairs that close a loop.
+    path_senses
+        (links, pairs) the same for the paths from the ground to the links.
+    """
+    senses = np.zeros((len(loop_pairs), len(mechanism.pairs)))
+    for loop, pair in enumerate(loop_pairs):
+        first_link, second_link = mechanism.ends[pair]
+        senses[loop] = path_senses[first_link] - path_senses[second_link]
+        senses[loop, pair] += 1.0
+    return senses
 
 
 def largest_in_rows(values: Array) -> Floats:
@@ -658,12 +716,14 @@ def largest_in_rows(values: Array) -> Floats:
 def angular_velocities(rotations: Array, order: int) -> list[Array]:
     """Return the angular velocity and its derivatives from power series of rotations.
 
-    The angular velocity of a rotation R(t) is the vector of the skew part of R' R^T.
+    The angular velocity of a rotation R(t) is the vector of the skew part of R' R^T. If R
+    is a series with the coefficients R_0, R_1, ..., the coefficient of t^p in R' R^T is the
+    sum over k = 0 ... p of (k + 1) R_(k + 1) R_(p - k)^T.
 
     Parameters
     ----------
     rotations
-        (..., 3, 3) power series in one variable.
+        (..., 3, 3) power series in one variable t.
     order
         Highest power of the series that is used.
 
@@ -672,17 +732,17 @@ def angular_velocities(rotations: Array, order: int) -> list[Array]:
     `order` arrays (..., 3): the angular velocity at unit rate of the variable, then its
     first and further derivatives by the variable.
     """
-    parts = [series_coefficient(rotations, power) for power in range(order + 1)]
-    results = []
+    coefficients = [series_coefficient(rotations, power) for power in range(order + 1)]
+    velocity_and_derivatives = []
     for power in range(order):
-        # Coefficient of this power of R' R^T: the sum of the products of coefficients.
-        products = [
-            (k + 1) * parts[k + 1] @ parts[power - k].swapaxes(-1, -2)
-            for k in range(power + 1)
-        ]
-        # A derivative is the factorial times the coefficient of the power.
-        results.append(factorial(power) * skew_part(np.sum(products, axis=0)))
-    return results
+        products = []
+        for k in range(power + 1):
+            rate_coefficient = (k + 1) * coefficients[k + 1]  # of R' for t^k
+            products.append(rate_coefficient @ coefficients[power - k].swapaxes(-1, -2))
+        velocity_coefficient = skew_part(np.sum(products, axis=0))
+        # A derivative of this order is the factorial times the coefficient of the power.
+        velocity_and_derivatives.append(factorial(power) * velocity_coefficient)
+    return velocity_and_derivatives
 
 
 def skew_part(matrices: Array) -> Array:
@@ -698,16 +758,13 @@ def skew_part(matrices: Array) -> Array:
 def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     """Return left inverses of matrices, and their condition numbers.
 
-    The left inverse of A is (A^T A)^-1 A^T. The condition number of A^T A is the square of
-    that of A, so twice as many digits are lost. It is therefore inverted with more than
-    twice the digits.
+    The elements are balls, which are numbers with a bound of their error. Only their
+    centres are used: the inverses are approximations, and include no error bounds.
 
     Parameters
     ----------
     matrices
-        (n, m, k) with m >= k. The elements are balls, which are numbers with a bound of
-        their error. Only their centres are used, so the results do not include the errors
-        of the elements.
+        (n, m, k) with m >= k.
 
     Returns
     -------
@@ -717,25 +774,16 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     condition
         (n,) condition numbers in Frobenius norms, at least 1; NaN likewise.
     """
-    flint = flint_library()
     bits = precision_bits()
     n, m, k = matrices.shape
-    inverses = np.full((n, k, m), flint.arb.nan())
+    inverses = np.full((n, k, m), flint_library().arb.nan())
     condition = np.full(n, np.nan)
     for row, matrix in enumerate(matrices):
-        # Accepted condition numbers are below 2^bits, so those of A^T A are below
-        # 2^(2 bits). The inversion then leaves about 64 correct bits or more.
-        with flint.ctx.workprec(2 * bits + 64):
-            flint_matrix = flint.arb_mat(m, k, list(matrix.ravel())).mid()
-            transposed = flint_matrix.transpose()
-            try:
-                flint_inverse = ((transposed * flint_matrix).inv().mid() * transposed).mid()
-            except ZeroDivisionError:
-                continue
-        inverse = np.reshape(flint_inverse.entries(), (k, m))
-        number = np.linalg.norm(centre_floats(matrix)) * np.linalg.norm(
-            centre_floats(inverse)
-        )
+        inverse = _approximate_left_inverse(matrix, bits)
+        if inverse is None:
+            continue
+        matrix_norm = np.linalg.norm(centre_floats(matrix))
+        number = matrix_norm * np.linalg.norm(centre_floats(inverse))
         # The rounding of the matrix, 2^-bits, changes the inverse by this relative amount.
         # If it is large, the matrix counts as rank deficient, and the result stays NaN.
         inverse_error = number * 2.0**-bits
@@ -743,3 +791,35 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
             inverses[row] = inverse
             condition[row] = np.maximum(number, 1.0)
     return inverses, condition
+
+
+def _approximate_left_inverse(matrix: Array, bits: int) -> Array | None:
+    """Return the left inverse (A^T A)^-1 A^T of a matrix A, None if A^T A is singular.
+
+    The condition number of A^T A is the square of that of A, so twice as many digits are
+    lost. The inverse is therefore computed with 2 bits + 64 bits: if the condition number
+    of A is below 2^bits, 64 bits or more are correct.
+
+    Parameters
+    ----------
+    matrix
+        (m, k) balls, of which only the centres are used.
+    bits
+        Bits of the matrix.
+
+    Returns
+    -------
+    (k, m) balls of radius 0.
+    """
+    flint = flint_library()
+    m, k = matrix.shape
+    # `mid` leaves the radii of balls out: those of the matrix, then those of the rounding.
+    with flint.ctx.workprec(2 * bits + 64):
+        centre_matrix = flint.arb_mat(m, k, list(matrix.ravel())).mid()
+        transposed = centre_matrix.transpose()
+        try:
+            inverse_of_square = (transposed * centre_matrix).inv().mid()
+        except ZeroDivisionError:
+            return None
+        left_inverse = (inverse_of_square * transposed).mid()
+    return np.reshape(left_inverse.entries(), (k, m))
