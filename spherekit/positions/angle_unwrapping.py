@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.positions.assembly_mode import AssemblyMode
@@ -77,6 +77,37 @@ class RevolutionSteps(NamedTuple):
     is_connected: Bools
 
 
+class PeriodicInputs(NamedTuple):
+    """Inputs written as a number of whole periods, plus the rest.
+
+    Attributes
+    ----------
+    period_counts
+        (n,) whole numbers of periods.
+    remainders
+        (n,) inputs less these periods (rad).
+    """
+
+    period_counts: Floats
+    remainders: Floats
+
+
+class CurveDistance(NamedTuple):
+    """How far the angles of configurations are from those of a followed curve.
+
+    Attributes
+    ----------
+    revolutions
+        (n, angles) whole revolutions, nearest to the angles of the curve less those of the
+        configuration.
+    deviation
+        (n,) largest rest (rad) of any angle, without these revolutions.
+    """
+
+    revolutions: Floats
+    deviation: Floats
+
+
 @dataclass(frozen=True)
 class UnwrappedStretch:
     """A stretch of one input over which the angles of an assembly mode were followed.
@@ -111,18 +142,15 @@ class UnwrappedStretch:
     reference_revolutions: Floats
 
     def count_revolutions(self, values: Floats) -> Floats:
-        """Return the revolutions to be added to the angles of configurations.
+        """Return the whole revolutions by which angles continue those of the curve.
 
-        This object is a stretch: a range of the input, one period of it or less, over which
-        a curve of configurations was followed with continuous angles. The revolutions of an
-        angle are the sum of three numbers:
+        With these revolutions added, each angle is a continuous function of the input, and
+        in (-pi, pi] at the reference input. The revolutions of an angle are
 
-        - whole revolutions between the angle of the configuration and the continuous angle
-          of the curve at the same input,
-        - for each whole period from the stretch to the input, the revolutions that the
-          angle gains in a period (`winding`),
-        - minus `reference_revolutions`, the same number for all configurations. It is
-          chosen so that the angle is in (-pi, pi] at a reference input.
+            to curve + period count * `winding` - `reference_revolutions`
+
+        where "to curve" leads from the angle to that of the curve, and the period count is
+        the number of whole periods from the curve to the input.
 
         Parameters
         ----------
@@ -134,29 +162,61 @@ class UnwrappedStretch:
         -------
         (n, angles) whole revolutions. NaN for configurations that are not on this stretch.
         """
+        _, highest = self._range_with_slack
+        inputs = self._shift_to_curve(values[:, self.input_variable])
+        to_curve = self._compare_with_curve(inputs.remainders, values)
+        is_on_stretch = inputs.remainders <= highest
+        # A larger deviation shows that the configuration belongs to another mode.
+        is_on_stretch &= to_curve.deviation < SAME_MODE_TOLERANCE_RAD
+        gained_revolutions = inputs.period_counts[:, None] * self.winding
+        revolutions = to_curve.revolutions + (
+            gained_revolutions - self.reference_revolutions
+        )
+        return np.where(is_on_stretch[:, None], revolutions, np.nan)
+
+    @property
+    def _range_with_slack(self) -> tuple[float, float]:
+        """Lowest and highest input (rad) that count as inputs of the curve.
+
+        A curve that leads to a dead centre ends a little before it. An input up to
+        `DEAD_CENTRE_SLACK_RAD` beyond an end of the curve therefore counts as at the end.
+        """
         low, high = self.curve.inputs[[0, -1]]
-        # A curve that leads to a dead centre ends a little before it. Inputs up to
-        # `DEAD_CENTRE_SLACK_RAD` beyond an end therefore count as at the end.
-        lowest = low - DEAD_CENTRE_SLACK_RAD
-        highest = high + DEAD_CENTRE_SLACK_RAD
-        # 1. The input is reduced by whole periods (laps) to the period that begins at
-        # `lowest`. An input just below `low` then stays near the lower end of the curve,
-        # and does not get to the upper end of the period.
-        from_lowest = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
-        laps = np.floor(from_lowest / self.period)
-        reduced_input = lowest + np.mod(from_lowest, self.period)
-        # 2. The curve's angles at this input differ from those of the configuration by
-        # whole revolutions. A larger remainder shows that the configuration belongs to
-        # another mode.
-        curve_values, _ = self.curve.interpolate(np.clip(reduced_input, low, high))
+        return low - DEAD_CENTRE_SLACK_RAD, high + DEAD_CENTRE_SLACK_RAD
+
+    def _shift_to_curve(self, inputs: Floats) -> PeriodicInputs:
+        """Shift inputs (n,) by whole periods to the period that begins with the curve.
+
+        This period begins at the lowest input that counts as one of the curve. So an input
+        slightly below the lower end of the curve stays there, and is not shifted to the end
+        of the period. With an infinite period, the inputs above this lowest input stay the
+        same, and those below it become infinite.
+        """
+        lowest, _ = self._range_with_slack
+        # Distance from `lowest`, which is the slack below the lower end of the curve.
+        from_lowest = inputs - self.curve.inputs[0] + DEAD_CENTRE_SLACK_RAD
+        return PeriodicInputs(
+            period_counts=np.floor(from_lowest / self.period),
+            remainders=lowest + np.mod(from_lowest, self.period),
+        )
+
+    def _compare_with_curve(self, inputs: Floats, values: Floats) -> CurveDistance:
+        """Compare the angles of configurations with those of the curve.
+
+        Parameters
+        ----------
+        inputs
+            (n,) inputs (rad) at which the curve is evaluated. Beyond an end of the curve,
+            it is evaluated at the end.
+        values
+            (n, variables) configurations (rad).
+        """
+        low, high = self.curve.inputs[[0, -1]]
+        curve_values, _ = self.curve.interpolate(np.clip(inputs, low, high))
         difference = (curve_values - values)[:, self.angles]
         revolutions = np.round(difference / TURN)
         deviation = max_abs(difference - TURN * revolutions, axis=1)
-        is_on_stretch = reduced_input <= highest
-        is_on_stretch &= deviation < SAME_MODE_TOLERANCE_RAD
-        # 3. The other two numbers of the sum.
-        revolutions += laps[:, None] * self.winding - self.reference_revolutions
-        return np.where(is_on_stretch[:, None], revolutions, np.nan)
+        return CurveDistance(revolutions, deviation)
 
 
 class AngleUnwrapping:
@@ -336,8 +396,9 @@ class AngleUnwrapping:
         """Return the revolutions of configurations of a mechanism with one input.
 
         A stretch is a part of the range of the input over which the mode was followed. The
-        stretches that are known already are tried first. Then a new one is followed from
-        the first configuration that is on none of them, until all are done.
+        stretches that earlier calls have followed are tried first. From the first
+        configuration that is on none of them, a new stretch is followed and stored, until
+        all configurations are done.
 
         Parameters
         ----------
@@ -359,21 +420,18 @@ class AngleUnwrapping:
         # Indices of the configurations that are on no stretch so far.
         remaining = np.arange(len(values))
         stretches = self._stretches.setdefault(mode, [])
-        number = 0  # of the stretch that is tried
+        for stretch in stretches:
+            remaining = _count_on_stretch(stretch, values, remaining, revolutions)
         while len(remaining):
-            is_new = number == len(stretches)
-            if is_new:
-                start = values[remaining[0]]
-                inputs = values[remaining, driven]
-                stretches.append(self._follow_stretch(start, inputs, period))
-            # NaN for configurations that are not on the stretch.
-            revolutions[remaining] = stretches[number].count_revolutions(values[remaining])
-            if is_new:
-                # The start is not tried again, even if its own stretch does not contain it
-                # (it is NaN). Otherwise the loop would follow stretches from it forever.
-                remaining = remaining[1:]
-            remaining = remaining[np.isnan(revolutions[remaining, 0])]
-            number += 1
+            start = remaining[0]
+            stretch = self._follow_stretch(
+                values[start], inputs=values[remaining, driven], period=period
+            )
+            stretches.append(stretch)
+            remaining = _count_on_stretch(stretch, values, remaining, revolutions)
+            # The start is not tried again, even if its own stretch does not contain it.
+            # Otherwise the loop would follow stretches from it forever.
+            remaining = remaining[remaining != start]
         return revolutions
 
     def _follow_stretch(
@@ -551,6 +609,33 @@ class AngleUnwrapping:
         deviation = max_abs(difference - TURN * revolutions, axis=1)
         is_same_mode = deviation < SAME_MODE_TOLERANCE_RAD
         return RevolutionSteps(revolutions, (followed.status == Status.OK) & is_same_mode)
+
+
+def _count_on_stretch(
+    stretch: UnwrappedStretch, values: Floats, rows: Indices, revolutions: Floats
+) -> Indices:
+    """Count the revolutions of those configurations that are on a stretch.
+
+    Parameters
+    ----------
+    stretch
+        A part of the range of the input over which a mode was followed.
+    values
+        (n, variables) configurations (rad).
+    rows
+        (k,) indices of the configurations that are looked for on the stretch.
+    revolutions
+        (n, angles) whole revolutions. They are changed in place in the given rows, to NaN
+        for configurations that are not on the stretch.
+
+    Returns
+    -------
+    The given rows that are not on the stretch.
+    """
+    if not len(rows):
+        return rows
+    revolutions[rows] = stretch.count_revolutions(values[rows])
+    return rows[np.isnan(revolutions[rows, 0])]
 
 
 def continue_angles(

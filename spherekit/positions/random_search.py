@@ -272,6 +272,24 @@ def descend_to_closure(
 
 
 @dataclass(frozen=True)
+class WheelRepetition:
+    """Two wheels that have rolled on by whole revolutions of one of them, or of both.
+
+    Attributes
+    ----------
+    repeated_wheel
+        Number of the body that is a wheel which has made whole revolutions relative to the
+        point of contact: it touches at the same point of its profile as before.
+    turned_wheel
+        Number of the other wheel if it touches at another point of its profile than before.
+        None if it has made whole revolutions, too.
+    """
+
+    repeated_wheel: int
+    turned_wheel: int | None
+
+
+@dataclass(frozen=True)
 class RolledLength:
     """The variable that measures how far two wheels have rolled on each other.
 
@@ -289,24 +307,34 @@ class RolledLength:
     profiles: tuple[ContactProfile, ...]
     wheels: tuple[int, int]
 
-    def find_wheels_in_same_position(self, length: float) -> list[int]:
-        """Return the wheels that touch at the same point again, after rolling on.
+    def find_repetition(self, additional_length: float) -> WheelRepetition | None:
+        """Return which wheels have made whole revolutions after rolling on.
 
-        These are the wheels whose circumference is contained a whole number of times in the
-        additional rolled `length` (rad). Open profiles have no circumference.
+        The result is None if neither wheel has. `additional_length` is the arc length (rad)
+        by which the wheels have rolled on.
         """
-        wheels = []
-        for profile, wheel in zip(self.profiles, self.wheels, strict=True):
-            if profile.curve.closed:
-                revolutions = length / profile.curve.length
-                if abs(revolutions - round(revolutions)) <= SAME_MODE:
-                    wheels.append(wheel)
-        return wheels
-
-    def other_wheel(self, wheel: int) -> int:
-        """Return the wheel that touches the given one."""
+        first_repeats, second_repeats = (
+            _is_whole_circumference(profile, additional_length) for profile in self.profiles
+        )
         first_wheel, second_wheel = self.wheels
-        return second_wheel if wheel == first_wheel else first_wheel
+        if first_repeats and second_repeats:
+            return WheelRepetition(first_wheel, turned_wheel=None)
+        if first_repeats:
+            return WheelRepetition(first_wheel, turned_wheel=second_wheel)
+        if second_repeats:
+            return WheelRepetition(second_wheel, turned_wheel=first_wheel)
+        return None
+
+
+def _is_whole_circumference(profile: ContactProfile, length: float) -> bool:
+    """Return whether a length (rad) is a whole multiple of the length of a closed profile.
+
+    An open profile has no circumference: the result is False.
+    """
+    if not profile.curve.closed:
+        return False
+    revolutions = length / profile.curve.length
+    return abs(revolutions - round(revolutions)) <= SAME_MODE
 
 
 @dataclass(frozen=True)
@@ -469,46 +497,85 @@ class DistinctConfigurations:
     ) -> bool:
         """Return whether two configurations differ only by whole revolutions of wheels.
 
-        Two wheels A and B roll until A has made whole revolutions. They then touch at the
-        same point of A, but at another point of B. If B is held by a bearing on A, or on a
-        body that is fixed relative to A, the loops close again: only B has another
-        orientation on its bearing. Such configurations follow from each other if the inputs
-        make whole revolutions, so they count as one.
-
-        Rolled lengths of different modes can also differ by whole circumferences by chance.
-        Then B has more joints than its bearing and this contact, or the orientations of
-        other bodies differ, too.
+        Such configurations follow from each other if the inputs make whole revolutions, so
+        they count as one. They arise in this way: two wheels roll on each other until one
+        of them has made whole revolutions and touches at the same point of its profile
+        again. The other wheel then touches at another point, unless it has made whole
+        revolutions, too. If this turned wheel has only two joints, the contact and its
+        bearing, the loops close again, and only its own orientation has changed.
         """
-        turned_wheels: set[int] = set()
-        # A wheel that is in the same position again (A above).
-        reference_wheel: int | None = None
+        repetitions = self._find_repetitions(configuration.values - stored.values)
+        if not repetitions:
+            return False
+        turned_wheels = {
+            repetition.turned_wheel
+            for repetition in repetitions
+            if repetition.turned_wheel is not None
+        }
+        # Rolled lengths of different modes can also differ by whole circumferences by
+        # chance. Then a turned wheel has further joints, or other bodies have moved, too.
+        if any(self._joint_counts[wheel] > 2 for wheel in turned_wheels):
+            return False
+        # The other bodies must have kept their orientations relative to each other. Any
+        # repeated wheel among them can be the reference.
+        return _have_equal_orientations(
+            configuration.rotations,
+            stored.rotations,
+            reference_body=repetitions[-1].repeated_wheel,
+            ignored_bodies=turned_wheels,
+        )
+
+    def _find_repetitions(self, differences: Floats) -> list[WheelRepetition]:
+        """Return the repetition of each pair of wheels that has rolled on.
+
+        Parameters
+        ----------
+        differences
+            (variables,) differences of the variables (rad) between two configurations.
+
+        Returns
+        -------
+        One repetition for each contact with another rolled length. The list is empty if
+        there is no such contact, or if two wheels have rolled on without whole revolutions
+        of either.
+        """
+        repetitions = []
         for rolled_length in self._rolled_lengths:
-            variable = rolled_length.variable
-            additional_length = float(
-                configuration.values[variable] - stored.values[variable]
-            )
+            additional_length = float(differences[rolled_length.variable])
             if abs(additional_length) <= SAME_MODE:
                 continue  # These two wheels have not rolled on.
-            same_wheels = rolled_length.find_wheels_in_same_position(additional_length)
-            if not same_wheels:
-                return False
-            # If several contacts have rolled on, that of the last one is the reference.
-            reference_wheel = same_wheels[0]
-            if len(same_wheels) == 1:
-                turned_wheel = rolled_length.other_wheel(reference_wheel)
-                if self._joint_counts[turned_wheel] > 2:
-                    return False
-                turned_wheels.add(turned_wheel)
-        if reference_wheel is None:
-            return False
-        # All bodies but the turned wheels must have the same orientations as before,
-        # relative to the reference wheel.
-        bodies = [k for k in range(len(stored.rotations)) if k not in turned_wheels]
-        orientations, stored_orientations = (
-            rotations[reference_wheel].T @ rotations[bodies]
-            for rotations in (configuration.rotations, stored.rotations)
-        )
-        return bool(np.max(np.abs(orientations - stored_orientations)) <= SAME_MODE)
+            repetition = rolled_length.find_repetition(additional_length)
+            if repetition is None:
+                return []
+            repetitions.append(repetition)
+        return repetitions
+
+
+def _have_equal_orientations(
+    rotations: Floats,
+    other_rotations: Floats,
+    reference_body: int,
+    ignored_bodies: set[int],
+) -> bool:
+    """Return whether bodies have equal orientations in two configurations.
+
+    Parameters
+    ----------
+    rotations, other_rotations
+        (bodies, 3, 3) rotations from body axes to those of body 0, in each configuration.
+    reference_body
+        Number of the body to which the orientations are relative.
+    ignored_bodies
+        Numbers of the bodies that are not compared.
+
+    Returns
+    -------
+    Whether no component of the compared rotation matrices differs by more than `SAME_MODE`.
+    """
+    bodies = [body for body in range(len(rotations)) if body not in ignored_bodies]
+    orientations = rotations[reference_body].T @ rotations[bodies]
+    other_orientations = other_rotations[reference_body].T @ other_rotations[bodies]
+    return bool(np.max(np.abs(orientations - other_orientations)) <= SAME_MODE)
 
 
 def compute_copy_tolerances(residual: Floats, smallest_singular_value: Floats) -> Floats:

@@ -66,14 +66,14 @@ The residual of a closed group causes a longer step only next to a singular conf
 """
 SAME_FRAME_TOLERANCE = 1e-13
 """Pair frames whose components all differ by less have the same solutions."""
-MAX_EXAMINED_SAMPLES = 200
-"""Largest number of samples of one group that are examined one by one, at about 6 ms each.
-Further samples are reported as incomplete."""
+MAX_EXAMINED_ROWS = 200
+"""Largest number of rows of one group that are examined one by one, at about 6 ms each.
+Further rows are reported as incomplete."""
 
 
 @dataclass(frozen=True)
 class SampleConfigurations:
-    """Configurations of a mechanism, or of one group, at n samples.
+    """Configurations of a mechanism at n samples of its inputs.
 
     They are sorted by sample. The order within a sample is reproducible.
 
@@ -82,7 +82,7 @@ class SampleConfigurations:
     sample
         (k,) index of the sample of each configuration, rising.
     values
-        (k, variables) variables (rad) of the mechanism, or of the pairs of the group.
+        (k, variables) variables (rad) of the mechanism.
     is_complete
         (n,) whether no real configuration of the sample can be missing.
     problem
@@ -94,6 +94,56 @@ class SampleConfigurations:
     values: Floats
     is_complete: Bools
     problem: str
+
+
+@dataclass(frozen=True)
+class GroupConfigurations:
+    """Configurations of one group at n rows.
+
+    A row is a position of the links on which the group is placed: one configuration of the
+    earlier groups at one sample of the inputs. A sample can have several rows.
+
+    Attributes
+    ----------
+    row
+        (k,) row to which each configuration belongs, rising.
+    values
+        (k, pairs) variables (rad) of the pairs of the group.
+    is_complete
+        (n,) whether no real configuration of the row can be missing.
+    problem
+        Why configurations may be missing at a row that is not complete; empty if no reason
+        was recorded.
+    """
+
+    row: Indices
+    values: Floats
+    is_complete: Bools
+    problem: str
+
+
+@dataclass(frozen=True)
+class GroupPlacement:
+    """Placed bodies after a group was placed in all its configurations at n rows.
+
+    Attributes
+    ----------
+    state
+        The bodies in k new rows, one for each configuration of the group at each old row.
+        There is none for an old row at which the group cannot be closed.
+    parent
+        (k,) old row from which each new row comes, rising.
+    is_complete
+        (n,) whether no real configuration of the group at the old row can be missing.
+    problem
+        Why configurations may be missing at a row that is not complete; empty if no reason
+        was recorded.
+    """
+
+    state: AssemblyState
+    parent: Indices
+    is_complete: Bools
+    problem: str = ""
 
 
 def can_enumerate(solver: PositionSolver) -> bool:
@@ -176,8 +226,6 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     """
     # A row is a partial configuration of one sample, in which the groups up to the current
     # one are placed. `sample` has the sample of each row, and `state` the placed bodies.
-    # When a group is placed, each of its configurations gives a new row. A row in which the
-    # group cannot be closed disappears. `parent` is the old row of each new row.
     is_complete = np.ones(len(q), dtype=bool)
     sample = np.arange(len(q))
     problem = ""
@@ -185,39 +233,24 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
         state = solver.start(q)
         for position, group in enumerate(solver.assembly.groups):
             if group.is_dyad:
-                state, parent = _place_both_modes(state, group)
+                placement = _place_both_modes(state, group)
             elif position in solver.wheel_trains:
-                # The train of wheels is placed in `state` itself, in each row. Rows in
-                # which its loops stay open are left out.
-                train = solver.place_wheel_train(state, position, q[sample])
-                parent = np.flatnonzero(train.closure_residual < CLOSURE_TOLERANCE)
-                state = state.rows(parent)
+                placement = _place_wheel_train(solver, position, state=state, q=q[sample])
             else:
-                # The equations of the group are written for each row. Rows of one sample
-                # can have equal equations, which are solved once. The field `sample` of the
-                # result has the row to which each solution belongs, not the sample.
-                closure = group_closure(state, group)
-                solutions = _eliminate_distinct_rows(group, closure, sample)
-                row_is_complete = solutions.is_complete
-                is_complete[sample[~row_is_complete]] = False
-                problem = problem or solutions.problem
-                row_of_solution = solutions.sample
-                parent = row_of_solution
-                rotations = (
-                    closure.select_rows(parent).linearise(solutions.values).rotations
-                )
-                state = state.rows(parent)
-                state.merge(group, rotations)
-                # Store the angles of the pairs of this group.
-                state.values[:, group_variables(state, group)] = solutions.values
-            sample = sample[parent]
+                placement = _place_by_elimination(state, group, sample)
+            is_complete[sample[~placement.is_complete]] = False
+            problem = problem or placement.problem
+            state = placement.state
+            sample = sample[placement.parent]
     return SampleConfigurations(
         sample=sample, values=state.values, is_complete=is_complete, problem=problem
     )
 
 
-def _place_both_modes(state: AssemblyState, group: Group) -> tuple[AssemblyState, Indices]:
-    """Place a dyad in both of its modes.
+def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
+    """Place a dyad in both of its modes, which are known in closed form.
+
+    Modes of the same old row follow each other, the mode of sign 1 first.
 
     Parameters
     ----------
@@ -228,11 +261,7 @@ def _place_both_modes(state: AssemblyState, group: Group) -> tuple[AssemblyState
 
     Returns
     -------
-    states
-        State with one row for each mode of each row of `state` in which the dyad closes.
-        Modes of the same row follow each other, the mode of sign 1 first.
-    parent
-        Row of `state` from which each of these rows comes, rising.
+    New rows for the modes in which the dyad closes.
     """
     states = []
     parents = []
@@ -249,102 +278,192 @@ def _place_both_modes(state: AssemblyState, group: Group) -> tuple[AssemblyState
         states.append(placed.rows(parents[-1]))
     parent = np.concatenate(parents)
     order = np.argsort(parent, kind="stable")
-    return AssemblyState.concatenate(states).rows(order), parent[order]
+    return GroupPlacement(
+        state=AssemblyState.concatenate(states).rows(order),
+        parent=parent[order],
+        is_complete=np.ones(len(state.values), dtype=bool),
+    )
+
+
+def _place_wheel_train(
+    solver: PositionSolver, position: int, state: AssemblyState, q: Floats
+) -> GroupPlacement:
+    """Place a train of wheels, which has a single configuration at given inputs.
+
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    position
+        Position of the train among the groups, in solving order.
+    state
+        The bodies at n rows. The train is placed in this object itself.
+    q
+        (n, inputs) values of the inputs (rad) at the rows.
+
+    Returns
+    -------
+    New rows for the old rows at which the loops of the train close.
+    """
+    train = solver.place_wheel_train(state, position, q)
+    parent = np.flatnonzero(train.closure_residual < CLOSURE_TOLERANCE)
+    return GroupPlacement(
+        state=state.rows(parent),
+        parent=parent,
+        is_complete=np.ones(len(q), dtype=bool),
+    )
+
+
+def _place_by_elimination(
+    state: AssemblyState, group: Group, sample: Indices
+) -> GroupPlacement:
+    """Place a group in all configurations that elimination finds.
+
+    Parameters
+    ----------
+    state
+        The bodies at n rows, before the group is placed. It is not changed.
+    group
+        A group of R pairs whose equations elimination reduces to a polynomial in one angle.
+    sample
+        (n,) sample of each row, rising.
+    """
+    closure = group_closure(state, group)
+    configurations = _eliminate_distinct_rows(group, closure, sample)
+    parent = configurations.row
+    closed_loops = closure.select_rows(parent).linearise(configurations.values)
+    new_state = state.rows(parent)
+    new_state.merge(group, closed_loops.rotations)
+    # Store the angles of the pairs of this group.
+    new_state.values[:, group_variables(new_state, group)] = configurations.values
+    return GroupPlacement(
+        state=new_state,
+        parent=parent,
+        is_complete=configurations.is_complete,
+        problem=configurations.problem,
+    )
 
 
 def _eliminate_distinct_rows(
     group: Group, closure: Closure, sample: Indices
-) -> SampleConfigurations:
+) -> GroupConfigurations:
     """Return the configurations of one group at all rows, and solve equal rows once.
 
-    Groups of links are placed one after another. A row is one configuration of the groups
-    that are placed before this one, so a sample can have several rows. If the position of
-    this group does not depend on those groups, its equations are the same in all rows of a
-    sample. They are then solved only once per sample.
+    A row is one configuration of the groups that are placed before this one, so a sample
+    can have several rows. If the position of this group does not depend on those groups,
+    its equations are the same in all rows of a sample, and are solved only once for each
+    sample.
 
     Parameters
     ----------
     group
         A group of R pairs whose equations elimination reduces to a polynomial in one angle.
     closure
-        The loop equations of the group at k rows.
+        The loop equations of the group at n rows.
     sample
-        (k,) index of the sample of each row, rising.
+        (n,) index of the sample of each row, rising.
+    """
+    representative = _find_representative_rows(closure, sample)
+    solved_rows = np.unique(representative)
+    solved = _eliminate_rows(group, closure.select_rows(solved_rows))
+    if len(solved_rows) == len(sample):
+        return solved
+    # `solved` counts rows by their positions in `solved_rows`.
+    return _repeat_configurations(solved, np.searchsorted(solved_rows, representative))
+
+
+def _find_representative_rows(closure: Closure, sample: Indices) -> Indices:
+    """Return for each row (n,) a row of the same sample at which the equations are equal.
+
+    This is the first row of the sample if its equations are equal, otherwise the row
+    itself.
+
+    Parameters
+    ----------
+    closure
+        The loop equations of a group at n rows.
+    sample
+        (n,) index of the sample of each row, rising.
+    """
+    # The index at which a sample occurs first in the sorted array.
+    first_row = np.searchsorted(sample, sample)
+    # The equations depend on rotations from links to bodies. (A body is a set of links that
+    # do not move relative to each other.) The rotations are compared for the first and the
+    # second links of all pairs.
+    assert closure.body_from_links is not None
+    first_links, second_links = closure.body_from_links
+    first_difference = max_abs(first_links - first_links[first_row], axis=(1, 2, 3))
+    second_difference = max_abs(second_links - second_links[first_row], axis=(1, 2, 3))
+    difference = np.maximum(first_difference, second_difference)
+    has_equal_equations = difference < SAME_FRAME_TOLERANCE
+    return np.where(has_equal_equations, first_row, np.arange(len(sample)))
+
+
+def _repeat_configurations(
+    solved: GroupConfigurations, solved_row: Indices
+) -> GroupConfigurations:
+    """Copy the configurations of solved rows to all rows with the same equations.
+
+    Parameters
+    ----------
+    solved
+        Configurations at m solved rows, which are numbered from 0.
+    solved_row
+        (n,) number of the solved row that has the equations of each row.
 
     Returns
     -------
-    The configurations. Its field `sample` has the row of each configuration instead of its
-    sample, and `is_complete` has one value per row.
+    Configurations at the n rows.
     """
-    # `first` is the first row of the sample of each row. A row needs no solution of its own
-    # if its equations are those of this first row. The equations depend on rotations from
-    # links to bodies. (A body is a set of links that do not move relative to each other.)
-    # The rotations are compared for the first and the second links of all pairs.
-    all_rows = np.arange(len(sample))
-    first = np.searchsorted(sample, sample)
-    assert closure.body_from_links is not None
-    first_links, second_links = closure.body_from_links
-    first_difference = max_abs(first_links - first_links[first], axis=(1, 2, 3))
-    second_difference = max_abs(second_links - second_links[first], axis=(1, 2, 3))
-    difference = np.maximum(first_difference, second_difference)
-    equals_first = difference < SAME_FRAME_TOLERANCE
-    solved_rows = np.flatnonzero(~equals_first | (first == all_rows))
-    # The result counts rows by their positions in `solved_rows`. If all rows are solved,
-    # these are the rows themselves.
-    solutions = _eliminate_samples(group, closure.select_rows(solved_rows))
-    if len(solved_rows) == len(sample):
-        return solutions
-    # (solved rows + 1,) index of the first solution of each solved row. For example,
-    # [0, 4, 6] are solutions 0 to 3 of one solved row, and 4 to 5 of the next one.
-    first_solutions = np.searchsorted(solutions.sample, np.arange(len(solved_rows) + 1))
-    # Each row takes the solutions of its source: a solved row with equal equations.
-    source_row = np.where(equals_first, first, all_rows)
-    source_position = np.searchsorted(solved_rows, source_row)
-    taken_solutions = [
-        np.arange(first_solutions[position], first_solutions[position + 1])
-        for position in source_position
+    # (m + 1,) index of the first configuration of each solved row. For example, [0, 4, 6]
+    # are configurations 0 to 3 of one solved row, and 4 to 5 of the next one.
+    row_count = len(solved.is_complete)
+    first_configurations = np.searchsorted(solved.row, np.arange(row_count + 1))
+    copied_indices = [
+        np.arange(first_configurations[row], first_configurations[row + 1])
+        for row in solved_row
     ]
-    counts = [len(indices) for indices in taken_solutions]
-    return SampleConfigurations(
-        sample=np.repeat(all_rows, counts),
-        values=solutions.values[np.concatenate(taken_solutions)],
-        is_complete=solutions.is_complete[source_position],
-        problem=solutions.problem,
+    counts = [len(indices) for indices in copied_indices]
+    return GroupConfigurations(
+        row=np.repeat(np.arange(len(solved_row)), counts),
+        values=solved.values[np.concatenate(copied_indices)],
+        is_complete=solved.is_complete[solved_row],
+        problem=solved.problem,
     )
 
 
-def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
-    """Return the configurations of one group at all samples of its closure.
+def _eliminate_rows(group: Group, closure: Closure) -> GroupConfigurations:
+    """Return the configurations of one group at all rows of its closure.
 
     Elimination turns the equations of the group into a polynomial in exp(i angle) of one
     angle. Real angles are its roots on the unit circle. Three methods are applied in turn,
-    each to the samples that the methods before left open:
+    each to the rows that the methods before left open:
 
-    1. The real roots on the unit circle, for all samples together.
-    2. All complex roots, for all samples together.
-    3. The elimination with all its checks, sample by sample. It is needed if two solutions
-       nearly coincide, or if a solution was lost. At most `MAX_EXAMINED_SAMPLES` samples
-       are examined in this way; the others are incomplete and have no configurations.
+    1. The real roots on the unit circle, for all rows together.
+    2. All complex roots, for all rows together.
+    3. The elimination with all its checks, row by row. It is needed if two solutions nearly
+       coincide, or if a solution was lost. At most `MAX_EXAMINED_ROWS` rows are examined
+       in this way; the others are incomplete and have no configurations.
 
     Parameters
     ----------
     group
         A group that has an elimination.
     closure
-        The loop equations of the group at n samples.
+        The loop equations of the group at n rows.
 
     Returns
     -------
-    The configurations, sorted by sample and then by angles. The result also states for each
-    sample whether no configuration can be missing, and otherwise the first reason why.
+    The configurations, sorted by row and then by angles. The result also states for each
+    row whether no configuration can be missing, and otherwise the first reason why.
     """
     assert closure.body_from_links is not None
     count = len(closure.body_from_links[0])
     is_complete = np.zeros(count, dtype=bool)
-    # Parts of the result: samples, and configurations there.
-    samples = [np.empty(0, dtype=np.intp)]
-    values = [np.empty((0, len(group.pairs)))]
-    # 1. and 2.: all samples that are not complete yet, in batches.
+    # Parts of the result: rows, and the configurations there.
+    row_parts = [np.empty(0, dtype=np.intp)]
+    value_parts = [np.empty((0, len(group.pairs)))]
+    # 1. and 2.: all rows that are not complete yet, in batches.
     for solve in (_solve_real_roots, _solve_all_roots):
         (unsolved_rows,) = np.nonzero(~is_complete)
         for first in range(0, len(unsolved_rows), SAMPLES_AT_ONCE):
@@ -353,25 +472,25 @@ def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
                 group, closure.select_rows(rows), count=len(rows), solve=solve
             )
             is_complete[rows] = batch.is_complete
-            samples.append(rows[batch.sample])
-            values.append(batch.values)
-    # 3.: the remaining samples one by one.
+            row_parts.append(rows[batch.row])
+            value_parts.append(batch.values)
+    # 3.: the remaining rows one by one.
     doubtful = np.flatnonzero(~is_complete)
     problem = "elimination was doubtful at too many samples"
-    problems = [problem] if len(doubtful) > MAX_EXAMINED_SAMPLES else []
-    for row, configurations, reason in _examine_samples(
-        group, closure, doubtful[:MAX_EXAMINED_SAMPLES]
+    problems = [problem] if len(doubtful) > MAX_EXAMINED_ROWS else []
+    for row, configurations, reason in _examine_rows(
+        group, closure, doubtful[:MAX_EXAMINED_ROWS]
     ):
         is_complete[row] = not reason
         problems += [reason] if reason else []
-        samples.append(np.full(len(configurations), row))
-        values.append(configurations)
-    # Sort by sample, then by the angles. `lexsort` takes the last key first.
-    sample = np.concatenate(samples)
-    all_values = np.concatenate(values)
-    order = np.lexsort((*sortable_angles(all_values).T[::-1], sample))
-    return SampleConfigurations(
-        sample=sample[order],
+        row_parts.append(np.full(len(configurations), row))
+        value_parts.append(configurations)
+    # Sort by row, then by the angles. `lexsort` takes the last key first.
+    all_rows = np.concatenate(row_parts)
+    all_values = np.concatenate(value_parts)
+    order = np.lexsort((*sortable_angles(all_values).T[::-1], all_rows))
+    return GroupConfigurations(
+        row=all_rows[order],
         values=all_values[order],
         is_complete=is_complete,
         problem=problems[0] if problems else "",
@@ -383,10 +502,10 @@ def _solve_batch(
     closure: Closure,
     count: int,
     solve: Callable[[GroupGeometry, EliminationOrder], tuple[Floats, Bools]],
-) -> SampleConfigurations:
-    """Return the configurations of the samples at which one method certainly finds all.
+) -> GroupConfigurations:
+    """Return the configurations of the rows at which one method certainly finds all.
 
-    Newton's method closes the loops from each real solution. A sample passes if every one
+    Newton's method closes the loops from each real solution. A row passes if every one
     of its solutions converges nearby, is well conditioned, and differs from the others.
 
     Parameters
@@ -394,9 +513,9 @@ def _solve_batch(
     group
         A group that has an elimination.
     closure
-        The loop equations of the group at n samples.
+        The loop equations of the group at n rows.
     count
-        Number n of samples.
+        Number n of rows.
     solve
         The method. It returns the real solutions (n, m, t), padded by NaN, and (n,) whether
         these are all. A solution has the t angles (rad) of the pairs of a tree, which is
@@ -404,8 +523,7 @@ def _solve_batch(
 
     Returns
     -------
-    Configurations only of the samples that pass. `is_complete` (n,) is True for these
-    samples.
+    Configurations only of the rows that pass. `is_complete` (n,) is True for these rows.
     """
     # At zero angles the pair states are the frames of the pairs in their bodies.
     states = closure.linearise(np.zeros((count, len(group.pairs)))).states
@@ -418,29 +536,30 @@ def _solve_batch(
         is_clear &= geometry.arc_sines(link) >= MIN_ELIMINATION_ARC_SINE
     is_real = all_finite(tree_angles, 2)
     # Close the group by Newton's method from the angles of all pairs. `number` counts the
-    # solutions of a sample.
-    sample, number = np.nonzero(is_real & is_clear[:, None])
+    # solutions of a row.
+    row, number = np.nonzero(is_real & is_clear[:, None])
     placed = geometry.place_bodies(order, np.where(is_real[..., None], tree_angles, 0.0))
-    start_values = geometry.measure_pair_angles_at(placed[sample, number], sample)
-    linearisation = closure.select_rows(sample).solve(
-        start_values, max_steps=POLISHING_STEPS
-    )
+    start_values = geometry.measure_pair_angles_at(placed[row, number], row)
+    linearisation = closure.select_rows(row).solve(start_values, max_steps=POLISHING_STEPS)
     correction = max_abs(wrap(linearisation.values - start_values), axis=1)
     is_sound = (linearisation.closure_residual < CLOSURE_TOLERANCE) & (
         correction < MAX_CORRECTION_RAD
     )
     is_sound &= condition_numbers(linearisation.jacobian) < MAX_CONDITION_NUMBER
-    is_clear[sample[~is_sound]] = False
+    is_clear[row[~is_sound]] = False
     # Two real solutions must not converge to the same configuration. Points on the unit
     # circle are compared, which do not depend on whole turns.
     directions = np.full((*is_real.shape, len(group.pairs)), np.nan, dtype=complex)
-    directions[sample, number] = np.exp(1j * linearisation.values)
+    directions[row, number] = np.exp(1j * linearisation.values)
     distances = max_abs(directions[:, :, None] - directions[:, None], axis=3)
     distances[:, *np.diag_indices(is_real.shape[1])] = np.inf
     is_clear &= ~np.any(distances < MIN_SEPARATION_RAD, axis=(1, 2))
-    is_kept = is_clear[sample]
-    return SampleConfigurations(
-        sample[is_kept], linearisation.values[is_kept], is_clear, ""
+    is_kept = is_clear[row]
+    return GroupConfigurations(
+        row=row[is_kept],
+        values=linearisation.values[is_kept],
+        is_complete=is_clear,
+        problem="",
     )
 
 
@@ -458,14 +577,14 @@ def _solve_real_roots(
     Parameters
     ----------
     geometry
-        The group at n samples.
+        The group at n rows.
     order
         The t unknown angles and the equations, in an order that can be solved.
 
     Returns
     -------
     tree_angles
-        (n, m, t) real solutions (rad), as starts of Newton's method; NaN if a sample has
+        (n, m, t) real solutions (rad), as starts of Newton's method; NaN if a row has
         fewer than m.
     is_clear
         (n,) whether there is one solution for each root on the unit circle, and every other
@@ -487,7 +606,7 @@ def _solve_all_roots(
     Parameters
     ----------
     geometry
-        The group at n samples.
+        The group at n rows.
     order
         The t unknown angles and the equations, in an order that can be solved.
 
@@ -507,12 +626,12 @@ def _solve_all_roots(
     return np.where(is_real[..., None], tree_angles.real, np.nan), is_clear
 
 
-def _examine_samples(
+def _examine_rows(
     group: Group, closure: Closure, rows: Indices
 ) -> Iterator[tuple[int, Floats, str]]:
-    """Compute the configurations of a group at some samples, one by one.
+    """Compute the configurations of a group at some rows, one by one.
 
-    This takes longer than solving all samples together, but it checks each sample: whether
+    This takes longer than solving all rows together, but it checks each row: whether
     a solution was lost, and whether solutions that nearly coincide are different.
 
     Parameters
@@ -522,11 +641,11 @@ def _examine_samples(
     closure
         The loop equations of the group.
     rows
-        (m,) samples of the closure to examine.
+        (m,) rows of the closure to examine.
 
     Yields
     ------
-    The sample, its configurations (k, pairs) in rad, and why some may be missing. The
+    The row, its configurations (k, pairs) in rad, and why some may be missing. The
     reason is empty if none is missing.
     """
     for row in rows.tolist():
