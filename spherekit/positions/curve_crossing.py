@@ -15,6 +15,7 @@ For k = 2 the solutions are the directions of no or two curves, for k = 3 of up 
 Keller (1977) calls these the algebraic bifurcation equations.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from spherekit.arrays import Floats, Indices
 from spherekit.geometry.vectors import all_finite, max_abs, unit_rows
 from spherekit.positions.curve_segment import bordered_step
 from spherekit.positions.linear_equations import left_inverse
+from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure, newton
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 
@@ -280,28 +282,45 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     (variables, 3 loops, variables) derivatives. The first axis is the variable of x.
     """
     # A partial derivative by one variable is the rate of J in a motion in which this
-    # variable alone has the rate 1. The loops open in this motion. Row k is the motion of
-    # variable k.
+    # variable alone has the rate 1. The loops open in this motion. Each of the motions, one
+    # for each variable, is a row of the linearisation.
     count = len(values)
-    tree = closure.tree
     linearisation = closure.linearise(np.tile(values, (count, 1)))
-    # J consists of the velocity vectors of the pairs. How fast they turn depends on the
-    # angular velocities of both bodies of each pair.
-    #
-    # First bodies: a spanning tree of pairs moves all bodies.
-    first_rates = linearisation.body_rates(np.eye(count))[:, tree.first_bodies]
-    # Second bodies move as the first ones, and with the velocity of the pair in addition.
-    # This is 0 for all pairs but that of variable k. The tree is not used here, because it
-    # does not contain the pairs that close the loops: it does not move the second bodies of
-    # these pairs by their rates.
-    second_rates = first_rates.copy()
-    rows = np.arange(count)
-    moved_pairs = list(tree.pair_of_variable)
-    second_rates[rows, moved_pairs] += linearisation.vectors[rows, rows]
+    # J consists of the velocity vectors of the variables (for an R pair, its axis). The
+    # rate of a vector follows from the angular velocities of both bodies of its pair.
+    first_rates = linearisation.body_rates(np.eye(count))[:, closure.tree.first_bodies]
+    second_rates = _rates_of_second_bodies(linearisation, first_rates)
     vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)
     # Each velocity vector is an entry of J with a constant sign, so the rates of the
     # vectors, arranged in the same way, are the rates of J.
-    return tree.jacobian(vector_rates)
+    return closure.tree.jacobian(vector_rates)
+
+
+def _rates_of_second_bodies(linearisation: Linearisation, first_rates: Floats) -> Floats:
+    """Return angular velocities of the second bodies of all pairs, with opened loops.
+
+    In row k, variable k alone has the rate 1. The second body of its pair then rotates
+    relative to the first body with the velocity vector of the variable. The two bodies of
+    any other pair rotate alike.
+
+    The rates of the bodies themselves (`body_rates`) would not do: the pair that closes a
+    loop has no effect on them, because the bodies are placed by the other pairs only.
+
+    Parameters
+    ----------
+    linearisation
+        One configuration, repeated in as many rows as there are variables.
+    first_rates
+        (variables, pairs, 3) angular velocities of the first body of each pair.
+
+    Returns
+    -------
+    (variables, pairs, 3) angular velocities of the second body of each pair.
+    """
+    second_rates = first_rates.copy()
+    for variable, pair in enumerate(linearisation.tree.pair_of_variable):
+        second_rates[variable, pair] += linearisation.vectors[variable, variable]
+    return second_rates
 
 
 def _find_directions(forms: Floats) -> Floats | None:
@@ -364,21 +383,65 @@ def _find_independent_forms(forms: Floats) -> Floats:
     return independent_forms
 
 
+@dataclass(frozen=True)
+class _ZeroSearch:
+    """Unit vectors to which Newton's method has led from n starts.
+
+    Attributes
+    ----------
+    points
+        (n, k) unit vectors after the last step.
+    residuals
+        (n,) largest value of any quadratic form before the last step.
+    inverse_norms
+        (n,) norm of the inverse of the matrix of the last step. It is large if two zeros
+        nearly coincide.
+    """
+
+    points: Floats
+    residuals: Floats
+    inverse_norms: Floats
+
+
 def _find_common_zeros(forms: Floats) -> Floats | None:
     """Return the unit vectors y (n, k) at which k - 1 quadratic forms y . B y vanish.
 
     Newton's method starts from vectors spread over the sphere. A vector and its opposite
-    are one. The result is None if two zeros coincide, or nearly.
+    count as the same zero. The result is None if two zeros coincide, or nearly.
 
     Parameters
     ----------
     forms
         (k - 1, k, k) the symmetric matrices B.
     """
-    y = _spread_unit_vectors(forms.shape[1])
+    search = _search_zeros(forms, _spread_unit_vectors(forms.shape[1]))
+    has_converged = search.residuals < DIRECTION_TOLERANCE
+    is_simple = search.inverse_norms < MAX_INVERSE_NORM
+    if not np.all(is_simple[has_converged]):
+        return None
+    zeros: list[Floats] = []
+    for point in search.points[has_converged]:
+        # The product of two equal or opposite unit vectors is 1 or -1.
+        if all(abs(point @ zero) < 1.0 - DIRECTION_TOLERANCE for zero in zeros):
+            zeros.append(point)
+    return np.array(zeros).reshape(-1, forms.shape[1])
+
+
+def _search_zeros(forms: Floats, y: Floats) -> _ZeroSearch:
+    """Search common zeros of quadratic forms y . B y on the unit sphere.
+
+    A step dy of Newton's method solves 2 (B y) . dy = -y . B y for each form, and
+    y . dy = 0, which keeps the length of y.
+
+    Parameters
+    ----------
+    forms
+        (k - 1, k, k) the symmetric matrices B.
+    y
+        (n, k) unit vectors at which the search starts.
+    """
     for _ in range(MAX_CROSSING_STEPS):
-        # In the sum, f is a form and n a start vector. B y is half the gradient of the
-        # form. The last equation of a Newton step, y . dy = 0, keeps the length of y.
+        # The vectors B y, with f for a form and n for a start.
         slopes = np.einsum("fij,nj->nfi", forms, y)
         form_values = np.sum(slopes * y[:, None], axis=2)
         residuals = np.append(form_values, np.zeros((len(y), 1)), axis=1)
@@ -386,15 +449,8 @@ def _find_common_zeros(forms: Floats) -> Floats | None:
         # NumPy would refuse all of them.
         inverse = left_inverse(np.concatenate([2.0 * slopes, y[:, None]], axis=1))
         y = unit_rows(y - (inverse @ residuals[..., None])[..., 0])
-    # Residuals and inverses are those at y before the last step.
-    zeros: list[Floats] = []
-    largest_residuals = max_abs(residuals, axis=1)
-    inverse_norms = np.linalg.norm(inverse, axis=(1, 2))
-    for point, residual, norm in zip(y, largest_residuals, inverse_norms, strict=True):
-        if not residual < DIRECTION_TOLERANCE:
-            continue  # The method has not converged from this start.
-        if not norm < MAX_INVERSE_NORM:
-            return None  # Two zeros nearly coincide.
-        if all(abs(point @ zero) < 1.0 - DIRECTION_TOLERANCE for zero in zeros):
-            zeros.append(point)
-    return np.array(zeros).reshape(-1, len(y[0]))
+    return _ZeroSearch(
+        points=y,
+        residuals=max_abs(residuals, axis=1),
+        inverse_norms=np.linalg.norm(inverse, axis=(1, 2)),
+    )

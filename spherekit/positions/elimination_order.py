@@ -7,7 +7,7 @@ angles of the tree: it keeps the axes of its two pairs at a fixed arc
 contains no geometry.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from itertools import combinations, permutations
 from typing import NamedTuple
@@ -51,13 +51,17 @@ class BinaryLink(NamedTuple):
 
 
 class EliminationOrder(NamedTuple):
-    """The t unknown angles and t removed links of a group, in an order that can be solved.
+    """The unknown angles and the equations of a group, in an order that can be solved.
 
-    A group has b bodies, p R pairs and no mobility: 3 (b - 1) = 2 p. It has
-    t = p - b + 1 loops, so that b = 2 t + 1 and p = 3 t. If t links with two pairs (binary
-    links) are removed, the other t + 1 bodies form a tree with t pairs. Each removed link
-    gives one equation in the angles of the tree. All numbers are positions in
-    `Group.bodies` and `Group.pairs`.
+    A group with t loops has no mobility if it has 2 t + 1 bodies and 3 t R pairs. If t
+    binary links (links with two pairs) are removed, together with their 2 t pairs, the
+    other t + 1 bodies form a tree with t pairs. The angles of these t pairs are the
+    unknowns. Each removed link gives one equation.
+
+    For example, a triad has two loops, five bodies and six pairs. Two removed links leave a
+    tree of three bodies, with two unknown angles.
+
+    All numbers are positions in `Group.bodies` and `Group.pairs`.
 
     Attributes
     ----------
@@ -134,52 +138,78 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
     all angles but the first are eliminated from these equations.
 
     An elimination order states which links are removed, and the sequences of the angles and
-    of the equations. At most `MAX_ORDERS` are returned, the same ones each time; none if
-    the group has no elimination.
+    of the equations. At most `MAX_ORDERS` are returned; none if the group has no
+    elimination.
     """
     orders = []
     # Binary links have two pairs, so they can be removed.
     for removed_links in combinations(find_binary_links(group), group.loops):
-        removed_bodies = {link.body for link in removed_links}
-        # The orientations of all bodies are relative to one that remains. The first is
-        # chosen.
-        base_body = min({*range(len(group.bodies))} - removed_bodies)
-        tree_pairs = [
-            pair for pair, ends in enumerate(group.ends) if removed_bodies.isdisjoint(ends)
-        ]
-        # There must be as many angles as equations, and both neighbours of a removed link
-        # must be placed by the tree.
-        are_placed = all(
-            removed_bodies.isdisjoint(link.neighbours) for link in removed_links
-        )
-        if len(tree_pairs) != len(removed_links) or not are_placed:
-            continue
-        path_by_link = {
-            link: find_tree_path(group, tree_pairs, *link.neighbours)
-            for link in removed_links
-        }
-        # All sequences of the unknown angles, and of the equations of the removed links.
-        for ordered_pairs in permutations(tree_pairs):
-            for ordered_links in permutations(removed_links):
-                # The last angle of the sequence is eliminated from the last two equations,
-                # by their resultant. It remains the same if these two are exchanged, so one
-                # of both sequences is enough.
-                last_bodies = [link.body for link in ordered_links[-2:]]
-                if last_bodies != sorted(last_bodies):
-                    continue
-                order = EliminationOrder(
+        tree_pairs = _find_remaining_pairs(group, removed_links)
+        if _can_form_equations(tree_pairs, removed_links):
+            orders += _list_orders(group, tree_pairs, removed_links)
+    # The number of roots is 0 if an equation lacks an angle that is needed.
+    solvable_orders = [order for order in orders if order.root_count > 0]
+    fewest_roots = min((order.root_count for order in solvable_orders), default=0)
+    best_orders = [order for order in solvable_orders if order.root_count == fewest_roots]
+    return tuple(best_orders[:MAX_ORDERS])
+
+
+def _find_remaining_pairs(group: Group, removed_links: Sequence[BinaryLink]) -> list[int]:
+    """Return the pairs of a group that are at none of the removed links."""
+    removed_bodies = {link.body for link in removed_links}
+    return [pair for pair, ends in enumerate(group.ends) if removed_bodies.isdisjoint(ends)]
+
+
+def _can_form_equations(
+    tree_pairs: Sequence[int], removed_links: Sequence[BinaryLink]
+) -> bool:
+    """Return whether the removed links give as many equations as there are angles.
+
+    The equation of a link contains the axes of its pairs in both its neighbours, so these
+    must not be removed links, too.
+    """
+    removed_bodies = {link.body for link in removed_links}
+    has_neighbours = all(
+        removed_bodies.isdisjoint(link.neighbours) for link in removed_links
+    )
+    return has_neighbours and len(tree_pairs) == len(removed_links)
+
+
+def _list_orders(
+    group: Group, tree_pairs: Sequence[int], removed_links: Sequence[BinaryLink]
+) -> Iterator[EliminationOrder]:
+    """List the sequences of angles and equations for one choice of removed links.
+
+    Some of them may be impossible to solve.
+
+    Parameters
+    ----------
+    group
+        The group.
+    tree_pairs
+        The pairs of the tree that the other bodies form. Their angles are the unknowns.
+    removed_links
+        The links that give the equations.
+    """
+    # The orientations of all bodies are relative to the first one that remains.
+    removed_bodies = {link.body for link in removed_links}
+    base_body = min({*range(len(group.bodies))} - removed_bodies)
+    path_by_link = {
+        link: find_tree_path(group, tree_pairs, *link.neighbours) for link in removed_links
+    }
+    for ordered_pairs in permutations(tree_pairs):
+        for ordered_links in permutations(removed_links):
+            # The last angle is eliminated from the last two equations, by their resultant.
+            # The result is the same if these two equations are exchanged. So only the
+            # sequence in which the bodies of these two links rise is listed.
+            last_bodies = [link.body for link in ordered_links[-2:]]
+            if last_bodies == sorted(last_bodies):
+                yield EliminationOrder(
                     base_body,
                     tree_pairs=ordered_pairs,
                     removed_links=ordered_links,
                     spanned_pairs=tuple(path_by_link[link] for link in ordered_links),
                 )
-                # The count of roots is 0 if an equation lacks an angle that is needed.
-                can_be_solved = order.root_count > 0
-                if can_be_solved:
-                    orders.append(order)
-    fewest_roots = min((order.root_count for order in orders), default=0)
-    best_orders = [order for order in orders if order.root_count == fewest_roots]
-    return tuple(best_orders[:MAX_ORDERS])
 
 
 def find_tree_path(

@@ -16,6 +16,7 @@ import numpy as np
 from spherekit.arrays import Complexes, Floats
 from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.joint import revolute
+from spherekit.planning.assembly_plan import Group
 from spherekit.positions.arc_equations import GroupGeometry
 from spherekit.positions.elimination_order import EliminationOrder, find_elimination_orders
 from spherekit.positions.group_assembly import place_train_bodies
@@ -266,19 +267,16 @@ class ModeCoalescence:
         there are infinitely many.
         """
         with np.errstate(all="ignore"):
-            # Place the links of all groups in all complex modes, at a single sample.
-            group_count = len(self.groups)
-            all_groups = frozenset(range(group_count))
-            body_from_link = self._place_links(group_count, q[None], all_groups)
+            body_from_link = self._place_links(
+                group_count=len(self.groups),
+                q=q[None],
+                combined_groups=frozenset(range(len(self.groups))),
+            )
+            # All links are in one body now, so both frames of a pair have the same axes.
+            # There is one value of the inputs, at index 0: (pairs, modes, 3, 3) remains.
             pairs = range(len(self.solver.joints))
-            first_frames, second_frames = self._pair_frames(pairs, body_from_link)
-            # (pairs, modes, 3, 3) frames of each pair in common axes. The x axis x2 of the
-            # second frame has the components cos(angle) and sin(angle) in the first frame,
-            # so x . x2 + i y . x2 is exp(i angle). Complex axes are multiplied without
-            # conjugation.
-            x_and_iy = first_frames[..., 0] + 1j * first_frames[..., 1]
-            exponentials = np.sum(x_and_iy * second_frames[..., 0], axis=-1)
-            return -1j * np.log(exponentials).T
+            first_frames, second_frames = self._pair_frames(pairs, body_from_link)[:, :, 0]
+            return measure_complex_angles(first_frames, second_frames).T
 
     def _compute_determinants(
         self,
@@ -307,7 +305,8 @@ class ModeCoalescence:
             (n, inputs) values of the inputs (rad).
         combined_groups
             Positions of the earlier groups all of whose modes are combined. The other
-            earlier groups are placed in their first mode only.
+            earlier groups are placed in their first mode only, which is enough if the
+            determinants are the same in each of their modes.
 
         Returns
         -------
@@ -317,17 +316,13 @@ class ModeCoalescence:
         group = self.groups[position]
         # Modes that could not be computed are NaN, which is no reason for a warning.
         with np.errstate(all="ignore"):
-            # Rotations of the links in the modes of the earlier groups: (n, modes, 3, 3)
-            # for each link.
             body_from_link = self._place_links(position, q, combined_groups)
             if order is None:
                 mode_count = body_from_link[0].shape[1]
                 return np.ones((len(q), mode_count), dtype=complex)
-            geometry = GroupGeometry(group, self._pair_frames(group.pairs, body_from_link))
-            # The determinants (n * modes of earlier groups, modes of the group) become
-            # (n, modes).
+            geometry = self._form_geometry(group, body_from_link)
             _, determinants = geometry.solve_equations(order)
-            return determinants.reshape(len(q), -1)
+            return separate_inputs(determinants, input_count=len(q))
 
     def _place_links(
         self, group_count: int, q: Floats, combined_groups: frozenset[int]
@@ -375,14 +370,12 @@ class ModeCoalescence:
                     angles=train_angles,
                 )
             else:
-                geometry = GroupGeometry(
-                    group, self._pair_frames(group.pairs, body_from_link)
-                )
+                geometry = self._form_geometry(group, body_from_link)
                 tree_angles, _ = geometry.solve_equations(order)
-                placed = geometry.place_bodies(order, tree_angles)
-                # From (n * modes before, modes of the group, bodies, 3, 3) to
-                # (n, modes so far, bodies, 3, 3).
-                placed = placed.reshape(len(q), -1, *placed.shape[2:])
+                # (n, modes of the groups so far, bodies, 3, 3)
+                placed = separate_inputs(
+                    geometry.place_bodies(order, tree_angles), input_count=len(q)
+                )
                 rotations = [placed[:, :, body] for body in range(placed.shape[2])]
                 # Each earlier mode is followed by as many modes of this group.
                 body_from_link = [
@@ -396,6 +389,26 @@ class ModeCoalescence:
             if position not in combined_groups:
                 body_from_link = [rotation[:, ::mode_count] for rotation in body_from_link]
         return body_from_link
+
+    def _form_geometry(
+        self, group: Group, body_from_link: Sequence[Complexes]
+    ) -> GroupGeometry:
+        """Return the equations of a group, in each mode of the earlier groups.
+
+        The geometry has a single axis of samples. Its samples are all modes at the first
+        value of the inputs, then all modes at the next value, and so on. Results are
+        divided by value of the inputs again with `separate_inputs`.
+
+        Parameters
+        ----------
+        group
+            The group.
+        body_from_link
+            For each link the rotation (n, modes, 3, 3) from its axes to those of its body,
+            at n values of the inputs, in the modes of the earlier groups.
+        """
+        frames = self._pair_frames(group.pairs, body_from_link)
+        return GroupGeometry(group, frames.reshape(2, len(group.pairs), -1, 3, 3))
 
     def _pair_frames(
         self, pairs: Iterable[int], body_from_link: Sequence[Complexes]
@@ -415,22 +428,16 @@ class ModeCoalescence:
 
         Returns
         -------
-        (2, pairs, n * modes, 3, 3) frames in the first [0] and in the second [1] body.
+        (2, pairs, n, modes, 3, 3) frames in the first [0] and in the second [1] body.
         """
-        # For each pair its two frames (n, modes, 3, 3).
-        frames = []
+        first_frames = []
+        second_frames = []
         for pair in pairs:
             joint = revolute(self.solver.joints[pair])
             first_link, second_link = self.solver.mechanism.ends[pair]
-            frames.append(
-                (
-                    body_from_link[first_link] @ joint.first,
-                    body_from_link[second_link] @ joint.second,
-                )
-            )
-        # Inputs and modes become one axis, and the axis of both frames comes first.
-        frames_by_pair = np.reshape(frames, (len(frames), 2, -1, 3, 3))
-        return np.swapaxes(frames_by_pair, 0, 1)
+            first_frames.append(body_from_link[first_link] @ joint.first)
+            second_frames.append(body_from_link[second_link] @ joint.second)
+        return np.array([first_frames, second_frames])
 
     def _find_dependence(self, position: int, determinants: Complexes) -> frozenset[int]:
         """Return the positions of the earlier groups on whose modes a group depends.
@@ -448,17 +455,70 @@ class ModeCoalescence:
             (test inputs, modes) determinants of the group. For each mode of the earlier
             groups, the determinants in all modes of the group itself follow one another.
         """
-        counts = [self._count_modes(number) for number in range(position + 1)]
-        # The determinants have the axes test input, mode of each earlier group, mode of the
-        # group itself. The modes of the last axis are multiplied, because their order can
-        # differ between modes of the earlier groups.
-        products = np.prod(determinants.reshape(len(TEST_INPUTS_RAD), *counts), axis=-1)
-        dependence = set()
-        for earlier in range(position):
-            if counts[earlier] > 1:
-                differences = np.diff(products, axis=1 + earlier)
-                # The negated comparison is also true for NaN, which counts as a dependence.
-                limit = SAME_DETERMINANT_RATIO * max_abs(products)
-                if not max_abs(differences) < limit:
-                    dependence.add(earlier)
-        return frozenset(dependence)
+        # The axes become: test input, mode of each earlier group, mode of the group itself.
+        mode_counts = [self._count_modes(number) for number in range(position + 1)]
+        determinants = determinants.reshape(len(TEST_INPUTS_RAD), *mode_counts)
+        # The modes of the group itself can have another order in another mode of an earlier
+        # group. The product of their determinants does not depend on this order.
+        products = np.prod(determinants, axis=-1)
+        first_earlier_axis = 1
+        return frozenset(
+            earlier
+            for earlier in range(position)
+            if differs_along(products, axis=first_earlier_axis + earlier)
+        )
+
+
+def measure_complex_angles(first_frames: Complexes, second_frames: Complexes) -> Complexes:
+    """Return the complex angles about the z axis from first frames to second frames.
+
+    If x and y are axes of the first frame, the x axis x2 of the second frame is
+    x cos(angle) + y sin(angle). So x . x2 + i y . x2 = exp(i angle). The equations also
+    hold for complex angles, with scalar products without conjugation.
+
+    Parameters
+    ----------
+    first_frames, second_frames
+        (..., 3, 3) frames with the same z axis. Their columns are the x, y and z axes.
+
+    Returns
+    -------
+    (...) complex angles (rad).
+    """
+    first_x = first_frames[..., 0]
+    first_y = first_frames[..., 1]
+    second_x = second_frames[..., 0]
+    exponentials = np.sum((first_x + 1j * first_y) * second_x, axis=-1)
+    return -1j * np.log(exponentials)
+
+
+def separate_inputs(solutions: Complexes, input_count: int) -> Complexes:
+    """Divide the solutions of a group by value of the inputs.
+
+    Parameters
+    ----------
+    solutions
+        (n * earlier modes, modes of the group, ...) solutions, first those at the first
+        value of the inputs.
+    input_count
+        Number n of values of the inputs.
+
+    Returns
+    -------
+    (n, earlier modes * modes of the group, ...) solutions. For each earlier mode, the modes
+    of the group follow one another.
+    """
+    return solutions.reshape(input_count, -1, *solutions.shape[2:])
+
+
+def differs_along(products: Complexes, axis: int) -> bool:
+    """Return whether neighbouring numbers along an axis differ by more than rounding.
+
+    Differences are compared with the largest number of the whole array. NaN counts as a
+    difference.
+    """
+    if products.shape[axis] == 1:
+        return False
+    limit = SAME_DETERMINANT_RATIO * max_abs(products)
+    is_same = max_abs(np.diff(products, axis=axis)) < limit
+    return not is_same
