@@ -6,7 +6,7 @@ polynomial of degree N, here a Legendre series.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.polynomial import legendre
 from spherekit.arrays import Floats
 from spherekit.dynamics.simulation_start import variable_of
 from spherekit.dynamics.taylor_integration import CROSSING_RATIO
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.zeros import DifferentiableFunction, find_zeros
 from spherekit.positions.loop_closure import Closure
@@ -40,6 +41,58 @@ INTEGRATION_MATRIX = legendre.legvander(GAUSS_NODES, NODE_COUNT) @ legendre.legi
     SERIES_MATRIX, lbnd=-1
 )
 """(N, N) converts values at the nodes to the integrals from -1 to each node."""
+
+
+@dataclass(frozen=True)
+class ClosureDeterminantRecord:
+    """Size and sign of the closure determinant in the steps of a simulation so far.
+
+    The sign of this determinant changes where curves of configurations cross, see
+    `CollocationStep.closure_determinants`.
+
+    Attributes
+    ----------
+    largest
+        Largest absolute value at any node so far; 0 before the first step.
+    sign
+        The sign after the last step, 1 or -1. It has no meaning while `largest` is 0.
+    """
+
+    largest: float = 0.0
+    sign: float = 0.0
+
+    def include_sizes(self, determinants: Floats) -> "ClosureDeterminantRecord":
+        """Return the record before a step, with the sizes at the step's nodes included.
+
+        The sign is the one before the step. For the first step of a simulation it is the
+        sign at the first node.
+
+        Parameters
+        ----------
+        determinants
+            (N,) closure determinants at the nodes of the step.
+        """
+        return ClosureDeterminantRecord(
+            largest=max(self.largest, float(max_abs(determinants))),
+            sign=self.sign if self.largest else float(np.sign(determinants[0])),
+        )
+
+    def after_step(
+        self, determinants: Floats, *, has_crossing: bool
+    ) -> "ClosureDeterminantRecord":
+        """Return the record after a step, whose sign only changes at a crossing.
+
+        Parameters
+        ----------
+        determinants
+            (N,) closure determinants at the nodes of the step.
+        has_crossing
+            Whether curves of configurations cross in the step.
+        """
+        record = self.include_sizes(determinants)
+        if not has_crossing:
+            return record
+        return replace(record, sign=float(np.copysign(1.0, determinants[-1])))
 
 
 @dataclass(frozen=True)
@@ -151,23 +204,42 @@ class CollocationStep:
         """
         for joint_limit in mechanism.joint_limits:
             variable = variable_of(mechanism, joint_limit.pair)
-            for limit, sense in ((joint_limit.low, -1.0), (joint_limit.high, 1.0)):
-                # The variable minus its limit, as a function of time that returns value and
-                # slope. `distance` times `sense` is positive beyond the limit.
-                limit_of_state = limit - turn_angles[variable]
-                distance_series = self.state_series(variable, limit_of_state)
-                distance = self._function(distance_series)
-                zero_times = find_zeros(distance, self.times).places
-                _, slopes = distance(zero_times)
-                outward_times = zero_times[sense * slopes > 0.0]
-                ((end_distance,), _) = distance(self.times[-1:])
-                if len(outward_times) or sense * end_distance > 0.0:
-                    # A pair that is outside at the end, but never crossed the limit
-                    # outwards, was outside from the start of this step.
-                    first_time = self.start
-                    if len(outward_times):
-                        first_time = float(outward_times[0])
+            lower_limit = joint_limit.low - turn_angles[variable]
+            upper_limit = joint_limit.high - turn_angles[variable]
+            for limit, outward_sense in ((lower_limit, -1.0), (upper_limit, 1.0)):
+                first_time = self._find_first_time_beyond(variable, limit, outward_sense)
+                if first_time is not None:
                     yield first_time, joint_limit.pair
+
+    def _find_first_time_beyond(
+        self, variable: int, limit: float, outward_sense: float
+    ) -> float | None:
+        """Return the time (s) at which a variable first moves beyond a limit in the step.
+
+        It is the time of the first crossing of the limit outwards. If the variable never
+        crosses it outwards but is beyond it at the end, it was beyond it from the start of
+        the step, and the time is the start. In all other cases the result is None.
+
+        Parameters
+        ----------
+        variable
+            Index of the variable in the state.
+        limit
+            The limit, rad.
+        outward_sense
+            1 if larger values of the variable are beyond the limit, -1 if smaller ones are.
+        """
+        # The variable minus its limit, as a function of time: it returns values and slopes.
+        difference = self._function(self.state_series(variable, level=limit))
+        crossing_times = find_zeros(difference, self.times).places
+        _, slopes = difference(crossing_times)
+        outward_times = crossing_times[outward_sense * slopes > 0.0]
+        if len(outward_times):
+            return float(outward_times[0])
+        end_time = self.times[-1:]
+        (end_difference,), _ = difference(end_time)
+        is_beyond_at_end = outward_sense * end_difference > 0.0
+        return self.start if is_beyond_at_end else None
 
     def closure_determinants(self, closure: Closure, rates: Floats) -> Floats:
         """Return a determinant at each node that changes its sign where curves cross.
@@ -195,20 +267,21 @@ class CollocationStep:
             return np.ones(len(values))
         return np.linalg.det(matrices)
 
-    def find_crossing(self, determinants: Floats, signed_largest: float) -> float | None:
+    def find_crossing(
+        self, determinants: Floats, record: ClosureDeterminantRecord
+    ) -> float | None:
         """Return the time at which curves of configurations cross, if they do in the step.
 
-        A determinant changes its sign where curves cross. Its matrix has the Jacobian of
-        the loop-closure equations, and below it the rates of the variables.
+        Curves cross where the closure determinant vanishes or changes its sign. A
+        determinant below `CROSSING_RATIO` times the largest one counts as zero.
 
         Parameters
         ----------
         determinants
-            (N,) this determinant at the nodes, from `closure_determinants`.
-        signed_largest
-            Two facts in one number. Its magnitude is that of the largest determinant from
-            the start of the motion to the end of this step. Its sign is that of the
-            determinant before this step.
+            (N,) closure determinants at the nodes, from `closure_determinants`.
+        record
+            The sign of the determinant before the step, and its largest size including that
+            at the nodes of the step.
 
         Returns
         -------
@@ -216,15 +289,13 @@ class CollocationStep:
         zero or has changed its sign. None if there is no such node: two zeros between
         neighbouring nodes, after which the sign is the same again, are not searched.
         """
-        sign_before_step = np.sign(signed_largest)
-        zero_limit = CROSSING_RATIO * abs(signed_largest)  # smaller ones count as zero
-        # This product is positive as long as the determinant has not changed its sign.
-        is_zero_or_changed = determinants * sign_before_step < zero_limit
-        if not np.any(is_zero_or_changed):
+        is_zero = np.abs(determinants) < CROSSING_RATIO * record.largest
+        has_other_sign = determinants * record.sign < 0.0
+        is_at_or_beyond_crossing = is_zero | has_other_sign
+        if not np.any(is_at_or_beyond_crossing):
             return None
+        first_node = int(np.argmax(is_at_or_beyond_crossing))
+        first_node_time = float(self.times[1 + first_node])  # times[0] is the start
         # The Legendre series of the polynomial through the determinants at the nodes.
         determinant_series = SERIES_MATRIX @ determinants
-        sign_changes = self.find_sign_changes(determinant_series)
-        # `times` begins with the start of the step, so node k has the index k + 1.
-        first_node_time = float(self.times[1 + np.argmax(is_zero_or_changed)])
-        return min([*sign_changes, first_node_time])
+        return min([*self.find_sign_changes(determinant_series), first_node_time])

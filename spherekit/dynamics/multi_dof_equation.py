@@ -157,31 +157,41 @@ def _derive_independence(
 
 
 def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int) -> Expr:
-    """Return det(J J^T) of the velocity equations J v' = 0 of the loops.
+    """Return det(J J^T) of the velocity equations J v' = 0 of the loops, as an expression.
 
-    The determinant is zero where the equations depend on each other. It is computed from
-    the motions that the equations permit, which are known already:
+    It is zero where the equations depend on each other. It is computed without J, from the
+    homogeneous rates that are known already:
 
         det(J J^T) = det(T T^T) / D^(2 m - 2).
 
-    Row i of T is tau_i = D n_i. The vector n_i has the rates of all variables per unit rate
-    of coordinate i, of m coordinates (degrees of freedom). D is the determinant of the
-    columns of J that belong to the other variables. The equation holds because, up to
-    signs, the maximal minors of J are D times the complementary minors of the vectors n_i.
+    - m is the number of coordinates (degrees of freedom). Each of m inputs is a coordinate.
+    - Row i of T has D times the rates of all variables per unit rate of coordinate i.
+    - D is the determinant of the columns of J that belong to the other variables.
+
+    The reason: each maximal minor of J is D^(1 - m) times the minor of T with all other
+    columns, up to its sign. By the formula of Cauchy and
+    Binet, the determinants are the sums of the squares of these minors.
 
     Parameters
     ----------
     coordinate_rates
-        The homogeneous rates tau_i and the determinant D (`scale`).
+        The homogeneous rates T (`tau`) and the determinant D (`scale`).
     freedoms
         The number m of degrees of freedom.
     """
     tau = coordinate_rates.tau
-    closure_determinant = determinant([[dot(a, b) for b in tau] for a in tau])
-    inverse_scale = 1.0 / coordinate_rates.scale
-    for _ in range(2 * freedoms - 2):
-        closure_determinant = closure_determinant * inverse_scale
-    return closure_determinant
+    rate_products = [[dot(a, b) for b in tau] for a in tau]  # T T^T
+    return _divide_repeatedly(
+        determinant(rate_products), coordinate_rates.scale, 2 * freedoms - 2
+    )
+
+
+def _divide_repeatedly(value: Expr, divisor: Expr, count: int) -> Expr:
+    """Return value / divisor^count, formed by products with the reciprocal."""
+    reciprocal = 1.0 / divisor
+    for _ in range(count):
+        value = value * reciprocal
+    return value
 
 
 def _derive_events(

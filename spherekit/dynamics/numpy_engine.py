@@ -23,6 +23,7 @@ from spherekit.dynamics.collocation_step import (
     INTEGRATION_MATRIX,
     NODE_COUNT,
     SERIES_MATRIX,
+    ClosureDeterminantRecord,
     CollocationStep,
 )
 from spherekit.dynamics.coordinates import reciprocal_condition
@@ -175,7 +176,11 @@ FREE_ITERATIONS = 4
 
 MIN_CROSSING_CONDITION = 1e-5
 """Reciprocal condition number of the closure equations below which a simulation that cannot
-continue is at a crossing of curves. Larger: other ends count as crossings."""
+continue is at a crossing of curves.
+
+A crossing that a simulation passes needs the same. Larger: other ends and places count as
+crossings.
+"""
 
 MAX_VARIABLE_RATE = 1.5
 """Largest rate of all pair variables per unit rate of a coordinate before the
@@ -243,10 +248,9 @@ class Collocation:
     scales
         (states,) sizes of the state, by which errors are divided: 1 rad for variables, and
         the momentum and the energy at unit speed.
-    signed_largest_determinant
-        The largest size so far of the determinant whose sign changes where curves of
-        configurations cross, with the sign that it has at the last node. 0 before the first
-        step.
+    determinant_record
+        Size and sign, after the last step, of the determinant whose sign changes where
+        curves of configurations cross.
     is_near_crossing
         Whether a crossing may be near: a singularity in which two curves of configurations
         intersect. Steps are then made with a tolerance of at most
@@ -272,25 +276,10 @@ class Collocation:
         self.start_state = equation.make_state(
             problem.values, problem.speed, problem.rate_weights
         )
-        motion = equation.compute_motion(problem.values[None], problem.rate_weights)
-        largest_inertia = float(
-            np.linalg.norm(inertia_matrix(equation.mechanism, motion)[0], 2)
-        )
-        # Sizes of the state by which errors are divided: 1 rad for the pair variables. The
-        # momenta of the state are p = R u with the rates u of the coordinates and the root
-        # R of the inertia matrix, M = R R. With the largest principal inertia B (kg m2),
-        # p is up to sqrt(B) at unit rate. The works of the loads are integrated too. Their
-        # size is that of p^2, which is twice the kinetic energy.
-        self.scales = np.ones(len(self.start_state))
-        self.scales[equation.momenta] = np.sqrt(largest_inertia)
-        self.scales[equation.load_work_rows] = largest_inertia
-        # Crossings of configuration curves are found by changes of the sign of a
-        # determinant. This number has the magnitude of the largest determinant so far, and
-        # the sign of the last one. It is 0 before the first step. The matrix is the
-        # Jacobian of the loop-closure equations, with the rates of the pair variables by
-        # each coordinate as further rows.
-        self.signed_largest_determinant = 0.0
-        # Whether this determinant became small in the last step.
+        self.scales = _make_state_scales(problem, len(self.start_state))
+        self.determinant_record = ClosureDeterminantRecord()
+        # Whether this determinant was small in the last step, so that a crossing of curves
+        # of configurations may be near.
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
         # Number of short steps in a row in which rounding errors hide the course of the
@@ -437,8 +426,12 @@ class Collocation:
                     if length < MIN_STEP_FRACTION * problem.until:
                         return self._diagnose_failure(step, error, attempt.dynamics)
                     continue
-                if self._needs_careful_step(determinants):
-                    # The same step is repeated with the smaller tolerance that was set.
+                # Where a crossing comes near, the same step is repeated once. While
+                # `is_near_crossing` is set, steps have a smaller tolerance.
+                was_near_crossing = self.is_near_crossing
+                self.is_near_crossing = self._may_end_at_crossing(determinants)
+                comes_near_crossing = self.is_near_crossing and not was_near_crossing
+                if comes_near_crossing and self.tolerance > MAX_CROSSING_TOLERANCE_RAD:
                     continue
                 if len(self.steps) >= MAX_COLLOCATION_STEPS:
                     message = too_many_steps_message(MAX_COLLOCATION_STEPS)
@@ -576,7 +569,8 @@ class Collocation:
             new_states = state + integration @ rates
             if is_stiff:
                 if iterations in SLOPE_ITERATIONS:
-                    inverse = self._newton_inverse(t, states, rates, length, scale)
+                    slopes = self._momentum_rate_slopes(t, states, rates, scale)
+                    inverse = _momentum_newton_matrix(slopes, length)
                 residual = (new_states - states)[:, momentum]
                 new_states[:, momentum] = states[:, momentum] + inverse @ residual
             change = float(max_abs((new_states - states) / scale))
@@ -610,47 +604,37 @@ class Collocation:
             error = np.inf
         return StepAttempt(step=step, error=error, iterations=iterations, dynamics=dynamics)
 
-    def _newton_inverse(
-        self, t: Floats, states: Floats, rates: Floats, length: float, scale: Floats
+    def _momentum_rate_slopes(
+        self, t: Floats, states: Floats, rates: Floats, scale: Floats
     ) -> Floats:
-        """Return the matrix (N, N) of Newton's method for the momenta at N nodes.
+        """Return the derivative (N,) of the momentum's rate by the momentum, at N nodes.
 
-        The mechanism has a single momentum p, whose equation is stiff if loads change
-        abruptly. Its values p_k at the nodes satisfy p = p_start + h/2 A p', with the
-        length h of the step. The `INTEGRATION_MATRIX` A turns rates p' at the nodes into
-        integrals over times in [-1, 1], so h/2 converts them to seconds. With the
-        derivatives d of p' by p at the nodes, this method returns the inverse of
-        1 - h/2 A diag(d). It turns residuals of these equations into corrections of p. Pair
-        variables and works are corrected without derivatives.
+        There is one degree of freedom, so a state has a single momentum p. The derivative
+        of dp/dt by p is computed by a difference quotient. It is 0 where this is not
+        finite.
 
         Parameters
         ----------
         t
             (N,) times of the nodes, s.
         states, rates
-            (N, states) states at the nodes and their rates.
-        length
-            Length of the step, s.
+            (N, states) states at the nodes and their rates by time.
         scale
             (states,) sizes of the state.
         """
         # A state has the pair variables, then the momentum, then the works of the loads.
-        momentum = self.equation.variable_count
+        momentum_column = self.equation.variable_count
         # A larger difference has a larger truncation error, a smaller one a larger rounding
         # error.
-        shift = MOMENTUM_DIFFERENCE * scale[momentum]
+        difference = MOMENTUM_DIFFERENCE * scale[momentum_column]
         shifted_states = states.copy()
-        shifted_states[:, momentum] += shift
+        shifted_states[:, momentum_column] += difference
         shifted_rates = self.equation.state_rates(
             self._evaluate_dynamics(t, shifted_states)
         )
-        # The derivatives d, by differences. A derivative that is not finite is set to 0,
-        # which leaves its node to the iteration without derivatives. One NaN would make the
-        # whole inverse NaN.
-        slope = (shifted_rates - rates)[:, momentum] / shift
-        slope[~np.isfinite(slope)] = 0.0
-        # Column k of A times d_k: the product A diag(d).
-        return np.linalg.inv(np.eye(NODE_COUNT) - 0.5 * length * INTEGRATION_MATRIX * slope)
+        slopes = (shifted_rates - rates)[:, momentum_column] / difference
+        slopes[~np.isfinite(slopes)] = 0.0
+        return slopes
 
     def _passes_probes(
         self, step: CollocationStep, scale: Floats, tolerance: float
@@ -672,18 +656,13 @@ class Collocation:
         equation = self.equation
         if not equation.loads.needs_step_probes:
             return True
-        largest_momentum = max(
-            scale[equation.variable_count],
-            float(max_abs(step.state[equation.momenta])),
-        )
-        # The error of the momentum rates that is allowed: an error e of them counts as
-        # e * length / ERROR_DIVISOR in the state, as the last coefficients of a step do.
-        allowed_error = (
-            MAX_PROBE_ERROR_RATIO
-            * tolerance
-            * ERROR_DIVISOR
-            * largest_momentum
-            / step.length
+        allowed_rate_error = _allowed_momentum_rate_error(
+            tolerance,
+            momentum_size=max(
+                scale[equation.variable_count],
+                float(max_abs(step.state[equation.momenta])),
+            ),
+            length=step.length,
         )
 
         # `find_first_errors` examines several steps at once. Here there is only one, so the
@@ -691,11 +670,12 @@ class Collocation:
         def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
             """Return relative errors (n,) and steep arguments (n, k) at n times."""
             rate_errors, steep_arguments = self._probe_step(step, fractions)
-            return np.max(rate_errors, axis=1) / allowed_error, steep_arguments
+            return np.max(rate_errors, axis=1) / allowed_rate_error, steep_arguments
 
-        # The first fraction with an error; infinite if there is none.
-        (first_error,) = find_first_errors(probe, 1)
-        return bool(first_error > 1.0)
+        # Where in the step the first error is: a fraction of its length from 0 to 1, or
+        # infinity if no error is too large.
+        (first_error_fraction,) = find_first_errors(probe, step_count=1)
+        return bool(np.isinf(first_error_fraction))
 
     def _probe_step(
         self, step: CollocationStep, fractions: Floats
@@ -777,95 +757,72 @@ class Collocation:
     def _stays_on_set(self, step: CollocationStep, determinants: Floats) -> bool:
         """Return whether a step stays on one set of configurations near a crossing.
 
-        A set of configurations is a curve, or a surface of several degrees of freedom. The
-        question is only examined if the user wants crossings to be passed. The step may
-        pass through one crossing, and must end away from it. It must not lead from one set
-        to another one that comes near without crossing it.
+        A set of configurations is a curve, or a surface of several degrees of freedom. A
+        long step could lead from one set to another one that comes near. The question is
+        only examined if the user wants crossings to be passed: the step may then pass
+        through one crossing, and must end away from it.
 
         Parameters
         ----------
         step
             The step.
         determinants
-            (N,) determinants at its nodes. The matrix is the Jacobian of the loop-closure
-            equations with the rates of the variables as further rows. The sign of its
-            determinant changes at a crossing.
+            (N,) closure determinants at its nodes. Their sign changes at a crossing, see
+            `CollocationStep.closure_determinants`.
         """
         if not self.problem.passes_crossings:
             return True
-        equation = self.equation
-        # The largest size so far, and the sign (1 or -1) before this step.
-        largest, sign = self._find_size_and_sign(determinants)
-        is_near = np.abs(determinants) < CROSSING_RATIO * largest
-        # The sign is the same at all nodes, so no crossing is passed. Then no node may be
-        # near one, where the step could change to another set.
-        if not np.any(determinants * sign < 0.0):
+        record = self.determinant_record.include_sizes(determinants)
+        is_near = np.abs(determinants) < CROSSING_RATIO * record.largest
+        has_other_sign = determinants * record.sign < 0.0
+        if not np.any(has_other_sign):
+            # The step passes no crossing. Then it must not come near one either.
             return not np.any(is_near)
-        # `find_crossing` takes size and sign together, as one number.
-        signed_largest = float(np.copysign(largest, sign))
-        t = step.find_crossing(determinants, signed_largest)
-        # The step must end away from the crossing, so the last two of the N nodes must not
-        # be near it.
-        if np.any(is_near[-2:]) or t is None:
+        ends_near_crossing = np.any(is_near[-2:])  # at one of the last two nodes
+        crossing_time = step.find_crossing(determinants, record)
+        if ends_near_crossing or crossing_time is None:
             return False
+        return self._is_true_crossing(step, crossing_time)
+
+    def _is_true_crossing(self, step: CollocationStep, t: float) -> bool:
+        """Return whether two sets of configurations really cross at a time (s) of a step.
+
+        Two sets may also come near each other without crossing. A step that changes from
+        one to the other passes configurations in which the loops are open and the closure
+        equations are regular. At a true crossing the loops are closed and the closure
+        equations are singular.
+        """
+        equation = self.equation
         values = step.evaluate_state(np.array([t]))[0, : equation.variable_count]
-        # Two sets may come near each other without crossing. Configurations on a path from
-        # one to the other then have open loops, and the closure equations are regular. At a
-        # real crossing, the loops close and the equations are singular.
         (closure_residual,) = equation.closure.linearise(values[None]).closure_residual
         condition = reciprocal_condition(equation.closure, values, equation.freedoms)
-        return bool(
-            closure_residual < MAX_CROSSING_TOLERANCE_RAD and condition < CROSSING_RATIO
-        )
+        is_closed = closure_residual < MAX_CROSSING_TOLERANCE_RAD
+        is_singular = condition < MIN_CROSSING_CONDITION
+        return bool(is_closed and is_singular)
 
-    def _needs_careful_step(self, determinants: Floats) -> bool:
-        """Return whether a step has to be repeated with a smaller tolerance.
+    def _may_end_at_crossing(self, determinants: Floats) -> bool:
+        """Return whether a crossing at which the simulation would end may be in a step.
 
-        It has to be repeated if a crossing of configuration curves may be near, and the
-        tolerance is too large to recognise the crossing. Also updates `is_near_crossing`,
-        which makes the following steps use at most `MAX_CROSSING_TOLERANCE_RAD`.
+        The answer is False if the simulation passes crossings instead of ending there.
+        `_stays_on_set` then tests the step.
 
-        If the simulation passes through crossings, the result is False, because
-        `_stays_on_set` tests that a step does not lead to another curve. Otherwise the
-        simulation ends at a crossing, which must be recognised.
+        Near a crossing, the computed path misses the exact curve of configurations by about
+        the tolerance e. The closure determinant is then about sqrt(2 e) of its usual size,
+        not 0. For example, the curves x y = 0 cross at the origin. The determinant is
+        proportional to the gradient (y, x). On the path x y = e its length is at least
+        sqrt(2 e). The limit is therefore sqrt(e), relative to the largest determinant.
 
         Parameters
         ----------
         determinants
-            (N,) determinants at the nodes of the step. The matrix is the Jacobian of the
-            loop-closure equations with the rates of the variables as further rows. The sign
-            of its determinant changes at a crossing.
+            (N,) closure determinants at the nodes of the step.
         """
         if self.problem.passes_crossings:
             return False
-        largest, sign = self._find_size_and_sign(determinants)
-        # `sign` is the sign (1 or -1) that the determinants had until this step. Times this
-        # sign they are positive before a crossing and negative beyond it.
-        signed_determinants = determinants * sign
-        # Near a crossing, configurations satisfy a quadratic equation such as x y = d. On
-        # the exact curves d is 0, on a computed path its size is about the tolerance. The
-        # determinant is proportional to the gradient (y, x) of x y, whose length is at
-        # least sqrt(2 d). Relative to its largest size it therefore falls to the order of
-        # sqrt(d) only, not to zero. A crossing may be where it is as small as this.
-        is_near = signed_determinants < np.sqrt(self.tolerance) * largest
-        # The step is repeated once at most: if a crossing was near before, this step was
-        # made with the smaller tolerance already.
-        was_near_crossing = self.is_near_crossing
-        self.is_near_crossing = bool(np.any(is_near))
-        comes_near_crossing = self.is_near_crossing and not was_near_crossing
-        return comes_near_crossing and self.tolerance > MAX_CROSSING_TOLERANCE_RAD
-
-    def _find_size_and_sign(self, determinants: Floats) -> tuple[float, float]:
-        """Return the largest size of the determinant so far, and its sign (1 or -1).
-
-        The sign of the determinant changes where curves of configurations cross. The
-        determinants at the nodes of the current step, `determinants` (N,), are included in
-        the largest size. The sign is the one that the determinant had before this step, or
-        at its first node if it is the first step.
-        """
-        largest = max(abs(self.signed_largest_determinant), float(max_abs(determinants)))
-        earlier_determinant = self.signed_largest_determinant or float(determinants[0])
-        return largest, float(np.sign(earlier_determinant))
+        record = self.determinant_record.include_sizes(determinants)
+        # Negative beyond a crossing, where the sign has changed.
+        signed_determinants = determinants * record.sign
+        return bool(np.any(signed_determinants < np.sqrt(self.tolerance) * record.largest))
 
     def _accept(
         self, step: CollocationStep, rates: Floats, determinants: Floats
@@ -886,7 +843,13 @@ class Collocation:
             changes its sign.
         """
         self.steps.append(step)
-        step_events = self._find_step_events(step, rates, determinants)
+        step_events = list(self._find_step_events(step, rates, determinants))
+        self.determinant_record = self.determinant_record.after_step(
+            determinants,
+            has_crossing=any(
+                event.kind in ("singularity", "crossing") for event in step_events
+            ),
+        )
         # Sorting is stable: events at one time keep their order.
         for t, kind, pair in sorted(step_events, key=lambda step_event: step_event.t):
             # A simulation either passes crossings, whose kind is then "crossing", or ends
@@ -921,7 +884,8 @@ class Collocation:
         mechanism = self.equation.mechanism
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield StepEvent(t, "joint_limit", pair)
-        crossing_time = self._find_crossing(step, determinants)
+        record = self.determinant_record.include_sizes(determinants)
+        crossing_time = step.find_crossing(determinants, record)
         if crossing_time is not None:
             ends_here = not self.problem.passes_crossings
             yield StepEvent(crossing_time, "singularity" if ends_here else "crossing")
@@ -933,32 +897,6 @@ class Collocation:
             momentum_series = step.state_series(momentum_position)
             for t in step.find_sign_changes(momentum_series):
                 yield StepEvent(t, "rest")
-
-    def _find_crossing(self, step: CollocationStep, determinants: Floats) -> float | None:
-        """Return the time (s) in a step at which curves of configurations cross, if any.
-
-        There the determinant vanishes or changes its sign. To be recognised, its size is
-        compared with the largest one so far, and its sign with that before this step. Both
-        are stored in one number, `signed_largest_determinant`, which this method updates
-        for the next step.
-
-        Parameters
-        ----------
-        step
-            The step.
-        determinants
-            (N,) determinants at its nodes.
-        """
-        largest, sign_before_step = self._find_size_and_sign(determinants)
-        crossing_time = step.find_crossing(
-            determinants, float(np.copysign(largest, sign_before_step))
-        )
-        # Only a crossing changes the sign.
-        sign_after_step = sign_before_step
-        if crossing_time is not None:
-            sign_after_step = determinants[-1]
-        self.signed_largest_determinant = float(np.copysign(largest, sign_after_step))
-        return crossing_time
 
     def _find_indeterminate_inputs(
         self, step: CollocationStep, rates: Floats
@@ -1060,6 +998,66 @@ class StepAttempt:
     error: float
     iterations: int
     dynamics: StateDynamics
+
+
+def _make_state_scales(problem: Problem, state_size: int) -> Floats:
+    """Return the sizes (state_size,) of the quantities in a state, which divide errors.
+
+    - Pair variables: 1 rad.
+    - Momenta p = R u: sqrt(B), the largest momentum at unit rates u of the coordinates.
+      B is the largest principal inertia (kg m2) at the start, and R the root of the inertia
+      matrix M = R R.
+    - Works of the loads: B, which is p^2, twice the kinetic energy at unit rates.
+    """
+    equation = problem.equation
+    motion = equation.compute_motion(problem.values[None], problem.rate_weights)
+    inertia_at_start = inertia_matrix(equation.mechanism, motion)[0]
+    largest_inertia = float(np.linalg.norm(inertia_at_start, 2))
+    scales = np.ones(state_size)
+    scales[equation.momenta] = np.sqrt(largest_inertia)
+    scales[equation.load_work_rows] = largest_inertia
+    return scales
+
+
+def _momentum_newton_matrix(slopes: Floats, length: float) -> Floats:
+    """Return the matrix (N, N) by which Newton's method corrects the momenta at N nodes.
+
+    The momenta p_k at the nodes satisfy p = p_start + h/2 A p'. Here h is the length of the
+    step, and A (`INTEGRATION_MATRIX`) turns the rates p' at the nodes into their integrals
+    from the start of the step. A belongs to the interval from -1 to 1, and h/2 converts it
+    to seconds. The matrix is the inverse of the Jacobian 1 - h/2 A diag(d) of these
+    equations. It turns their residuals into corrections of p.
+
+    Parameters
+    ----------
+    slopes
+        (N,) derivatives d of p' by p at the nodes, 1/s.
+    length
+        Length h of the step, s.
+    """
+    integrals_of_slopes = 0.5 * length * INTEGRATION_MATRIX * slopes  # h/2 A diag(d)
+    return np.linalg.inv(np.eye(NODE_COUNT) - integrals_of_slopes)
+
+
+def _allowed_momentum_rate_error(
+    tolerance: float, momentum_size: float, length: float
+) -> float:
+    """Return the error of momentum rates that is allowed between the nodes of a step.
+
+    An error e of the rates counts as an error e * length / ERROR_DIVISOR of the momentum,
+    as the last coefficients of a step do. This must not exceed MAX_PROBE_ERROR_RATIO *
+    tolerance * momentum_size.
+
+    Parameters
+    ----------
+    tolerance
+        Tolerance of the state relative to its sizes, which is in rad for pair variables.
+    momentum_size
+        Size of the momenta.
+    length
+        Length of the step, s.
+    """
+    return MAX_PROBE_ERROR_RATIO * tolerance * ERROR_DIVISOR * momentum_size / length
 
 
 def _length_factor(error: float, iterations: int) -> float:

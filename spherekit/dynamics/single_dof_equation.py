@@ -18,65 +18,110 @@ coordinate, and I_j its inertia tensor about the centre of the sphere.
 from spherekit.dynamics.motion_expressions import EquationExpressions, EquationLayout
 from spherekit.mechanism.link_inertia import link_inertia_tensors
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.symbolic.expression_graph import dot, power
+from spherekit.symbolic.expression_graph import Expr, dot, power
 from spherekit.symbolic.taylor_integrator import EventFunction
 from spherekit.velocities.coordinate_rates import CoordinateRates
 from spherekit.velocities.input_moments import InputMoments
 from spherekit.velocities.kinematic_structure import KinematicStructure
-from spherekit.velocities.load_expressions import generalised_forces
+from spherekit.velocities.load_expressions import LoadState, generalised_forces
 
 
 def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     """Return the equation of motion of a mechanism that is driven at its first input.
 
-    The coordinate x is a parameter of the configuration curve, with the rate u = dx/dt. The
-    homogeneous rates tau = dv/dx are the rates of all pair variables v by it. B is the
-    generalised inertia, so the kinetic energy is B u^2 / 2. Q is the generalised force. The
-    state has the variables v, the momentum p = sqrt(B) u and the work W of each load. The
-    kinetic energy is p^2 / 2. The equation is (Di Gregorio 2024, eq. (9))
+    This is Eksergian's equation as a system of first order (Di Gregorio 2024, eq. (9)):
 
         dv/dt = tau u,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B).
 
-    In the compiled equation p is divided by a unit P of momentum, and W by P^2, so that the
-    numbers in the state are near 1. Each run sets P as a parameter.
+    - v are the pair variables, and tau = dv/dx their derivatives by the coordinate x.
+    - x is a parameter of the configuration curve, with the rate u = dx/dt. It is not the
+      input q, at whose dead centres the derivatives by q would be infinite. Instead
+      dq/dx = D, the determinant of the velocity equations. Then tau needs no division.
+    - B is the generalised inertia: the kinetic energy is B u^2 / 2.
+    - p = sqrt(B) u is the momentum: the kinetic energy is p^2 / 2.
+    - Q is the generalised force of all loads at x. W is the work of each load.
+
+    The state has p / P and W / P^2 instead of p and W. Each run sets the unit P of momentum
+    as a parameter, so that these numbers are near 1.
     """
     layout = EquationLayout(mechanism)
     structure = KinematicStructure.from_mechanism(mechanism, mechanism.inputs[0].pair)
-    (momentum,) = layout.momenta
+    (scaled_momentum,) = layout.momenta  # p / P
     coordinate_rates = CoordinateRates(structure, layout.variables)
     moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism))
-    (tau,) = coordinate_rates.tau
+    (tau,) = coordinate_rates.tau  # there is one coordinate
 
-    # 1 / sqrt(B). The matrix has B in the unit of inertia `moments.unit`, in kg m2.
+    # 1 / sqrt(B). The matrix has the only entry B, in the unit `moments.unit` (kg m2).
     inverse_root_inertia = power(moments.unit * moments.matrix[0][0], -0.5)
-    # u = p / sqrt(B). The symbol `momentum` is p / P, and `layout.momentum_unit` is P.
-    speed = layout.momentum_unit * momentum * inverse_root_inertia
-    variable_rates = [rate * speed for rate in tau]
+    # u = p / sqrt(B), with p = P (p / P).
+    speed = layout.momentum_unit * scaled_momentum * inverse_root_inertia
+    variable_rates = [derivative * speed for derivative in tau]
 
     load_state = layout.make_load_state(coordinate_rates, variable_rates)
-    # The part of each load in d(p/P)/dt = Q / (P sqrt(B)).
-    force_factor = layout.inverse_momentum_unit * inverse_root_inertia
-    momentum_rates = [
-        generalised_forces(load, load_state)[0] * force_factor for load in mechanism.loads
-    ]
-    # The power of a load over P^2: Q u / P^2 = (Q / (P sqrt(B))) (p / P).
-    powers = [rate * momentum for rate in momentum_rates]
-
-    # The homogeneous rates tau are the minors of the velocity equations. If these are
-    # dependent, all minors vanish. This is so where curves of configurations cross. The
-    # square of tau therefore measures the independence of the equations.
+    momentum_rates = _derive_momentum_rates(layout, load_state, inverse_root_inertia)
+    # d(W / P^2)/dt = Q u / P^2, which is d(p / P)/dt (p / P).
+    work_rates = [rate * scaled_momentum for rate in momentum_rates]
     tau_square = dot(tau, tau)
     (input_variable,) = structure.inputs
     return EquationExpressions(
         layout=layout,
-        state_rates=[*variable_rates, sum(momentum_rates, 0.0), *powers],
+        state_rates=[*variable_rates, sum(momentum_rates, 0.0), *work_rates],
         homogeneous_rates=coordinate_rates.tau,
         independence=tau_square,
-        events=[
-            EventFunction(momentum, "rest"),
-            EventFunction(tau[input_variable], "dead_centre", input_variable),
-            # `sense=-1`: the event occurs only if the function falls through zero.
-            EventFunction(tau_square - layout.min_independence, "singularity", sense=-1),
-        ],
+        events=_derive_events(layout, tau[input_variable], input_variable, tau_square),
         load_state=load_state,
     )
+
+
+def _derive_momentum_rates(
+    layout: EquationLayout, load_state: LoadState, inverse_root_inertia: Expr
+) -> list[Expr]:
+    """Return the part of each load in the rate of the scaled momentum p / P.
+
+    It is Q / (P sqrt(B)) with the generalised force Q of this load alone.
+
+    Parameters
+    ----------
+    layout
+        Has the symbol of 1 / P.
+    load_state
+        The motion on which the loads depend.
+    inverse_root_inertia
+        1 / sqrt(B) with the generalised inertia B.
+    """
+    force_factor = layout.inverse_momentum_unit * inverse_root_inertia
+    return [
+        generalised_forces(load, load_state)[0] * force_factor
+        for load in load_state.mechanism.loads
+    ]
+
+
+def _derive_events(
+    layout: EquationLayout, input_rate: Expr, input_variable: int, tau_square: Expr
+) -> list[EventFunction]:
+    """Return the events of the motion, without those of joint limits and of loads.
+
+    An event occurs where its function crosses zero: the momentum at rest, and dq/dx at a
+    dead centre of the input q.
+
+    A singularity is a configuration in which the velocity equations depend on each other.
+    Curves of configurations cross there. The derivatives tau are the maximal minors of
+    these equations, up to signs, so all of them vanish there. The event is that their sum
+    of squares falls below a limit.
+
+    Parameters
+    ----------
+    layout
+        Has the symbols of the momentum and of the limit.
+    input_rate, input_variable
+        dq/dx of the input q, and the number of its variable.
+    tau_square
+        Sum of the squares of tau = dv/dx over all variables v.
+    """
+    (scaled_momentum,) = layout.momenta
+    return [
+        EventFunction(scaled_momentum, "rest"),
+        EventFunction(input_rate, "dead_centre", input_variable),
+        # sense=-1: only a change from positive to negative is an event.
+        EventFunction(tau_square - layout.min_independence, "singularity", sense=-1),
+    ]
