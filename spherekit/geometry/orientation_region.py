@@ -54,6 +54,12 @@ accurate volumes of cells at the border, and more computation."""
 EVALUATIONS_PER_HALVING = 120
 """Approximate number of evaluations that halving a cell in three directions costs."""
 
+SUBCELL_COUNT = SUBCELLS_PER_SIDE**3
+"""Number of subcells of a cell."""
+
+SAMPLE_COUNT = 27
+"""Number of samples of a cell, from which a margin is interpolated."""
+
 VALUES_PER_CHUNK = 2**13
 """Number of polynomials that are summed at once. It limits the memory."""
 
@@ -190,9 +196,10 @@ def find_orientations(
     """
     require_positive({"tolerance": tolerance, "most": most})
     evaluate = MarginEvaluator(margins)
-    cells = _OrientationCells(evaluate)
+    orientations = _OrientationCells(evaluate)
     progress = ProgressReporter("measuring a set of orientations")
     while True:
+        cells = orientations.cells
         volume = float(cells.volume.sum())
         error = float(cells.error.sum())
         wanted_error = tolerance * volume
@@ -209,12 +216,12 @@ def find_orientations(
         cost = EVALUATIONS_PER_HALVING * len(to_halve)
         if not cost or evaluate.evaluations + cost > most:
             break
-        cells.halve(to_halve)
+        orientations.halve(to_halve)
     return Orientations(
         volume=volume,
         error=error,
-        place=cells.deepest,
-        depth=cells.depth,
+        place=orientations.deepest,
+        depth=orientations.depth,
         evaluations=evaluate.evaluations,
         calls=evaluate.calls,
     )
@@ -246,6 +253,20 @@ class _Boxes(ArrayRows):
 
 
 @dataclass(frozen=True)
+class _MarginRange:
+    """Bounds of k margins in n cells of the space of orientations.
+
+    Attributes
+    ----------
+    low, high
+        (n, k) smallest and largest value that a margin may have in the cell.
+    """
+
+    low: Floats
+    high: Floats
+
+
+@dataclass(frozen=True)
 class _MeasuredVolumes:
     """Volumes of the part of a set of orientations in each of n cells.
 
@@ -262,6 +283,26 @@ class _MeasuredVolumes:
     is_certain: Bools
 
 
+@dataclass(frozen=True)
+class _MeasuredCells(ArrayRows):
+    """n cells of the space of orientations, each with the volume of its part of a set.
+
+    Attributes
+    ----------
+    boxes
+        The cells, cubic boxes.
+    volume
+        (n,) volume of the part of the set in each cell. All orientations together have the
+        volume 8 pi^2.
+    error
+        (n,) error of each volume; 0 if the volume is certain.
+    """
+
+    boxes: _Boxes
+    volume: Floats
+    error: Floats
+
+
 def _make_first_boxes() -> _Boxes:
     """Return the cells of a regular grid in each of the four cubes of quaternions."""
     corners = _cubic_grid(np.arange(2**FIRST_HALVINGS))
@@ -272,6 +313,45 @@ def _make_first_boxes() -> _Boxes:
         corner=np.tile(corners * width, (4, 1)),
         width=np.full(count, width),
     )
+
+
+def _halve_boxes(boxes: _Boxes) -> _Boxes:
+    """Return the eight halves (in all three directions) of each box, one box after another.
+
+    Widths are even: the width of the first boxes is a power of two.
+    """
+    whole = boxes.rows(np.repeat(np.arange(len(boxes.width)), 8))
+    half_width = whole.width // 2
+    # The lowest corners of the eight parts form a cube with half the width.
+    corner_of_part = np.tile(_CORNERS_OF_CUBE, (len(boxes.width), 1))
+    offset = corner_of_part * half_width[:, None]
+    return _Boxes(cube=whole.cube, corner=whole.corner + offset, width=half_width)
+
+
+def _divide_change(parts: _MeasuredVolumes, whole_volume: Floats) -> Floats:
+    """Return errors of the volumes of parts, from their changes against the whole cells.
+
+    The sum of the volumes in eight parts is more accurate than the volume in the whole
+    cell. Its change is therefore taken as an estimate of the error. The parts whose volumes
+    are not certain share it equally.
+
+    Parameters
+    ----------
+    parts
+        Volumes of the eight parts of each of k cells, one cell after another.
+    whole_volume
+        (k,) volumes that were measured in the whole cells.
+
+    Returns
+    -------
+    (8 k,) errors.
+    """
+    volume = parts.volume.reshape(-1, 8)
+    is_uncertain = ~parts.is_certain.reshape(-1, 8)
+    change = np.abs(volume.sum(axis=1) - whole_volume)
+    uncertain_count = np.count_nonzero(is_uncertain, axis=1)
+    share = change / np.maximum(uncertain_count, 1)
+    return np.where(is_uncertain, share[:, None], 0.0).ravel()
 
 
 class _OrientationCells:
@@ -287,12 +367,8 @@ class _OrientationCells:
 
     Attributes
     ----------
-    boxes
-        The n cells.
-    volume
-        (n,) volume of the part of the set in each cell.
-    error
-        (n,) error of each volume; 0 if the volume is certain.
+    cells
+        The cells with their volumes and errors.
     deepest
         (4,) unit quaternion xyzw of the sampled orientation deepest inside the set.
     depth
@@ -310,120 +386,82 @@ class _OrientationCells:
         self.deepest = np.array([0.0, 0.0, 0.0, 1.0])
         self.depth = -np.inf
 
-        self.boxes = _make_first_boxes()
-        measured = self._measure(self.boxes)
-        self.volume = measured.volume
+        boxes = _make_first_boxes()
+        measured = self._measure(boxes)
         # The part of the set in a cell is between nothing and the whole cell. The volume of
         # the whole cell is therefore the largest possible error.
-        whole_volume = _subcell_volumes(self.boxes).sum(axis=1)
-        self.error = np.where(measured.is_certain, 0.0, whole_volume)
+        whole_volume = _subcell_volumes(boxes).sum(axis=1)
+        error = np.where(measured.is_certain, 0.0, whole_volume)
+        self.cells = _MeasuredCells(boxes, measured.volume, error)
 
     def halve(self, selected: Indices) -> None:
-        """Replace some cells (k,) by their eight parts, and measure the parts.
+        """Replace some cells (k,) by their eight parts, and measure the parts."""
+        whole = self.cells.rows(selected)
+        boxes = _halve_boxes(whole.boxes)
+        measured = self._measure(boxes)
+        error = _divide_change(measured, whole.volume)
+        parts = _MeasuredCells(boxes, measured.volume, error)
 
-        A cell is a box in one of the four cubes that contain all unit quaternions. The sum
-        of the volumes of the set in the parts is more accurate than its volume in the whole
-        cell. The change of the volume is therefore taken as an estimate of the error.
-        """
-        # Each cell is repeated for its parts. Corners and widths are integers: an uncut
-        # cube has a power of two as its width, so the half width is a whole number.
-        whole = self.boxes.rows(np.repeat(selected, 8))
-        half_width = whole.width // 2
-        offsets = np.tile(_CORNERS_OF_CUBE, (len(selected), 1)) * half_width[:, None]
-        parts = _Boxes(cube=whole.cube, corner=whole.corner + offsets, width=half_width)
-        measured = self._measure(parts)
-        volume = measured.volume
-
-        # The change of the volume is divided among the parts that are not certain.
-        change = np.abs(volume.reshape(-1, 8).sum(axis=1) - self.volume[selected])
-        is_uncertain = ~measured.is_certain.reshape(-1, 8)
-        share = change / np.maximum(np.count_nonzero(is_uncertain, axis=1), 1)
-        error = np.where(is_uncertain, share[:, None], 0.0).ravel()
-
-        # The new parts come after the cells that are not halved.
-        remaining = np.delete(np.arange(len(self.volume)), selected)
-        self.boxes = _Boxes.concatenate([self.boxes.rows(remaining), parts])
-        self.volume = np.concatenate([self.volume[remaining], volume])
-        self.error = np.concatenate([self.error[remaining], error])
+        # The parts come after the cells that are not halved.
+        is_unchanged = np.ones(len(self.cells.volume), dtype=bool)
+        is_unchanged[selected] = False
+        unchanged = self.cells.rows(is_unchanged)
+        self.cells = _MeasuredCells.concatenate([unchanged, parts])
 
     def _measure(self, boxes: _Boxes) -> _MeasuredVolumes:
         """Return the volumes of the set in n cells.
 
         The set has the orientations at which all margins are at least 0. In each cell a
-        margin is interpolated by a polynomial of degree 2 in each of three coordinates,
-        from 27 samples. A volume counts as certain if no margin can change its sign in the
-        cell. The bounds for this include an estimate of the interpolation error, so they
-        are no proof. An uncertain cell is divided into a grid of subcells, and the part of
-        each subcell in which all margins are positive is estimated.
+        margin is interpolated from 27 samples. The volume of a cell is certain if no margin
+        can change its sign there. Any other cell is divided into a grid of subcells, and
+        the part of each subcell that belongs to the set is estimated.
 
         Parameters
         ----------
         boxes
             The boxes of the n cells in the space of orientations.
         """
-        # (31, n, k) margins at 31 points of each cell: the 27 samples, and four check
-        # points, at which the polynomials are compared with the margins.
         margins = _replace_nan_margins(self._evaluate_margins(boxes))
-        samples = margins[:27]
-        checks = margins[27:]
-        margin_count = samples.shape[2]
-        at_checks = np.tensordot(
-            _interpolation_matrix(_CHECK_QUARTERS / 4.0), samples, axes=1
-        )
-        # The interpolation error is estimated as the largest one at the check points times
-        # a safety factor. The smallest and the largest Bernstein coefficient of a
-        # polynomial bound its values in the cell.
-        slack = VALUE_SAFETY_FACTOR * max_abs(at_checks - checks, axis=0)
-        bernstein = np.tensordot(_CUBE_BERNSTEIN, samples, axes=1)
-        is_outside = (bernstein.max(axis=0) + slack < 0.0).any(axis=1)
-        has_certain_volume = is_outside | (bernstein.min(axis=0) >= slack).all(axis=1)
+        samples = margins[:SAMPLE_COUNT]
+        checks = margins[SAMPLE_COUNT:]
+        bounds = _bound_margins(samples, checks)
+        is_outside = np.any(bounds.high < 0.0, axis=1)
+        is_inside = np.all(bounds.low >= 0.0, axis=1)
 
-        # (n, subcells) volumes of the subcells of each cell. In uncertain cells they are
-        # reduced to the part in which all margins are positive.
-        volumes = _subcell_volumes(boxes) * ~is_outside[:, None]
-        uncertain = np.flatnonzero(~has_certain_volume)
-        # Chunks limit the memory.
-        chunk_count = len(uncertain) * margin_count // VALUES_PER_CHUNK + 1
-        for chunk in np.array_split(uncertain, chunk_count):
-            # One column for each margin in each cell, with its 27 samples.
-            filled = _filled_fractions(samples[:, chunk].reshape(27, -1))
-            filled = filled.reshape(SUBCELLS_PER_SIDE**3, len(chunk), margin_count)
-            # Axes: subcell, cell, margin. If several margins exclude parts of a subcell,
-            # only the largest part counts. This is exact if it contains the others. How
-            # the parts overlap is not examined, so volumes near edges are approximate.
-            volumes[chunk] *= filled.min(axis=2).T
-        return _MeasuredVolumes(volumes.sum(axis=1), has_certain_volume)
+        # (n, subcells) volumes of the part of each subcell that belongs to the set.
+        volumes = _subcell_volumes(boxes)
+        volumes[is_outside] = 0.0
+        uncertain = np.flatnonzero(~(is_outside | is_inside))
+        volumes[uncertain] *= _filled_parts(samples[:, uncertain])
+        return _MeasuredVolumes(volumes.sum(axis=1), is_certain=is_outside | is_inside)
 
     def _evaluate_margins(self, boxes: _Boxes) -> Floats:
         """Return the k margins at 31 points of each of n cells.
 
-        Neighbouring cells share points. The margins at a point are evaluated once.
+        Neighbouring cells share points. The margins at a point are evaluated once. The
+        deepest orientation so far is updated, too.
 
         Parameters
         ----------
         boxes
-            The boxes of the n cells. Unit quaternions up to their sign are divided into
-            four cubes, one for each component that is the largest. A box is in one of them,
-            with integer coordinates.
+            The boxes of the n cells.
 
         Returns
         -------
         (31, n, k) margins: at a grid of 3 x 3 x 3 points in each cell, then at four check
         points between these. NaN where a margin is not defined.
         """
-        # (31, n, 3) integer coordinates in the cube. They are at multiples of a quarter of
-        # the width of a cell.
-        quarter_width = boxes.width[:, None] // 4
-        points = boxes.corner + _SAMPLE_QUARTERS[:, None] * quarter_width
-        cubes = np.broadcast_to(boxes.cube, points.shape[:2])
-        # One integer key identifies each point: the number of the cube and the coordinates
-        # are combined. `CUBE_POINTS` are the numbers of possible coordinates.
-        key = np.ravel_multi_index((cubes, *np.moveaxis(points, 2, 0)), (4, *CUBE_POINTS))
-        _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-        quaternions = _quaternions(cubes.ravel()[first], points.reshape(-1, 3)[first])
+        point_count = len(_SAMPLE_QUARTERS)
+        cell_count = len(boxes.width)
+        points = _sample_points(boxes).reshape(-1, 3)
+        cubes = np.tile(boxes.cube, point_count)
+        _, first, inverse = np.unique(
+            _point_keys(cubes, points), return_index=True, return_inverse=True
+        )
+        quaternions = _quaternions(cubes[first], points[first])
         margins = self.evaluate(quaternions)
         self._update_deepest(quaternions, margins)
-        return margins[inverse].reshape(*cubes.shape, -1)
+        return margins[inverse].reshape(point_count, cell_count, -1)
 
     def _update_deepest(self, quaternions: Floats, margins: Floats) -> None:
         """Store the orientation with the largest depth, if none before was as deep.
@@ -442,6 +480,34 @@ class _OrientationCells:
             self.depth = float(depths[best])
 
 
+def _sample_points(boxes: _Boxes) -> Indices:
+    """Return the points (31, n, 3) of n boxes at which margins are evaluated.
+
+    They have integer coordinates in the cube of their box, like its corner.
+    """
+    quarter_width = boxes.width // 4
+    offsets = _SAMPLE_QUARTERS[:, None, :] * quarter_width[:, None]  # (31, n, 3)
+    return boxes.corner + offsets
+
+
+def _point_keys(cubes: Indices, points: Indices) -> Indices:
+    """Return an integer for each point that identifies it.
+
+    Parameters
+    ----------
+    cubes
+        (m,) numbers of the cubes of quaternions that contain the points.
+    points
+        (m, 3) integer coordinates in the cube.
+
+    Returns
+    -------
+    (m,) index of each point in an array with the axes cube, x, y and z.
+    """
+    x, y, z = points.T
+    return np.ravel_multi_index((cubes, x, y, z), (4, *CUBE_POINTS))
+
+
 def _replace_nan_margins(margins: Floats) -> Floats:
     """Return the margins with numbers in place of NaN, so that they can be interpolated.
 
@@ -451,8 +517,11 @@ def _replace_nan_margins(margins: Floats) -> Floats:
     - No other margin is negative at the point. The NaN becomes -1, so that it excludes the
       point from the set.
     - Another margin is negative at the point, and excludes it already. The NaN becomes the
-      largest value that this margin has in the cell, or 1 if it has none. Then it adds no
-      border of the set to the cell, as -1 beside positive values would.
+      largest value that its margin has in the cell, or 1 if it has none. A value of -1
+      beside positive ones would add a border of the set to the cell.
+
+    For example, two margins have the values (0.5, 2), (NaN, 3) and (NaN, -1) at three
+    points of a cell. The NaN of the second point becomes -1, that of the third one 0.5.
 
     Parameters
     ----------
@@ -463,20 +532,78 @@ def _replace_nan_margins(margins: Floats) -> Floats:
     -------
     (points, n, k) margins without NaN.
     """
-    has_negative = np.any(margins < 0.0, axis=2, keepdims=True)
+    # (n, k) largest value of each margin in each cell. `fmax` ignores NaN.
     largest_in_cell = np.nan_to_num(np.fmax.reduce(margins, axis=0), nan=1.0)
-    replacements = np.where(has_negative, largest_in_cell, -1.0)
+    # (points, n, 1) whether a margin is negative at the point.
+    is_excluded = np.any(margins < 0.0, axis=2, keepdims=True)
+    replacements = np.where(is_excluded, largest_in_cell, -1.0)  # (points, n, k)
     return np.where(np.isnan(margins), replacements, margins)
+
+
+def _bound_margins(samples: Floats, checks: Floats) -> _MarginRange:
+    """Return bounds of k margins in n cells.
+
+    In a cell a margin is interpolated by a polynomial of degree 2 in each coordinate. The
+    bounds of the polynomial are widened by an estimate of the interpolation error, so they
+    are no proof.
+
+    Parameters
+    ----------
+    samples
+        (27, n, k) margins at a grid of 3 x 3 x 3 points of each cell.
+    checks
+        (4, n, k) margins at the points `_CHECK_QUARTERS`.
+    """
+    # The smallest and the largest Bernstein coefficient bound a polynomial in the cell.
+    bernstein = np.tensordot(_CUBE_BERNSTEIN, samples, axes=1)
+    # The interpolation error is estimated as the largest one at the check points, times a
+    # safety factor.
+    at_checks = np.tensordot(_interpolation_matrix(_CHECK_QUARTERS / 4.0), samples, axes=1)
+    slack = VALUE_SAFETY_FACTOR * max_abs(at_checks - checks, axis=0)
+    return _MarginRange(
+        low=bernstein.min(axis=0) - slack, high=bernstein.max(axis=0) + slack
+    )
+
+
+def _filled_parts(samples: Floats) -> Floats:
+    """Return which part of each subcell belongs to the set of orientations.
+
+    If several margins exclude parts of a subcell, only the largest part counts. This is
+    exact if it contains the others. How the parts overlap is not examined, so volumes near
+    edges are approximate.
+
+    Parameters
+    ----------
+    samples
+        (27, n, k) k margins, which are positive in the set, at the samples of n cells.
+
+    Returns
+    -------
+    (n, SUBCELL_COUNT) parts from 0 to 1.
+    """
+    cell_count, margin_count = samples.shape[1:]
+    parts = np.empty((cell_count, SUBCELL_COUNT))
+    # Chunks of cells limit the memory.
+    chunk_count = cell_count * margin_count // VALUES_PER_CHUNK + 1
+    for chunk in np.array_split(np.arange(cell_count), chunk_count):
+        # One column for each margin in each cell, with its 27 samples.
+        columns = samples[:, chunk].reshape(SAMPLE_COUNT, -1)
+        by_margin = _filled_fractions(columns).reshape(
+            SUBCELL_COUNT, len(chunk), margin_count
+        )
+        parts[chunk] = by_margin.min(axis=2).T
+    return parts
 
 
 def _filled_fractions(polynomials: Floats) -> Floats:
     """Return the fraction of each subcell of a cell in which a polynomial is positive.
 
-    A cell is divided into SUBCELLS_PER_SIDE**3 equal subcells. The fraction is estimated
-    from the value of the polynomial at the centre of a subcell and from the range of its
-    values. The fractions of single subcells are inaccurate, but only their sum matters. In
-    the sum the errors cancel along a plane border, and `_curvature_correction` compensates
-    for the remaining error at a curved one.
+    The fraction is estimated as 1/2 + f / S, limited to the range from 0 to 1. Here f is
+    the value of the polynomial at the centre of the subcell and S the difference between
+    its largest and smallest values there. The estimate treats the polynomial as linear, and
+    its values as spread evenly over the range. It is inaccurate for a single subcell, but
+    only the sum over many subcells matters. `_curvature_correction` is added because the
+    sum would be wrong at a curved border.
 
     Parameters
     ----------
@@ -486,12 +613,11 @@ def _filled_fractions(polynomials: Floats) -> Floats:
 
     Returns
     -------
-    (SUBCELLS_PER_SIDE**3, m) fractions from 0 to 1.
+    (SUBCELL_COUNT, m) fractions from 0 to 1.
     """
-    centre_value = _AT_CENTRES @ polynomials
-    mean_value = _SUBCELL_MEANS @ polynomials
-    # Changes over a subcell in its three directions. A linear function with these changes
-    # has the sum of their sizes as the range of its values.
+    centre_value = _AT_CENTRES @ polynomials  # (subcells, m)
+    mean_value = _SUBCELL_MEANS @ polynomials  # (subcells, m)
+    # (3, subcells, m) size of the change over a subcell in each of its three directions.
     changes = np.abs(_CHANGES @ polynomials)
     value_range = changes.sum(axis=0)
     squared_gradient = np.sum(changes**2, axis=0)
@@ -499,29 +625,27 @@ def _filled_fractions(polynomials: Floats) -> Floats:
         correction = _curvature_correction(
             mean_value - centre_value, value_range, squared_gradient
         )
-        # If the values are spread evenly over the range about the centre value, this is the
-        # part of them that is positive.
-        fraction = np.clip(0.5 + (centre_value / value_range + correction), 0.0, 1.0)
+        fraction = 0.5 + (centre_value / value_range + correction)
+        fraction = np.clip(fraction, 0.0, 1.0)
         # A constant polynomial fills the subcell or leaves it empty.
-        return np.where(squared_gradient > 0.0, fraction, centre_value >= 0.0)
+        is_filled = centre_value >= 0.0
+        return np.where(squared_gradient > 0.0, fraction, is_filled)
 
 
 def _curvature_correction(
     mean_difference: Floats, value_range: Floats, squared_gradient: Floats
 ) -> Floats:
-    """Return what to add to the filled fractions of subcells at a curved border.
+    """Return d S / g^2, which is added to estimated fractions of subcells at the border.
 
-    The filled fraction is the part of a subcell in which a polynomial is positive. Without
-    this correction it is estimated as 1/2 + f / S, with the value f of the polynomial at
-    the centre and the range S of its values. Added over all subcells at a border (the
-    surface f = 0), the estimate is right if the border is plane. At a border that is curved
-    like a sphere, the volume would be too large or too small.
+    The estimated fraction of a subcell in which a polynomial f is positive is 1/2 + f / S.
+    Its sum over the subcells at a plane border f = 0 is right. At a border that is curved
+    like a sphere, the volume would be too large or too small without this correction. It
+    assumes that the length of the gradient does not change across the border.
 
     Parameters
     ----------
     mean_difference
-        (...,) d, mean of the polynomial over the subcell less its value at the centre. It
-        shows the second derivatives of the polynomial.
+        (...,) d, mean of the polynomial over the subcell less its value at the centre.
     value_range
         (...,) S, difference of its largest and smallest values in the subcell.
     squared_gradient
@@ -529,21 +653,22 @@ def _curvature_correction(
 
     Returns
     -------
-    (...,) corrections d S / g^2.
+    (...,) corrections of the fractions.
 
     Notes
     -----
-    Let V(t) be the volume in which the polynomial exceeds a level t, so that V(0) is the
-    wanted volume. The sum of the estimates is the mean of V(t) for t from -S/2 to S/2.
+    V(t) is the volume in which f > t. V(0) is wanted. The border has the area A.
 
-    1. By a Taylor series, this mean exceeds V(0) by V''(0) S^2 / 24.
-    2. If the level rises by dt, the border moves by the distance dt / g. With the area A of
-       the border, V' = -A / g. The Laplacian L of the polynomial changes the area by A L /
-       g per distance, so V'' = -A L / g^3, without second derivatives along the gradient.
-    3. The mean over a unit cube gives d = L / 24. The sum is too small by A d S^2 / g^3.
-    4. Subcells with fractions between 0 and 1 form a layer along the border with the
-       thickness S / g and the volume A S / g. This error, divided by their volume, is
-       d S / g^2 for each of them.
+    1. 1/2 + f / S is the part of the levels t from -S/2 to S/2 that are below f. The sum of
+       the estimates is therefore the mean of V(t) over these levels. By a Taylor series, it
+       exceeds V(0) by V'' S^2 / 24.
+    2. If t rises by dt, the border f = t moves by dt / g, so V' = -A / g. A curved border
+       changes its area by A L / g per distance, with the Laplacian L of f. So V'' is
+       -A L / g^3, and the sum is too small by A L S^2 / (24 g^3).
+    3. The Laplacian follows from d, because the mean of f over a unit cube exceeds the
+       value at its centre by L / 24. So the sum is too small by A d S^2 / g^3.
+    4. Fractions between 0 and 1 belong to a layer at the border with the thickness S / g
+       and the volume A S / g. Its subcells share the correction: each gets d S / g^2.
     """
     return mean_difference * value_range / squared_gradient
 
@@ -568,7 +693,7 @@ def _quaternions(cube: Indices, points: Array) -> Floats:
 
 
 def _subcell_volumes(boxes: _Boxes) -> Floats:
-    """Return the volumes (n, SUBCELLS_PER_SIDE**3) of the subcells of n cells.
+    """Return the volumes (n, SUBCELL_COUNT) of the subcells of n cells.
 
     Each cell is divided into SUBCELLS_PER_SIDE equal parts along each side. An orientation
     is a unit quaternion, divided by its largest component. The other components x, y, z,
