@@ -24,7 +24,6 @@ them meet. No product here takes a complex conjugate.
 """
 
 from dataclasses import dataclass, replace
-from math import prod
 from typing import Any
 
 import numpy as np
@@ -32,6 +31,7 @@ from numpy.typing import NDArray
 
 from spherekit.arrays import Bools, Complexes, Floats, Indices
 from spherekit.geometry.vectors import all_finite, max_abs
+from spherekit.numerics.array_rows import ArrayRows
 
 Numbers = NDArray[np.inexact[Any]]
 
@@ -144,6 +144,23 @@ class EliminantRoots:
 
 
 @dataclass(frozen=True)
+class FourierCoefficients:
+    """Coefficients of n trigonometric polynomials in an angle x, of the degree d.
+
+    Attributes
+    ----------
+    by_order
+        (n, 2 * d + 1) coefficients of e^(ikx), in the order k = -d, ..., 0, ..., d.
+    relative_errors
+        (n,) rounding error of the coefficients of each polynomial, relative to its largest
+        coefficient.
+    """
+
+    by_order: Complexes
+    relative_errors: Floats
+
+
+@dataclass(frozen=True)
 class EliminantSamples:
     """Values of the eliminants of n systems at m values of the first angle.
 
@@ -192,20 +209,23 @@ class FormZeros:
 class SecondAngleZeros:
     """The second angle y of n systems of three equations, at r values of the first angle.
 
-    With a value of the first angle inserted, the first equation is a form
-    c0 + c1 cos(y) + c2 sin(y) = 0, because it does not contain the last angle z. It has two
-    zeros y. With one of them inserted, the other two equations are forms in z.
+    With a value of the first angle inserted, the equations in y and z are
+
+    1. c0 + c1 cos(y) + c2 sin(y) = 0, because the first one does not contain z,
+    2. and 3. two equations that contain both y and z.
+
+    Equation 1 has two zeros y. With one of them inserted, the equations 2 and 3 become
+    forms in z: sums b0 + b1 cos(z) + b2 sin(z).
 
     Attributes
     ----------
     factors
-        (n, r, 2, 3) values 1, cos(y) and sin(y) at both zeros.
+        (n, r, 2, 3) values 1, cos(y) and sin(y) at both zeros of equation 1.
     denominators
-        (n, r) c1^2 + c2^2, the denominator of these cosines and sines. The eliminant is
-        multiplied by a power of it, so that it becomes a polynomial.
+        (n, r) c1^2 + c2^2, the denominator of these cosines and sines.
     last_forms
-        (n, r, 2, 2, 3) coefficients of the other two equations as forms in z. Axis 2
-        belongs to the zeros of y, axis 3 to the equations.
+        (n, r, 2, 2, 3) coefficients b0, b1, b2. Axis 2 belongs to the zeros of equation 1,
+        axis 3 to the equations 2 and 3.
     """
 
     factors: Complexes
@@ -236,7 +256,7 @@ class NewtonResult:
 
 
 @dataclass(frozen=True)
-class RootSolutions:
+class RootSolutions(ArrayRows):
     """Angles computed from roots of the eliminant, in the order of the roots.
 
     The eliminant is the polynomial in e^(ix), x the first angle, that remains when the
@@ -261,9 +281,23 @@ class RootSolutions:
 def eliminant_degree(incidence: Bools) -> int:
     """Return the degree of the eliminant in the first angle.
 
-    A system has t = 1, 2 or 3 equations in as many angles x, y, z. The eliminant is the
+    A system has t = 1, 2 or 3 equations in as many angles x, y, z. Each equation has degree
+    1 in the cosine and sine of each angle that it contains. The eliminant is the
     trigonometric polynomial in x that remains when the other angles are eliminated. The
-    number of complex solutions of the system is twice its degree.
+    number of complex solutions of the system is twice its degree. If all equations contain
+    all angles, except the first of three, which never contains z, the degrees are:
+
+    ====  ===========================================  ======
+    t     eliminant                                    degree
+    ====  ===========================================  ======
+    1     the equation                                 1
+    2     resultant R of both equations                4
+    3     R(y1) R(y2) (a1^2 + a2^2)^p                  16
+    ====  ===========================================  ======
+
+    With t = 3, R is the resultant of the last two equations, and p is its degree in y. The
+    first equation is a0 + a1 cos(y) + a2 sin(y) = 0 and has the zeros y1 and y2, whose
+    denominators the last factor removes.
 
     Parameters
     ----------
@@ -276,25 +310,17 @@ def eliminant_degree(incidence: Bools) -> int:
     """
     if not _can_eliminate_in_order(incidence):
         return 0
-    # An equation has degree 1 in the cosine and sine of each angle that it contains.
-    contains_first = incidence[:, 0].astype(int)
-    if len(incidence) == 1:
-        return int(contains_first[0])
-    # Elimination of the last angle from the last two equations leaves their resultant, a
-    # sum of products with two coefficients of each equation. So each equation that contains
-    # x adds 2 to its degree in x.
-    resultant_degree = 2 * np.sum(contains_first[-2:])
-    if len(incidence) == 2:
-        return int(resultant_degree)
-    # The first of three equations is a0 + a1 cos(y) + a2 sin(y) = 0. It has two zeros y.
-    # The eliminant is the product of
-    #
-    # - the resultant at the first zero and the resultant at the second one,
-    # - (a1^2 + a2^2)^p, which removes the denominator of this product. Here p is the degree
-    #   of the resultant in y, and a1 and a2 have degree 1 in x if this equation contains x.
-    power = _resultant_degree_in_second_angle(incidence)
-    denominator_degree = 2 * power * contains_first[0]
-    return int(denominator_degree + 2 * resultant_degree)
+    equation_count = len(incidence)
+    first_angle, second_angle = 0, 1
+    if equation_count == 1:
+        return int(incidence[0, first_angle])
+    resultant_degree = _resultant_degree(incidence, first_angle)
+    if equation_count == 2:
+        return resultant_degree
+    # The coefficients a1 and a2 have degree 1 in x if the first equation contains x.
+    power = _resultant_degree(incidence, second_angle)
+    denominator_degree = 2 * power * int(incidence[0, first_angle])
+    return 2 * resultant_degree + denominator_degree
 
 
 def _can_eliminate_in_order(incidence: Bools) -> bool:
@@ -317,18 +343,21 @@ def _can_eliminate_in_order(incidence: Bools) -> bool:
     return bool(contains_second and not contains_third)
 
 
-def _resultant_degree_in_second_angle(incidence: Bools) -> int:
-    """Return the degree in the second angle of the resultant of the last two equations.
+def _resultant_degree(incidence: Bools, angle: int) -> int:
+    """Return the degree in an angle of the resultant of the last two equations.
 
-    The resultant is what remains of the last two of three equations when the last angle is
-    eliminated. Each of them that contains the second angle adds 2 to its degree.
+    The resultant is what remains of them when the last angle is eliminated. It is a sum of
+    products with two coefficients of each equation. So each equation that contains the
+    angle adds 2 to its degree.
 
     Parameters
     ----------
     incidence
-        (3, 3) whether an equation (row) contains an angle (column).
+        (t, t) whether an equation (row) contains an angle (column), for t = 2 or 3.
+    angle
+        Number of the angle, counted from 0. It is not the last one.
     """
-    return 2 * int(np.sum(incidence[1:, 1]))
+    return 2 * int(np.sum(incidence[-2:, angle]))
 
 
 def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complexes, str]:
@@ -419,45 +448,38 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     (n, 2 d, t) angles (rad). NaN for a system whose solutions are not complete.
     """
     n, t = equations.shape[:2]
-    angles = np.full((n, 2 * eliminant_degree(incidence), t), np.nan, dtype=complex)
     with np.errstate(all="ignore"):
         if t == 1:
             zeros = _find_form_zeros(equations[:, 0])
             return _angles_from_factors(zeros.factors)[..., None]
         # `angles` is filled in step by step; systems without complete solutions stay NaN.
+        angles = np.full((n, 2 * eliminant_degree(incidence), t), np.nan, dtype=complex)
+
         # 1. Elimination for some systems, with one start of Newton's method for each root.
-        systems = np.arange(n)
         stride = ELIMINATION_STRIDE if t == 3 else 1
-        _eliminate(
-            angles, equations, incidence, systems=systems[::stride], starts_per_root=1
-        )
+        systems = np.arange(0, n, stride)
+        if len(systems):
+            solutions = _eliminate(equations[systems], incidence, starts_per_root=1)
+            _store_complete(angles, systems, solutions.angles, solutions.is_solution)
 
         # 2. Newton's method for the others, from solutions of the nearest solved system.
-        is_unsolved = np.isnan(angles[:, 0, 0])
-        solved = systems[~is_unsolved]
-        unsolved = systems[is_unsolved]
+        solved = np.flatnonzero(~np.isnan(angles[:, 0, 0]))
+        unsolved = np.flatnonzero(np.isnan(angles[:, 0, 0]))
         if len(solved) and len(unsolved):
             distances = np.abs(solved - unsolved[:, None])
             neighbours = solved[np.argmin(distances, axis=1)]
             result = _run_newton(equations[unsolved], angles[neighbours])
             is_solution = result.residual < MAX_SOLUTION_RESIDUAL
-            _store_complete(
-                angles,
-                systems=unsolved,
-                solutions=result.angles,
-                is_solution=is_solution,
-            )
+            _store_complete(angles, unsolved, result.angles, is_solution)
 
         # 3. Elimination for systems whose solutions are not complete yet. All starts that
         # belong to a root are used: two values of y, each with two values of z.
-        unsolved = systems[np.isnan(angles[:, 0, 0])]
-        _eliminate(
-            angles,
-            equations,
-            incidence,
-            systems=unsolved,
-            starts_per_root=MAX_STARTS_PER_ROOT,
-        )
+        unsolved = np.flatnonzero(np.isnan(angles[:, 0, 0]))
+        if len(unsolved):
+            solutions = _eliminate(
+                equations[unsolved], incidence, starts_per_root=MAX_STARTS_PER_ROOT
+            )
+            _store_complete(angles, unsolved, solutions.angles, solutions.is_solution)
     return angles
 
 
@@ -528,47 +550,43 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
     return starts.real, is_clear
 
 
-def _eliminate(
-    angles: Complexes,
-    equations: Numbers,
-    incidence: Bools,
-    systems: Indices,
-    starts_per_root: int,
-) -> None:
-    """Solve some systems by elimination, and store the solutions of those that succeed.
+def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> RootSolutions:
+    """Solve n systems by elimination.
 
     The eliminant is a polynomial in e^(ix), x the first angle. Each of its roots gives the
-    first angle of a solution, and starts of Newton's method for the others. A system
-    succeeds if Newton's method leads to as many different solutions as there are roots.
+    first angle of a solution, and starts of Newton's method for the others.
 
     Parameters
     ----------
-    angles
-        (n, roots, t) angles (rad) of the solutions of n systems, changed in place.
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
         belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column).
-    systems
-        (k,) indices of the systems to solve.
     starts_per_root
         Largest number of starts of Newton's method that are used for each root. There are 2
         in a system of two equations and 4 in one of three, because the other angles have
         several possible values. Those with the smallest residuals are used.
+
+    Returns
+    -------
+    For each start the angles to which it leads. Nothing is a solution in a system with a
+    root that is zero or infinite, because such a root has no angle.
     """
-    if len(systems):
-        roots = _find_eliminant_roots(equations[systems], incidence).roots
-        # A root that is zero or infinite has no angle.
-        is_usable = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
-        systems = systems[is_usable]
-        solutions = _solve_at_roots(equations[systems], roots[is_usable], starts_per_root)
-        _store_complete(
-            angles,
-            systems,
-            solutions=solutions.angles,
-            is_solution=solutions.is_solution,
-        )
+    roots = _find_eliminant_roots(equations, incidence).roots
+    has_angles = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
+    solved = _solve_at_roots(equations[has_angles], roots[has_angles], starts_per_root)
+
+    # The systems without angles are put back.
+    start_count, angle_count = solved.angles.shape[1:]
+    shape = (len(equations), start_count)
+    solutions = RootSolutions(
+        angles=np.full((*shape, angle_count), np.nan, dtype=complex),
+        is_solution=np.zeros(shape, dtype=bool),
+        is_flat=np.zeros(shape, dtype=bool),
+    )
+    solutions.assign_rows(np.flatnonzero(has_angles), solved)
+    return solutions
 
 
 def _solve_at_roots(
@@ -587,25 +605,47 @@ def _solve_at_roots(
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
-        Largest number of starts of Newton's method that are used for each root. There are 2
-        in a system of two equations and 4 in one of three, because the other angles have
+        Largest number s of starts of Newton's method that are used for each root. There are
+        2 in a system of two equations and 4 in one of three, because the other angles have
         several possible values. Those with the smallest residuals are used.
     """
-    first_angles = -1j * np.log(roots)
-    starts = _start_angles(equations, first_angles)
-    starts = _best_starts(
-        equations, starts, root_count=roots.shape[1], starts_per_root=starts_per_root
-    )
-    # Starts with a large residual are dropped.
-    starts[_relative_residual(equations, starts) > MAX_START_RESIDUAL] = np.nan
+    # (n, k * s, t) angles, the starts of a root one after another.
+    starts = _choose_starts(equations, roots, starts_per_root)
     result = _run_newton(equations, starts)
     # A start that leads to the solution of another root says nothing about its own root.
     # Newton's method changes angles in small steps and does not wrap them, so the first
-    # angle of a solution and its start can be subtracted.
-    is_near_root = np.abs(result.angles[..., 0] - starts[..., 0]) < ROOT_CLUSTER_RAD
-    is_solution = (result.residual < MAX_SOLUTION_RESIDUAL) & is_near_root
-    # Where the Jacobian is almost singular (`is_flat`), a solution may be multiple.
-    return RootSolutions(result.angles, is_solution, result.is_flat)
+    # angle of a solution and its start can be subtracted. Both may be complex.
+    first_angle_changes = np.abs(result.angles[:, :, 0] - starts[:, :, 0])  # (n, k * s)
+    is_near_root = first_angle_changes < ROOT_CLUSTER_RAD
+    is_converged = result.residual < MAX_SOLUTION_RESIDUAL
+    return RootSolutions(result.angles, is_converged & is_near_root, result.is_flat)
+
+
+def _choose_starts(equations: Numbers, roots: Complexes, starts_per_root: int) -> Complexes:
+    """Return starts of Newton's method with small residuals for each root.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) coefficients of n systems of t equations.
+    roots
+        (n, k) values of e^(ix), x the first angle.
+    starts_per_root
+        Largest number s of starts for each root.
+
+    Returns
+    -------
+    (n, k * s, t) angles (rad), the starts of a root one after another. Starts whose
+    residual exceeds `MAX_START_RESIDUAL` are replaced by NaN.
+    """
+    first_angles = -1j * np.log(roots)
+    all_starts = _start_angles(equations, first_angles)
+    starts = _best_starts(
+        equations, all_starts, root_count=roots.shape[1], starts_per_root=starts_per_root
+    )
+    residual = _relative_residual(equations, starts)
+    starts[residual > MAX_START_RESIDUAL] = np.nan
+    return starts
 
 
 def _store_complete(
@@ -662,14 +702,15 @@ def _find_form_zeros(form: Numbers) -> FormZeros:
     form
         (..., 3) coefficients c0, c1, c2.
     """
+    # The zeros are complex if r is imaginary.
     c0, c1, c2 = np.moveaxis(form.astype(complex), -1, 0)
     w = c1 * c1 + c2 * c2
-    root = np.sqrt(w - c0 * c0)
-    scaled_factors = [
-        np.stack([w, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1) for r in (root, -root)
-    ]
-    factors = np.stack(scaled_factors, axis=-2) / w[..., None, None]
-    return FormZeros(factors, denominators=w)
+    r = np.sqrt(w - c0 * c0)
+    # (..., 3) w times the factors 1, cos(y) and sin(y), for each of both zeros.
+    first_zero = np.stack([w, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1)
+    second_zero = np.stack([w, -c0 * c1 + r * c2, -c0 * c2 - r * c1], axis=-1)
+    both_zeros = np.stack([first_zero, second_zero], axis=-2)  # (..., 2, 3)
+    return FormZeros(factors=both_zeros / w[..., None, None], denominators=w)
 
 
 def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
@@ -777,7 +818,7 @@ def _sample_eliminants(
     if equation_count == 2:
         samples = _sample_eliminants_of_two(equations, all_first_angles)
     else:
-        power = _resultant_degree_in_second_angle(incidence)
+        power = _resultant_degree(incidence, angle=1)
         samples = _sample_eliminants_of_three(equations, all_first_angles, power)
     if np.isrealobj(equations):
         # The imaginary parts are rounding errors.
@@ -804,11 +845,10 @@ def _sample_eliminants_of_two(
         (n, m) values of the first angle (rad).
     """
     forms = _insert_first_angle(equations, first_angles)  # (n, m, equations, 3)
-    # The magnitude of a resultant is at most the product of the squared norms of its forms.
-    squared_norms = np.sum(np.abs(forms) ** 2, axis=3)
     return EliminantSamples(
         values=_resultants(forms),
-        magnitude_limits=np.prod(squared_norms, axis=2),
+        # See `_squared_norms`. The last axis belongs to the equations.
+        magnitude_limits=np.prod(_squared_norms(forms), axis=2),
         can_eliminate=np.ones(len(equations), dtype=bool),
     )
 
@@ -836,20 +876,36 @@ def _sample_eliminants_of_three(
         power of the denominator of the zeros.
     """
     zeros = _solve_second_angle(equations, first_angles)
-    forms = zeros.last_forms  # (n, m, zeros, equations, 3)
-    resultants = _resultants(forms)  # (n, m, zeros)
+    resultants = _resultants(zeros.last_forms)  # (n, m, zeros)
     values = np.prod(resultants, axis=2) * zeros.denominators**power
-    # The magnitude of a resultant is at most the product of the squared norms of its forms.
-    squared_norms = np.sum(np.abs(forms) ** 2, axis=4)  # (n, m, zeros, equations)
-    magnitude_limits = np.abs(zeros.denominators) ** power * np.prod(
-        squared_norms, axis=(2, 3)
+    # The limit of each resultant is the product of the squared norms of its forms.
+    squared_norms = _squared_norms(zeros.last_forms)  # (n, m, zeros, equations)
+    resultant_limits = np.prod(squared_norms, axis=(2, 3))
+    denominator_sizes = np.abs(zeros.denominators)
+    return EliminantSamples(
+        values=values,
+        magnitude_limits=denominator_sizes**power * resultant_limits,
+        can_eliminate=_determines_second_angle(equations, zeros.denominators),
     )
-    # The denominator is the square of the part of the first equation that depends on the
-    # second angle. If this part is too small at all m angles, the zeros are meaningless.
-    first_norms = np.linalg.norm(equations[:, 0].reshape(len(equations), -1), axis=1)
-    least_denominator = (UNDETERMINED_RATIO * first_norms) ** 2
-    can_eliminate = max_abs(zeros.denominators, axis=1) > least_denominator
-    return EliminantSamples(values, magnitude_limits, can_eliminate)
+
+
+def _determines_second_angle(equations: Numbers, denominators: Complexes) -> Bools:
+    """Return (n,) whether the first of three equations determines the second angle y.
+
+    With a value of the first angle inserted it is c0 + c1 cos(y) + c2 sin(y) = 0. If the
+    part with y is too small at all values, its zeros are meaningless.
+
+    Parameters
+    ----------
+    equations
+        (n, 3, 3, 3, 3) coefficients of n systems of three equations.
+    denominators
+        (n, m) c1^2 + c2^2 at m values of the first angle: the square of the part with y.
+    """
+    first_equations = equations[:, 0].reshape(len(equations), -1)
+    first_norms = np.linalg.norm(first_equations, axis=1)
+    smallest_part = UNDETERMINED_RATIO * first_norms
+    return max_abs(denominators, axis=1) > smallest_part**2
 
 
 def _resultants(forms: Complexes) -> Complexes:
@@ -865,6 +921,14 @@ def _resultants(forms: Complexes) -> Complexes:
     # The resultant of the forms b and c is n1^2 + n2^2 - n0^2 with n = b x c.
     normal = np.cross(forms[..., 0, :], forms[..., 1, :])
     return normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
+
+
+def _squared_norms(forms: Complexes) -> Floats:
+    """Return the squared norms (...,) of forms (..., 3).
+
+    The magnitude of a resultant is at most the product of those of its two forms.
+    """
+    return np.sum(np.abs(forms) ** 2, axis=-1)
 
 
 def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoots:
@@ -886,20 +950,40 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     count = SAMPLES_PER_DEGREE * degree
     sample_angles = FIRST_SAMPLE_RAD + 2 * np.pi * np.arange(count) / count
     samples = _sample_eliminants(equations, incidence, sample_angles)
+    coefficients = _fourier_coefficients(samples.values, degree)
 
-    spectrum = np.fft.fft(samples.values, axis=1) / count
-    # There are more samples than needed, so the transform also gives coefficients of
-    # e^(ikx) with k beyond the degree. They would be zero without rounding errors.
-    beyond_degree = np.abs(spectrum[:, degree + 1 : count - degree])
-    relative_errors = np.max(beyond_degree, axis=1) / max_abs(spectrum, axis=1)
-
-    # Coefficients of e^(ikx) from k = degree down to -degree, those of a polynomial in
-    # e^(ix) with the highest power first.
-    coefficients = spectrum[:, np.arange(degree, -degree - 1, -1)]
-    # The samples begin at FIRST_SAMPLE_RAD, so the transform measures angles from there.
-    roots = _polynomial_roots(coefficients) * np.exp(1j * FIRST_SAMPLE_RAD)
+    # The coefficients belong to powers of e^(i (x - FIRST_SAMPLE_RAD)), because the samples
+    # begin at this angle. The factor turns the roots into values of e^(ix).
+    highest_first = coefficients.by_order[:, ::-1]
+    roots = _polynomial_roots(highest_first) * np.exp(1j * FIRST_SAMPLE_RAD)
     problems = _find_problems(equations, samples)
-    return EliminantRoots(roots, relative_errors, problems)
+    return EliminantRoots(roots, coefficients.relative_errors, problems)
+
+
+def _fourier_coefficients(samples: Complexes, degree: int) -> FourierCoefficients:
+    """Return the coefficients of trigonometric polynomials from their samples.
+
+    Parameters
+    ----------
+    samples
+        (n, count) values at equal steps of 2 pi / count, beginning at the angle 0. There
+        are more than 2 * degree + 1.
+    degree
+        Degree of the polynomials.
+    """
+    count = samples.shape[1]
+    # (n, count) coefficients of e^(ikx) for k = 0, 1, ... The last ones belong to k = ...,
+    # -2, -1.
+    spectrum = np.fft.fft(samples, axis=1) / count
+    not_negative = spectrum[:, : degree + 1]
+    beyond_degree = spectrum[:, degree + 1 : count - degree]
+    negative = spectrum[:, count - degree :]
+    # Those beyond the degree would be zero without rounding errors.
+    largest_error = np.max(np.abs(beyond_degree), axis=1)
+    return FourierCoefficients(
+        by_order=np.concatenate([negative, not_negative], axis=1),
+        relative_errors=largest_error / max_abs(spectrum, axis=1),
+    )
 
 
 def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
@@ -966,9 +1050,8 @@ def _polynomial_roots(coefficients: Complexes) -> Complexes:
 def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     """Return starts of Newton's method at values of the first angle.
 
-    The other angles follow from the equations. In a system of three, the first equation
-    gives two values of the second angle. One of the last two equations then gives two
-    values of the last angle. The starts are all combinations of these values.
+    The other angles follow from the equations, which have several zeros. The starts are all
+    combinations of these.
 
     Parameters
     ----------
@@ -984,18 +1067,67 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     three equations, 2 for two. Each solution with that first angle is near one of them.
     """
     if equations.shape[1] == 2:
-        # Axes: system, first angle, value of the last angle.
-        last_angles = _last_angles(_insert_first_angle(equations, first_angles))
-        angles = [first_angles[..., None], last_angles]
+        starts = _start_angles_of_two(equations, first_angles)
     else:
-        # Axes: system, first angle, value of the second angle, value of the last angle.
-        zeros = _solve_second_angle(equations, first_angles)
-        second_angles = _angles_from_factors(zeros.factors)
-        last_angles = _last_angles(zeros.last_forms)
-        angles = [first_angles[..., None, None], second_angles[..., None], last_angles]
-    starts = np.stack(np.broadcast_arrays(*angles), axis=-1)
+        starts = _start_angles_of_three(equations, first_angles)
     # All starts of a system in one axis.
-    return starts.reshape(len(starts), prod(starts.shape[1:-1]), len(angles))
+    n, r, s, t = starts.shape
+    return starts.reshape(n, r * s, t)
+
+
+def _start_angles_of_two(equations: Numbers, first_angles: Complexes) -> Complexes:
+    """Return starts of Newton's method for systems of two equations.
+
+    With the first angle inserted, one of the equations gives two values of the last angle.
+
+    Parameters
+    ----------
+    equations
+        (n, 2, 3, 3) coefficients.
+    first_angles
+        (n, r) first angles (rad) of solutions.
+
+    Returns
+    -------
+    (n, r, 2, 2) angles (rad). Axis 2 belongs to the values of the last angle, axis 3 to
+    both angles.
+    """
+    last_angles = _last_angles(_insert_first_angle(equations, first_angles))  # (n, r, 2)
+    starts = np.empty((*last_angles.shape, 2), dtype=complex)
+    starts[..., 0] = first_angles[:, :, None]
+    starts[..., 1] = last_angles
+    return starts
+
+
+def _start_angles_of_three(equations: Numbers, first_angles: Complexes) -> Complexes:
+    """Return starts of Newton's method for systems of three equations.
+
+    With the first angle inserted, the first equation gives two values of the second angle.
+    With one of these inserted, one of the last two equations gives two values of the last
+    angle.
+
+    Parameters
+    ----------
+    equations
+        (n, 3, 3, 3, 3) coefficients.
+    first_angles
+        (n, r) first angles (rad) of solutions.
+
+    Returns
+    -------
+    (n, r, 4, 3) angles (rad). Axis 2 belongs to the pairs of a second and a last angle,
+    axis 3 to the three angles.
+    """
+    zeros = _solve_second_angle(equations, first_angles)
+    second_angles = _angles_from_factors(zeros.factors)  # (n, r, 2)
+    # The last axis has two values of the last angle for each value of the second one.
+    last_angles = _last_angles(zeros.last_forms)  # (n, r, 2, 2)
+    starts = np.empty((*last_angles.shape, 3), dtype=complex)
+    starts[..., 0] = first_angles[:, :, None, None]
+    starts[..., 1] = second_angles[:, :, :, None]
+    starts[..., 2] = last_angles
+    n, r = first_angles.shape
+    return starts.reshape(n, r, 4, 3)
 
 
 def _last_angles(forms: Complexes) -> Complexes:
@@ -1145,6 +1277,10 @@ def jacobian_determinants(equations: Numbers, angles: Complexes) -> Complexes:
 def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
     """Return the values of n systems and their derivatives by the angles.
 
+    An equation is a sum of coefficients, each multiplied by one factor (1, cosine or sine)
+    of every angle. Its derivative by an angle is the same sum with 0, -sine and cosine in
+    place of the factors of that angle.
+
     Parameters
     ----------
     equations
@@ -1160,30 +1296,43 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
     jacobians
         (n, m, t, t) derivatives; equations in rows, angles in columns.
     """
-    # The factors of an angle are 1, its cosine and its sine. Their derivatives are 0, minus
-    # the sine and the cosine.
-    t = angles.shape[2]
-    factors = angle_factors(angles)
-    factor_rates = np.stack([0.0 * angles, -factors[..., 2], factors[..., 1]], axis=-1)
-    # (n, m, t, 2, 3): index 0 of the fourth axis has the factors of an angle, index 1 their
-    # derivatives by it.
-    factors_and_rates = np.stack([factors, factor_rates], axis=3)
+    factors = angle_factors(angles)  # (n, m, t, 3)
+    cosines = factors[..., 1]
+    sines = factors[..., 2]
+    # The product keeps NaN of unknown angles.
+    zeros = 0.0 * angles
+    factor_rates = np.stack([zeros, -sines, cosines], axis=-1)  # (n, m, t, 3)
 
-    # Each step inserts one angle: it sums over the first axis x of coefficients, and adds
-    # an axis a at the end, 0 for the value and 1 for the derivative by this angle. The
-    # result is (n, m, t, 2, ..., 2). Letters: n system, m solution, k equation.
-    products = np.einsum("nkx...,nmax->nmk...a", equations, factors_and_rates[:, :, 0])
-    for angle in range(1, t):
-        products = np.einsum(
-            "nmkx...,nmax->nmk...a", products, factors_and_rates[:, :, angle]
-        )
-    # Index 0 on all new axes is the value. Index 1 on one of them, with 0 on the others, is
-    # the derivative by that angle.
-    value_index = [0] * t
-    values = products[..., *value_index]
+    values = _insert_factors(equations, factors)
     derivatives = []
-    for angle in range(t):
-        derivative_index = [0] * t
-        derivative_index[angle] = 1
-        derivatives.append(products[..., *derivative_index])
+    for angle in range(angles.shape[2]):
+        factors_by_angle = factors.copy()
+        factors_by_angle[:, :, angle] = factor_rates[:, :, angle]
+        derivatives.append(_insert_factors(equations, factors_by_angle))
     return values, np.stack(derivatives, axis=3)
+
+
+def _insert_factors(equations: Numbers, factors: Complexes) -> Complexes:
+    """Return the sums of the coefficients of equations times factors of the angles.
+
+    For two angles this is the sum over x and y of equations[n, k, x, y] factors[n, m, 0, x]
+    factors[n, m, 1, y].
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle.
+    factors
+        (n, m, t, 3) factors of the t angles of m solutions of each system.
+
+    Returns
+    -------
+    (n, m, t) sums, one for each equation.
+    """
+    # Each step sums over the axis of one angle. Letters: n system, m solution, k equation,
+    # x factor of the angle.
+    sums = np.einsum("nkx...,nmx->nmk...", equations, factors[:, :, 0])
+    for angle in range(1, factors.shape[2]):
+        sums = np.einsum("nmkx...,nmx->nmk...", sums, factors[:, :, angle])
+    return sums
