@@ -238,31 +238,66 @@ def fit_cells(
         (k, m) reduced positions, from -1 to 1, at which the series are compared with the
         functions.
     """
-    # Samples at a grid of nodes, and at the check positions, in all cells.
     variables = bounds.shape[2]
     grid = grid_points([chebyshev_nodes(degree)] * variables)
     reduced = np.concatenate([grid, check_positions])
-    half_widths = 0.5 * (bounds[:, 1] - bounds[:, 0])
-    x = bounds[:, None, 0] + half_widths[:, None] * (1.0 + reduced)
+    x = _place_in_cells(reduced, bounds)
     samples = function(x.reshape(-1, variables)).reshape(len(bounds), len(reduced), -1)
+    grid_samples = samples[:, : len(grid)]
+    check_samples = samples[:, len(grid) :]
 
-    # The axes become: cell, node along each variable, function. In `grid` the last variable
-    # varies fastest, as in the reshaped array. Variable by variable, values at the nodes
-    # become coefficients.
-    series = samples[:, : len(grid)].reshape(len(bounds), *[degree + 1] * variables, -1)
-    for axis in range(1, variables + 1):
-        transformed = np.tensordot(series, fitting_matrix(degree), (axis, 1))
-        series = np.moveaxis(transformed, -1, axis)
-
-    # The values of the series at the check positions, compared with the samples there. A
-    # value is the sum of coefficients times products of one polynomial per variable.
-    flat_series = series.reshape(len(bounds), len(grid), -1)
+    coefficients = _transform_grid_samples(grid_samples, degree, variables)
+    # (cells, k, F) the series at the check positions: sums of coefficients times products
+    # of one polynomial per variable.
+    flat_coefficients = coefficients.reshape(len(bounds), len(grid), -1)
     products = multiply_variables(evaluate_polynomials(check_positions, degree))
+    series_values = products @ flat_coefficients
     return CellFits(
-        coefficients=series,
-        deviations=np.abs(products @ flat_series - samples[:, len(grid) :]),
+        coefficients=coefficients,
+        deviations=np.abs(series_values - check_samples),
         largest_values=np.fmax.reduce(np.abs(samples), axis=(1, 2)),
     )
+
+
+def _place_in_cells(reduced: Floats, bounds: Floats) -> Floats:
+    """Return the positions (cells, n, m) of reduced positions in each cell.
+
+    The reduced positions (n, m) are from -1 to 1. `bounds` (cells, 2, m) are the lower and
+    the upper corner of each cell.
+    """
+    low = bounds[:, 0]
+    high = bounds[:, 1]
+    half_widths = 0.5 * (high - low)
+    return low[:, None] + half_widths[:, None] * (1.0 + reduced)
+
+
+def _transform_grid_samples(grid_samples: Floats, degree: int, variables: int) -> Floats:
+    """Return the Chebyshev coefficients of functions from samples at a grid of nodes.
+
+    The samples are transformed along one variable after another.
+
+    Parameters
+    ----------
+    grid_samples
+        (cells, (degree + 1)^m, F) samples at the points of a grid of `chebyshev_nodes`. The
+        last variable varies fastest.
+    degree
+        Degree of the series in each variable.
+    variables
+        Number m of variables.
+
+    Returns
+    -------
+    (cells, degree + 1, ..., F) coefficients, with one axis of orders per variable.
+    """
+    # At first each variable has an axis of its nodes.
+    cell_count = len(grid_samples)
+    tensor = grid_samples.reshape(cell_count, *[degree + 1] * variables, -1)
+    for axis in range(1, variables + 1):
+        # The axis of nodes is summed over, and the new axis of orders comes last.
+        transformed = np.tensordot(tensor, fitting_matrix(degree), (axis, 1))
+        tensor = np.moveaxis(transformed, -1, axis)
+    return tensor
 
 
 def evaluate_cells(

@@ -59,14 +59,20 @@ def order_chains(count: int, links: Indices, directed: bool = False) -> list[Ind
     graph = coo_matrix((np.ones(len(links)), (first, second)), (count, count)).tocsr()
 
     # A directed open chain starts at the item without predecessor, an undirected one at an
-    # item with a single neighbour. Items are sorted by the number of their predecessors or
-    # neighbours. The first item of each component in this order is therefore an end of an
-    # open chain, or any item of a closed one.
+    # item with a single neighbour. The items are sorted by the number of their predecessors
+    # or neighbours. The first item of each component in this order is therefore an end of
+    # an open chain, or any item of a closed one, and open chains come first.
     linked_items = second if directed else links.ravel()
-    order = np.argsort(np.bincount(linked_items, minlength=count), kind="stable")
-    _, positions = np.unique(label_components(count, links)[order], return_index=True)
-    starts = order[np.sort(positions)].tolist()
-    # From one end (or any item of a ring), a search in depth passes the items in order.
+    neighbour_counts = np.bincount(linked_items, minlength=count)
+    items_by_neighbours = np.argsort(neighbour_counts, kind="stable")
+    component_by_item = label_components(count, links).tolist()
+    starts = []
+    components_with_start = set()
+    for item in items_by_neighbours.tolist():
+        if component_by_item[item] not in components_with_start:
+            components_with_start.add(component_by_item[item])
+            starts.append(item)
+    # From a start, a search in depth passes the items of its chain in order.
     return [
         depth_first_order(graph, start, directed, False).astype(np.intp) for start in starts
     ]

@@ -231,6 +231,13 @@ def _divide_into_parts(column: Column, output: Array) -> list[_PartCopy]:
 def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -> None:
     """Compute lazy columns of one source, and copy them as soon as they are computed.
 
+    The source computes slice after slice of the rows. It calls a function with the values
+    of each slice, which copies them. Rows are counted in three ways:
+
+    - in a column: over all its parts, one for each subject (`spans`);
+    - in a part: over the rows of one subject, of which the source has each once;
+    - in the values of one slice: from the first row of this slice.
+
     Parameters
     ----------
     part_copies
@@ -238,24 +245,23 @@ def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -
     spans
         Which rows are copied. Rows of interleaved columns are counted over all parts.
     """
-    lazy_columns = [cast(LazyColumn, part_copy.part) for part_copy in part_copies]
-    spans_by_count = {
+    # Parts of columns with equally many subjects share their spans.
+    spans_in_part = {
         part_copy.subject_count: _count_in_part(spans, part_copy.subject_count)
         for part_copy in part_copies
     }
 
     def copy_computed_rows(computed_rows: slice, values: Sequence[Array]) -> None:
         """Copy the values of all columns in the rows that the source has computed."""
-        # Columns with equally many subjects share their spans.
-        value_spans_by_count = {
-            count: _spans_of_values(part_spans, computed_rows)
-            for count, part_spans in spans_by_count.items()
+        spans_in_values = {
+            subject_count: _spans_of_values(part_spans, computed_rows)
+            for subject_count, part_spans in spans_in_part.items()
         }
         for part_copy, part_values in zip(part_copies, values, strict=True):
-            value_spans = value_spans_by_count[part_copy.subject_count]
+            value_spans = spans_in_values[part_copy.subject_count]
             _copy_spans(part_values, part_copy.output, value_spans)
 
-    # The source computes slice after slice of the rows, and calls the function with each.
+    lazy_columns = [cast(LazyColumn, part_copy.part) for part_copy in part_copies]
     source = lazy_columns[0].source
     source.read([column.key for column in lazy_columns], copy_computed_rows)
 

@@ -53,29 +53,53 @@ def make_local_polynomials(
         rounding_tolerance=LOSSY_TOLERANCE,
     )
     half_widths = 0.5 * np.diff(fine_series.edges)
-    orders = np.arange(LOCAL_DEGREE + 1)
-    # Row k has the coefficients of 1, x, x^2, ... in T_k(x).
-    powers_of_order = np.zeros((LOCAL_DEGREE + 1, LOCAL_DEGREE + 1))
-    for order in orders:
-        unit_series = np.eye(LOCAL_DEGREE + 1)[order]
-        powers_of_order[order, : order + 1] = chebyshev.cheb2poly(unit_series)
-    # The indices are: cell c, order k, function m, power j.
-    powers = np.einsum("ckm,kj->cmj", fine_series.coefficients, powers_of_order)
-    # The argument of T_k is t / half width, with the distance t from the middle.
-    powers /= half_widths[:, None, None] ** orders
-    inner_edges = fine_series.edges[1:-1].tolist()
     middles = (fine_series.edges[:-1] + half_widths).tolist()
-    rows_by_cell = [[(*row,) for row in cell] for cell in powers.tolist()]
+    inner_edges = fine_series.edges[1:-1].tolist()
+    power_coefficients = _convert_to_powers(fine_series.coefficients, half_widths)
+    # Python floats: for each cell and function the eight coefficients of its polynomial.
+    polynomials_by_cell = [
+        [tuple(polynomial) for polynomial in polynomials_of_cell]
+        for polynomials_of_cell in power_coefficients.tolist()
+    ]
 
     def evaluate(x: float) -> list[float]:
         """Return the values of all functions at x, by Horner's scheme in its cell."""
         cell = bisect_right(inner_edges, x)
         t = x - middles[cell]
-        # The eight coefficients a, b, ..., h of a polynomial of degree 7. A loop over them
+        # The eight coefficients a, b, ..., h belong to `LOCAL_DEGREE` 7. A loop over them
         # would take longer.
         return [
             ((((((h * t + g) * t + f) * t + e) * t + d) * t + c) * t + b) * t + a
-            for a, b, c, d, e, f, g, h in rows_by_cell[cell]
+            for a, b, c, d, e, f, g, h in polynomials_by_cell[cell]
         ]
 
     return evaluate
+
+
+def _convert_to_powers(coefficients: Floats, half_widths: Floats) -> Floats:
+    """Return the coefficients of powers of the distance from the middle of each cell.
+
+    Parameters
+    ----------
+    coefficients
+        (cells, LOCAL_DEGREE + 1, m) coefficients of the Chebyshev polynomials T_k(t / h),
+        with the distance t from the middle and half the width h of the cell.
+    half_widths
+        (cells,) half the width h of each cell.
+
+    Returns
+    -------
+    (cells, m, LOCAL_DEGREE + 1) coefficients of the powers 0, 1, ... of t.
+    """
+    count = LOCAL_DEGREE + 1
+    # Row k has the coefficients of 1, x, x^2, ... in T_k(x).
+    powers_in_polynomial = np.zeros((count, count))
+    for order in range(count):
+        unit_series = np.eye(count)[order]
+        powers_in_polynomial[order, : order + 1] = chebyshev.cheb2poly(unit_series)
+    # The indices are: cell c, order k, function m, power j.
+    powers_of_ratio = np.einsum("ckm,kj->cmj", coefficients, powers_in_polynomial)
+    # From powers of t / h to powers of t.
+    exponents = np.arange(count)
+    powers_of_ratio /= half_widths[:, None, None] ** exponents
+    return powers_of_ratio

@@ -328,13 +328,18 @@ def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) ->
     error
         Bound of the error of the polynomial.
     """
-    # The axes are: side of the extremum, half width, extremum.
-    offsets = np.multiply.outer([-1.0, 1.0], HALF_WIDTHS)[..., None]
-    values = chebyshev.chebval(touching + offsets, series)
-    may_be_zero = np.abs(values) <= CLEARLY_NONZERO_ERROR_RATIO * error
-    is_nonzero = ~np.any(may_be_zero, axis=0)
-    is_nonzero[-1] = True  # the widest interval is taken if none is clear of zero
-    half_widths = HALF_WIDTHS[np.argmax(is_nonzero, axis=0)]
+    # (half widths, k) values of the polynomial at both ends of each interval.
+    widths_in_rows = HALF_WIDTHS[:, None]
+    lower_values = chebyshev.chebval(touching - widths_in_rows, series)
+    upper_values = chebyshev.chebval(touching + widths_in_rows, series)
+    clear_size = CLEARLY_NONZERO_ERROR_RATIO * error
+    may_be_zero = (np.abs(lower_values) <= clear_size) | (
+        np.abs(upper_values) <= clear_size
+    )
+    has_clear_ends = ~may_be_zero
+    has_clear_ends[-1] = True  # the widest interval is taken if none is clear of zero
+    # `argmax` is the first width with clear ends.
+    half_widths = HALF_WIDTHS[np.argmax(has_clear_ends, axis=0)]
     return np.stack([touching - half_widths, touching + half_widths], axis=1)
 
 
@@ -344,13 +349,14 @@ def _merge_intervals(intervals: Floats) -> Floats:
     The ends of intervals that touch can differ by rounding. A gap therefore counts as
     touching if it is at most `MERGE_RATIO` times the length of the interval after it.
     """
-    starts, stops = intervals[np.argsort(intervals[:, 0])].T
-    # The largest end of all intervals up to each one.
-    furthest_stop = np.maximum.accumulate(stops)
-    is_first = np.ones(len(intervals), dtype=bool)
-    tolerance = MERGE_RATIO * np.abs(stops - starts)
-    is_first[1:] = starts[1:] > furthest_stop[:-1] + tolerance[1:]
-    # An interval is the last one of a merged interval if the next one begins another.
-    is_last = np.ones(len(intervals), dtype=bool)
-    is_last[:-1] = is_first[1:]
-    return np.stack([starts[is_first], furthest_stop[is_last]], axis=1)
+    merged: list[tuple[float, float]] = []
+    # The largest end of all intervals so far.
+    furthest_stop = -np.inf
+    for start, stop in intervals[np.argsort(intervals[:, 0])].tolist():
+        tolerance = MERGE_RATIO * abs(stop - start)
+        is_separate = start > furthest_stop + tolerance
+        furthest_stop = max(furthest_stop, stop)
+        if merged and not is_separate:
+            start, _ = merged.pop()
+        merged.append((start, furthest_stop))
+    return np.array(merged).reshape(-1, 2)

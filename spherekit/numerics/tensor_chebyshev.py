@@ -231,41 +231,51 @@ class _PendingCell:
 class CellSums:
     """Weighted sums of the functions of a `TensorChebyshev`, evaluated at single positions.
 
-    Only small arrays are used and nothing is checked, because most of the time of a single
-    value is the overhead of NumPy calls.
+    A sum at a position is the sum of its coefficients times products of Chebyshev
+    polynomials T_k, one for each of the m variables. Only small arrays are used and nothing
+    is checked, because most of the time of a single value is the overhead of NumPy calls.
     """
 
     def __init__(self, series: TensorChebyshev, weights: Floats) -> None:
         """Prepare K sums of the F functions, with weights (F, K)."""
-        # For each cell, the coefficients of the sums; then the numbers that turn a position
-        # into a reduced position, which is (position - middle) * scale, from -1 to 1.
+        # (cells, degree + 1, ..., degree + 1, K) coefficients of the sums, with one axis of
+        # orders k for each variable.
         coefficients = series.coefficients @ weights
+        self._coefficients_by_cell = [*coefficients]
         self._order_count = coefficients.shape[1]
         self._orders = np.arange(self._order_count, dtype=float)
-        self._coefficients = [*coefficients]
-        middles = 0.5 * (series.bounds[:, 0] + series.bounds[:, 1])
-        scales = 2.0 / (series.bounds[:, 1] - series.bounds[:, 0])
+        # (cells, m) numbers that turn a position into a reduced position, from -1 to 1,
+        # which is (position - middle) * scale.
+        low = series.bounds[:, 0]
+        high = series.bounds[:, 1]
+        middles = 0.5 * (low + high)
+        scales = 2.0 / (high - low)
         self._middles_and_scales = np.stack([middles, scales], axis=2).tolist()
 
     def evaluate(self, cell: int, x: Sequence[float]) -> Floats:
         """Return the sums (K,) at a position (m,) in a cell.
 
         `cell` is its number, as `TensorChebyshev.find_cell` returns it. A position outside
-        the cell gets the value at its edge.
+        the cell gets the value at its edge, and so does NaN.
         """
-        # The coefficients have one axis of orders per variable, and the axis of the sums
-        # last. Each pass sums over the first remaining axis of orders, by a dot product
-        # with T_k = cos(k angle). Here cos(angle) is the reduced position, limited to [-1,
-        # 1]. Local names and functions of `math` save time, which matters for a single
-        # value.
-        sums = self._coefficients[cell]
+        # Each pass sums over the first remaining axis of orders. With two variables, n
+        # orders and K sums, `remaining` has these shapes:
+        #   at first              (n, n, K)
+        #   after variable 1      (n * K,)
+        #   after variable 2      (K,)
+        # Local names and functions of `math` save time, which matters for a single value.
+        remaining = self._coefficients_by_cell[cell]
+        order_count = self._order_count
         orders = self._orders
         cos = np.cos
         for value, (middle, scale) in zip(x, self._middles_and_scales[cell], strict=True):
             reduced = (value - middle) * scale
-            angle = acos(reduced if -1.0 <= reduced <= 1.0 else copysign(1.0, reduced))
-            sums = cos(orders * angle).dot(sums.reshape(self._order_count, -1))
-        return sums  # type: ignore[no-any-return]
+            if not -1.0 <= reduced <= 1.0:
+                reduced = copysign(1.0, reduced)
+            # T_k(reduced) = cos(k acos(reduced))
+            polynomials = cos(orders * acos(reduced))
+            remaining = polynomials.dot(remaining.reshape(order_count, -1))
+        return remaining  # type: ignore[no-any-return]
 
 
 def _spread_positions(count: int, variables: int) -> Floats:

@@ -52,9 +52,10 @@ class Zeros:
     def merge(places: Floats, double: Bools, gap: float) -> "Zeros":
         """Return zeros in rising order, each only once.
 
-        A zero is left out if its distance to the zero before it is less than `gap`. This
-        applies to simple and to double zeros. It also applies if the zero before it is left
-        out itself.
+        A zero is left out if its distance to the zero before it is less than `gap`, also if
+        that one is left out itself. For example, of the zeros 1.0, 1.1, 1.2 and 1.5 with
+        the gap 0.15, the zeros 1.0 and 1.5 remain. Simple and double zeros are treated
+        alike.
         """
         order = np.argsort(places, kind="stable")
         places = places[order]
@@ -68,16 +69,40 @@ class Zeros:
         Both ends of the range, the seam, are the same point. A zero there may have been
         found near 0, near the period, or near both, but is reported only once. It keeps its
         position if it was found near 0, and is moved to 0 otherwise.
+
+        For example, with the period 360 and zeros at 1e-9, 90 and 360, those at 1e-9 and 90
+        remain. It is a double zero if the one found near 0 is, which comes first in the
+        list.
         """
         seam_width = SAME_ZERO_RATIO * period
-        first = np.min(self.places, initial=seam_width)
-        has_zero_at_start = first < seam_width
-        seam_position = first if has_zero_at_start else 0.0
+        first_place = np.min(self.places, initial=seam_width)
+        has_zero_at_start = first_place < seam_width
+        seam_position = first_place if has_zero_at_start else 0.0
         # Zeros near the period are moved to the seam position. If several zeros are there
-        # now, `merge` leaves all but one of them out.
+        # now, `merge` leaves all but the first one out.
         is_at_end = self.places > period - seam_width
         places = np.where(is_at_end, seam_position, self.places)
         return Zeros.merge(places, self.double, seam_width)
+
+
+@dataclass(frozen=True)
+class _EndZero:
+    """A zero at an end of the range of a function.
+
+    Attributes
+    ----------
+    position
+        The end of the range.
+    is_double
+        Whether the function only touches zero at the end.
+    spurious_distance
+        Zeros within this distance from a double zero are due to rounding. It is 0 for a
+        simple zero.
+    """
+
+    position: float
+    is_double: bool
+    spurious_distance: float
 
 
 def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
@@ -225,24 +250,47 @@ def _add_end_zeros(
     """
     first_curvature = (slopes[1] - slopes[0]) / (grid[1] - grid[0])
     last_curvature = (slopes[-1] - slopes[-2]) / (grid[-1] - grid[-2])
-    end_zeros: list[float] = []
-    is_double_end_zero: list[bool] = []
-    is_separate = np.ones(len(places), dtype=bool)
-    for end, curvature in ((0, first_curvature), (-1, last_curvature)):
-        if not np.abs(values[end]) <= floor:
-            continue
-        parabola = EndParabola(np.abs(slopes[end]), np.abs(curvature))
-        end_zeros.append(grid[end])
-        is_double_end_zero.append(parabola.has_double_zero(floor))
-        if parabola.has_double_zero(floor):
-            distance = np.abs(places - grid[end])
-            is_separate &= distance > parabola.max_distance_of_spurious_zeros(floor)
+    possible_zeros = (
+        _find_end_zero(grid[0], values[0], slopes[0], first_curvature, floor),
+        _find_end_zero(grid[-1], values[-1], slopes[-1], last_curvature, floor),
+    )
+    end_zeros = [zero for zero in possible_zeros if zero is not None]
+    is_spurious = np.zeros(len(places), dtype=bool)
+    for zero in end_zeros:
+        if zero.is_double:
+            distance = np.abs(places - zero.position)
+            is_spurious |= distance <= zero.spurious_distance
+    is_double_end_zero = np.array([zero.is_double for zero in end_zeros], dtype=bool)
     # Zeros that are closer than this part of the range are one zero, reported once.
     return Zeros.merge(
-        np.append(places[is_separate], end_zeros),
-        np.append(double[is_separate], np.array(is_double_end_zero, dtype=bool)),
+        np.append(places[~is_spurious], [zero.position for zero in end_zeros]),
+        np.append(double[~is_spurious], is_double_end_zero),
         SAME_ZERO_RATIO * (grid[-1] - grid[0]),
     )
+
+
+def _find_end_zero(
+    position: float, value: float, slope: float, curvature: float, floor: float
+) -> _EndZero | None:
+    """Return the zero of a function at an end of its range, None if there is none.
+
+    Parameters
+    ----------
+    position
+        The end of the range.
+    value, slope, curvature
+        The function and its first and second derivative at the end.
+    floor
+        A value counts as zero up to this size.
+    """
+    is_zero = np.abs(value) <= floor
+    if not is_zero:
+        return None
+    parabola = EndParabola(np.abs(slope), np.abs(curvature))
+    if not parabola.has_double_zero(floor):
+        return _EndZero(position, is_double=False, spurious_distance=0.0)
+    spurious_distance = parabola.max_distance_of_spurious_zeros(floor)
+    return _EndZero(position, is_double=True, spurious_distance=spurious_distance)
 
 
 @dataclass(frozen=True)

@@ -89,42 +89,49 @@ class CertifiedSingularities:
         # `undecided` is the number of parts of curves that may have further singularities.
         if curves.completeness.guarantee is not Guarantee.CERTIFIED or self.undecided:
             return 0.0
-        # The singularities of all outputs. Those of type II, where the input is stationary,
-        # are added from the curves, because `singularities` is empty without an output.
+        half_cycle = np.pi * curves.cycle_turns
+        # Without any such input the distance is half a cycle, because the configurations
+        # repeat after a cycle.
+        distances = [half_cycle]
+        for value, error in self._list_critical_inputs():
+            # Offset to the nearest repetition after whole cycles of the input.
+            offset = np.remainder(value - q + half_cycle, 2.0 * half_cycle) - half_cycle
+            distances.append(abs(offset) - error)
+        if not curves.is_full_cycle:
+            distances += [q - curves.low, curves.high - q]
+        return max(min(distances) - curves.cycle_turns * INPUT_ROUNDING_RAD, 0.0)
+
+    def _list_critical_inputs(self) -> list[tuple[float, float]]:
+        """Return the inputs at or near which singularities are, each with its error.
+
+        They are the singularities of types I and II, the places where curves cross or
+        nearly do (saddles), and the inputs with whole curves of configurations. An input
+        and its error are in rad.
+        """
+        curves = self.curves
+        # Those of type II, where the input is stationary, are taken from the curves,
+        # because `singularities` is empty without an output.
         points = [
             point
             for stationary_points in curves.input_stationary_points
             for point in stationary_points.proven
         ]
         points += [singularity.point for singularity in self.singularities]
-        # The inputs (rad) to which distances are measured, each with its error. With
-        # wheels, configurations repeat after `cycle_turns` turns of the input (1 without
-        # wheels). The variable of the equations is the input divided by this number, so its
-        # errors are multiplied by it.
-        inputs = [
+        # The input is `cycle_turns` times its variable in the equations (1 without wheels).
+        # Errors of the variable are multiplied by this number.
+        critical_inputs = [
             (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points
         ]
-        # A saddle is a place where curves cross or nearly do. Its central zone, within
-        # these distances (rad) of the variables from its centre, may have singularities.
         for saddle in curves.saddles:
+            # The zone within these distances (rad) of the variables from the centre of the
+            # saddle may have singularities.
             zone_of_input = saddle.central_zone[curves.input_variable]
-            inputs.append(
-                (curves.input_angle(saddle.centre), zone_of_input * curves.cycle_turns)
+            critical_inputs.append(
+                (curves.input_angle(saddle.centre), curves.cycle_turns * zone_of_input)
             )
-        # Inputs at which a whole curve of configurations has this one input.
-        inputs += [(value, 0.0) for value in curves.constant_input_values]
-        half_cycle = np.pi * curves.cycle_turns
-        distances = []
-        for value, error in inputs:
-            # Offset to the nearest repetition after whole cycles of the input.
-            offset = np.remainder(value - q + half_cycle, 2.0 * half_cycle) - half_cycle
-            distances.append(abs(offset) - error)
-        if not curves.is_full_cycle:
-            distances += [q - curves.low, curves.high - q]
-        # No input is farther than half a cycle, so this is the clearance if there is none.
-        nearest = min([*distances, half_cycle])
-        return max(nearest - curves.cycle_turns * INPUT_ROUNDING_RAD, 0.0)
+        critical_inputs += [(value, 0.0) for value in curves.constant_input_values]
+        return critical_inputs
 
 
 def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:

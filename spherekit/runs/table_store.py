@@ -6,7 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from spherekit.tables.table import CHUNK_ROWS, Table, TableData, arrays
-from spherekit.tables.table_rows import MemoryTables, convert_columns, sort_by_mode
+from spherekit.tables.table_rows import (
+    MemoryTables,
+    convert_columns,
+    sort_by_mode,
+    treat_as_one_mode,
+)
 
 MODES = "modes"
 """Key in a block file of the assembly modes of its groups of rows."""
@@ -68,8 +73,11 @@ class StoredTables:
         # If there are several blocks, the rows of a file are sorted by assembly mode (way
         # to assemble the mechanism), so that the final table can have all rows of a mode
         # together. Otherwise all rows count as those of one mode.
-        by_mode = self._has_several_blocks and table.in_assembly_modes
-        sorted_block = sort_by_mode(convert_columns(table, arrays(data)), by_mode)
+        needs_sorting = self._has_several_blocks and table.in_assembly_modes
+        columns = convert_columns(table, arrays(data))
+        sorted_block = (
+            sort_by_mode(columns) if needs_sorting else treat_as_one_mode(columns)
+        )
         # The file is divided into groups of at most CHUNK_ROWS rows, each of one mode. The
         # notes in the file list the mode of each group.
         group_modes = []

@@ -258,14 +258,7 @@ class Table:
         """
         if MODE_NAME not in self.columns:
             return data
-        # A table with several subjects, such as poles, has a row for each subject of each
-        # sample, and the mode number is the same for all of them. The texts are then made
-        # once for each sample. `Interleaved` repeats them for each subject when it is read.
-        mode_numbers, repeats = remove_repetitions(data[ASSEMBLY_MODE.name])
-        mode_count = np.max(mode_numbers, initial=-1) + 1
-        name_by_mode = np.array([names.get(k, "") for k in range(mode_count)], str)
-        texts = name_by_mode[mode_numbers]
-        mode_names = Interleaved([texts] * repeats) if repeats > 1 else texts
+        mode_names = _name_modes(data[ASSEMBLY_MODE.name], names)
         return {
             column.name: mode_names if column == MODE_NAME else data[column.name]
             for column in self.columns
@@ -275,6 +268,24 @@ class Table:
     def in_assembly_modes(self) -> bool:
         """Whether each row of the table belongs to a sample in an assembly mode."""
         return {SAMPLE.name, ASSEMBLY_MODE.name} <= {column.name for column in self.columns}
+
+
+def _name_modes(
+    mode_column: Array | Interleaved, names: Mapping[int, str]
+) -> Array | Interleaved:
+    """Return the column of names of assembly modes from that of their numbers.
+
+    A table with several subjects, such as poles, has a row for each subject of each sample,
+    and the mode number is the same for all of them. The texts are then made once for each
+    sample. `Interleaved` repeats them for each subject when it is read.
+
+    `names` has the names by number of the mode. The name of other modes is empty.
+    """
+    mode_numbers, repeats = remove_repetitions(mode_column)
+    mode_count = np.max(mode_numbers, initial=-1) + 1
+    name_by_mode = np.array([names.get(k, "") for k in range(mode_count)], str)
+    mode_names = name_by_mode[mode_numbers]
+    return Interleaved([mode_names] * repeats) if repeats > 1 else mode_names
 
 
 TableArrays = Mapping[str, Array]

@@ -115,36 +115,51 @@ def make_frame(
 
 
 def _make_categories(texts: Array) -> "pd.Categorical[Any]":
-    """Return texts (n,) as a pandas column of categories in alphabetical order.
+    """Return texts (n,) as a pandas column of categories in alphabetical order."""
+    import pandas as pd
 
-    Texts of fixed width are compared letter by letter, as integers. This is faster than
-    making a Python string of each.
+    has_python_strings = texts.dtype.kind == "O"
+    if has_python_strings:
+        return pd.Categorical(texts)
+
+    text_numbers = _number_distinct_texts(texts)
+    # Each distinct text, by its number.
+    is_first_row = ~pd.Series(text_numbers).duplicated().to_numpy()
+    distinct_texts: list[str] = texts[is_first_row].tolist()
+    categories = sorted(distinct_texts)
+    category_by_text = {text: category for category, text in enumerate(categories)}
+    category_by_number = np.array(
+        [category_by_text[text] for text in distinct_texts], dtype=np.intp
+    )
+    return pd.Categorical.from_codes(
+        category_by_number[text_numbers], pd.Index(categories, dtype=str)
+    )
+
+
+def _number_distinct_texts(texts: Array) -> Array:
+    """Return for each text of fixed width the number of its distinct text.
+
+    Distinct texts are numbered 0, 1, ... in the order in which they first occur. Texts are
+    compared letter by letter, as integers. This is faster than making a Python string of
+    each.
     """
     import pandas as pd
 
-    # Python strings.
-    if texts.dtype.kind == "O":
-        return pd.Categorical(texts)
-
-    # Number the distinct texts. Rows have the same code as long as all letters compared so
-    # far are equal. A letter has 4 bytes. `factorize` numbers distinct values 0, 1, ... in
-    # the order in which they first occur.
-    codes = np.zeros(len(texts), dtype=np.int64)
+    # Each letter is an integer of 4 bytes: (texts, letters of a text).
     letters = np.ascontiguousarray(texts).view(np.uint32)
-    for letter_column in letters.reshape(len(texts), texts.itemsize // 4).T:
-        if np.any(letter_column != letter_column[:1]):
-            letter_codes, distinct_letters = pd.factorize(letter_column)
-            codes, _ = pd.factorize(codes * len(distinct_letters) + letter_codes)
-    # The first row of each distinct text: there the largest code so far increases.
-    largest_so_far = np.maximum.accumulate(codes)
-    first_rows = np.flatnonzero(np.diff(largest_so_far, prepend=-1))
-    distinct_texts: list[str] = texts[first_rows].tolist()
-    # The rank of each distinct text in alphabetical order, which is the inverse of the
-    # permutation that sorts the texts.
-    alphabetical_index = np.argsort(np.argsort(distinct_texts))
-    return pd.Categorical.from_codes(
-        alphabetical_index[codes], pd.Index(sorted(distinct_texts), dtype=str)
-    )
+    letters = letters.reshape(len(texts), texts.itemsize // 4)
+    # Texts have the same number if all letters compared so far are equal. `factorize`
+    # numbers distinct values in the order in which they first occur.
+    numbers = np.zeros(len(texts), dtype=np.int64)
+    for letter_column in letters.T:
+        all_letters_are_equal = np.all(letter_column == letter_column[:1])
+        if all_letters_are_equal:
+            continue
+        letter_numbers, distinct_letters = pd.factorize(letter_column)
+        # An integer for each pair of a number so far and the number of this letter.
+        pairs = numbers * len(distinct_letters) + letter_numbers
+        numbers, _ = pd.factorize(pairs)
+    return numbers
 
 
 def _make_arrow_table(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":

@@ -3,8 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -112,23 +111,14 @@ class JoinedBlocks(Mapping[str, Array]):
         rows, with the first position of each slice in the joined columns.
         """
         # A single block remains in the order in which it was computed, and a table without
-        # assembly modes in the order of its blocks. Their rows are treated as those of one
-        # mode: with `by_mode=False`, `sort_by_mode` returns the block unchanged.
+        # assembly modes in the order of its blocks.
         needs_sorting = len(self._blocks) > 1 and self._table.in_assembly_modes
-        # Number of the mode, number of the block, and the slice of rows in the block.
-        mode_spans = []
-        for number, block in enumerate(self._blocks):
-            sorted_block = sort_by_mode(block, by_mode=needs_sorting)
-            self._blocks[number] = dict(sorted_block.columns)
-            mode_spans += [
-                (mode, number, rows) for mode, rows in sorted_block.rows_of_modes
-            ]
-        self._spans = [[] for _ in self._blocks]
-        first = 0
-        # Sorted by mode, then by block.
-        for _, number, rows in sorted(mode_spans, key=lambda span: span[:2]):
-            self._spans[number].append(Span(rows, first_output_row=first))
-            first += rows.stop - rows.start
+        sorted_blocks = [
+            sort_by_mode(block) if needs_sorting else treat_as_one_mode(block)
+            for block in self._blocks
+        ]
+        self._blocks = [dict(sorted_block.columns) for sorted_block in sorted_blocks]
+        self._spans = _position_slices(sorted_blocks)
 
     def __getitem__(self, name: str) -> Array:
         if name not in self._dtypes:
@@ -163,7 +153,30 @@ class SortedBlock:
     rows_of_modes: list[tuple[int, slice]]
 
 
-def sort_by_mode(block: TableData, by_mode: bool = True) -> SortedBlock:
+class _BlockSlice(NamedTuple):
+    """Successive rows of one assembly mode in one block.
+
+    Attributes
+    ----------
+    mode
+        Number of the assembly mode.
+    block_number
+        Number of the block.
+    rows
+        The rows in the block.
+    """
+
+    mode: int
+    block_number: int
+    rows: slice
+
+
+def treat_as_one_mode(block: TableData) -> SortedBlock:
+    """Return the unchanged columns of a block, whose rows count as those of mode 0."""
+    return SortedBlock(block, [(0, slice(0, row_count(block)))])
+
+
+def sort_by_mode(block: TableData) -> SortedBlock:
     """Sort the rows of a block of a table by assembly mode, and each mode by sample.
 
     An assembly mode is one of the ways to assemble the mechanism. Rows of one sample keep
@@ -173,51 +186,95 @@ def sort_by_mode(block: TableData, by_mode: bool = True) -> SortedBlock:
     Parameters
     ----------
     block
-        Columns of the block by name. With `by_mode` they include the mode and the sample.
-    by_mode
-        Whether rows are sorted. Otherwise the block is treated as rows of one mode, 0.
+        Columns of the block by name. They include the mode and the sample.
 
     Returns
     -------
     The columns, and the slice of rows of each mode.
     """
-    if not by_mode:
-        return SortedBlock(block, [(0, slice(0, row_count(block)))])
     rows_of_modes = _find_modes_in_order(block)
     if rows_of_modes is not None:
         return SortedBlock(block, rows_of_modes)
     columns = arrays(block)
+    # `lexsort` sorts by its last key first: by mode, then by sample.
     order = np.lexsort((columns[SAMPLE.name], columns[ASSEMBLY_MODE.name]))
-    # The sorted rows are in order, so this call only finds the slices of modes.
-    return sort_by_mode({name: column[order] for name, column in columns.items()})
+    sorted_columns = {name: column[order] for name, column in columns.items()}
+    rows_of_modes = _find_modes_in_order(sorted_columns)
+    assert rows_of_modes is not None  # the rows are in order now
+    return SortedBlock(sorted_columns, rows_of_modes)
 
 
 def _find_modes_in_order(block: TableData) -> list[tuple[int, slice]] | None:
-    """Return the modes of a block with their slices of rows, if the rows are in order.
-
-    They are in order if all rows of a mode follow each other, with samples that do not
-    fall. Otherwise the result is None.
+    """Return the modes of a block with their slices of rows, None if out of order.
 
     A configuration may have several rows in the table, one for each subject, such as a
-    pole. The columns of modes and samples then repeat each number. They are usually stored
-    without the repetitions, and are compared in this form. If only one of them is stored
-    so, the result is None, too.
+    pole. The columns of modes and samples then repeat each number, and are usually stored
+    without the repetitions. They are compared in this form. If only one of them is stored
+    so, the result is None, too, and the caller sorts the rows.
     """
     modes, repeats = remove_repetitions(block[ASSEMBLY_MODE.name])
     samples, sample_repeats = remove_repetitions(block[SAMPLE.name])
     if sample_repeats != repeats:
         return None
-    # Divide the rows where the mode changes.
-    mode_steps = np.diff(modes)
-    edges = [0, *(np.flatnonzero(mode_steps) + 1).tolist(), len(modes)]
-    rows_of_modes = [
-        (int(modes[low]), slice(low * repeats, high * repeats))
-        for low, high in pairwise(edges)
-        if low < high
+    slices = _find_slices_in_order(modes, samples)
+    if slices is None:
+        return None
+    # Each configuration has `repeats` rows.
+    return [
+        (mode, slice(rows.start * repeats, rows.stop * repeats)) for mode, rows in slices
     ]
-    is_falling = (mode_steps == 0) & (np.diff(samples) < 0)
-    has_each_mode_once = len(dict(rows_of_modes)) == len(rows_of_modes)
-    return rows_of_modes if has_each_mode_once and not np.any(is_falling) else None
+
+
+def _find_slices_in_order(modes: Array, samples: Array) -> list[tuple[int, slice]] | None:
+    """Return each mode with its slice of configurations, None if they are out of order.
+
+    They are in order if all configurations of a mode follow each other, with samples that
+    do not fall.
+
+    Parameters
+    ----------
+    modes, samples
+        (n,) number of the assembly mode, and of the sample, of each configuration.
+    """
+    if not len(modes):
+        return []
+    mode_steps = np.diff(modes)
+    sample_steps = np.diff(samples)
+    falls_within_mode = (mode_steps == 0) & (sample_steps < 0)
+    # Divide the configurations where the mode changes.
+    starts = [0, *(np.flatnonzero(mode_steps) + 1).tolist()]
+    stops = [*starts[1:], len(modes)]
+    modes_of_slices = [int(modes[start]) for start in starts]
+    has_each_mode_once = len(set(modes_of_slices)) == len(modes_of_slices)
+    if not has_each_mode_once or np.any(falls_within_mode):
+        return None
+    slices = [slice(start, stop) for start, stop in zip(starts, stops, strict=True)]
+    return list(zip(modes_of_slices, slices, strict=True))
+
+
+def _position_slices(sorted_blocks: Sequence[SortedBlock]) -> list[list[Span]]:
+    """Return where the rows of each block belong in the joined columns.
+
+    The slices of rows are joined by assembly mode, and those of one mode in the order of
+    the blocks.
+
+    Returns
+    -------
+    For each block its slices of rows, with the first row of each in the joined columns.
+    """
+    block_slices = [
+        _BlockSlice(mode, block_number, rows)
+        for block_number, sorted_block in enumerate(sorted_blocks)
+        for mode, rows in sorted_block.rows_of_modes
+    ]
+    block_slices.sort(key=lambda item: (item.mode, item.block_number))
+    spans: list[list[Span]] = [[] for _ in sorted_blocks]
+    first_row = 0
+    for block_slice in block_slices:
+        rows = block_slice.rows
+        spans[block_slice.block_number].append(Span(rows, first_output_row=first_row))
+        first_row += rows.stop - rows.start
+    return spans
 
 
 def convert_columns(table: Table, data: TableArrays) -> dict[str, Array]:
