@@ -13,7 +13,7 @@ Everything is computed in balls.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -63,66 +63,77 @@ MAX_CRITICAL_STEP_RAD = 0.5
 Larger: diverging iterations end later. Smaller: positions farther away fail.
 """
 
+CRITICAL_POINT_ROUNDING_BITS = 8
+"""Last bits of a number that may be rounding errors, so that Newton's method ends.
+
+Larger: less accurate critical points. Smaller: steps that are only rounding are made.
+"""
+
 
 @dataclass(frozen=True)
-class BorderedDerivatives:
-    """Derivatives of (z, g) by two coordinates u and v, over a set of points.
+class SurfaceDerivatives:
+    """First derivatives of the variables z and of the number g by u and v, as balls.
 
     F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a loss of
-    rank no small change of z changes F in a direction l (k,). Two coordinates u = a . z and
-    v = b . z, with constant vectors a and b, are therefore given. The n + 1 equations
-    F(z) = g l, a . z = u and b . z = v then define the n variables z and the number g.
-
-    The derivatives are balls (numbers with error bounds). If z is given as balls, they
-    contain the derivatives at all points of these balls.
+    rank of F', the equation F(z) = g l with given coordinates u and v defines z and the
+    number g: a surface of points z (`ReducedEquation`).
 
     Attributes
     ----------
-    first
-        (n + 1, 3) derivatives of (z, g), where the last row belongs to g. Columns 1 and 2
-        are the derivatives by u and by v. Column 0 is the Newton step that removes a given
-        residual F(z) - g l while u and v are constant.
-    second
-        (n + 1, 3, 3) second derivatives of (z, g) in the same three directions, or None.
+    variable_rates
+        (n, 2) derivatives of the variables by u and v.
+    gradient
+        (2,) derivatives of g by u and v.
+    correction
+        (n,) change of the variables by the step of Newton's method that takes a point z
+        beside the surface to the surface, with u and v constant. It removes the residual
+        F(z) - g l.
+    level_correction
+        Change of g by the same step.
     """
 
-    first: Array
-    second: Array | None = None
+    variable_rates: Array
+    gradient: Array
+    correction: Array
+    level_correction: Ball
 
-    @property
-    def correction(self) -> Array:
-        """(n + 1,) change of (z, g) that removes the residual."""
-        return self.first[:, 0]
 
-    @property
-    def variable_rates(self) -> Array:
-        """(n, 2) derivatives of the variables by u and v."""
-        return self.first[:-1, 1:]
+@dataclass(frozen=True)
+class SurfaceCurvatures:
+    """Second derivatives of the variables z and of the number g by u and v, as balls.
 
-    @property
-    def gradient(self) -> Array:
-        """(2,) derivatives of g by u and v."""
-        return self.first[-1, 1:]
+    F(z) = g l with given coordinates u and v defines the n variables z and the number g
+    (`ReducedEquation`).
 
-    @property
-    def seconds(self) -> Array:
-        """(n + 1, 3, 3) second derivatives, which must have been computed."""
-        assert self.second is not None
-        return self.second
+    Attributes
+    ----------
+    variable_curvatures
+        (n, 2, 2) second derivatives of the variables.
+    hessian
+        (2, 2) second derivatives of g.
+    gradient_correction
+        (2,) change of the gradient of g by the step of Newton's method whose changes of z
+        and g are `SurfaceDerivatives.correction` and `level_correction`, to first order.
+    """
 
-    @property
-    def hessian(self) -> Array:
-        """(2, 2) second derivatives of g by u and v."""
-        return self.seconds[-1, 1:, 1:]
+    variable_curvatures: Array
+    hessian: Array
+    gradient_correction: Array
 
 
 @dataclass(frozen=True)
 class ReducedEquation:
-    """The reduced equation g(u, v) = 0 about a centre.
+    """The reduced equation g(u, v) = 0 about a centre where F' nearly loses a rank.
 
-    Near a point where F' loses a rank, let l be the direction in which no small change of z
-    changes F: l F' = 0. With two coordinates u and v given, F(z) = g l defines all
-    variables z and the number g. The configurations F = 0 are the zeros of g.
+    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. At the centre no
+    small change of z changes F in a direction l: l F' = 0, nearly. Therefore only the other
+    components of F are made zero, and two coordinates u = a . z and v = b . z of z are
+    given. The n + 1 equations
+
+        F(z) = g l,   a . z = u,   b . z = v
+
+    then define the n variables z and the number g. The configurations F(z) = 0 are the
+    zeros of g(u, v) (Lyapunov-Schmidt reduction).
 
     Attributes
     ----------
@@ -131,31 +142,22 @@ class ReducedEquation:
     centre
         (n,) the point (rad) with u = v = 0.
     frame
-        (n, n) orthonormal columns: the directions of u, of v, and of the other coordinates.
+        (n, n) orthonormal columns: the direction a of u, the direction b of v, and those of
+        the other coordinates.
     left_null_vector
-        (k,) the unit vector l with l F' = 0, nearly: the direction in which F' cannot
-        change F.
-    units
-        (2,) lengths of u and v, the larger one 1. In these units the two curves of a
-        crossing are the diagonals of a square.
-    other_curvatures
-        (n - 2, 2, 2) magnitudes of the second derivatives of the other coordinates by u
-        and v.
+        (k,) the unit vector l.
     """
 
     equations: ArcEquations
     centre: Floats
     frame: Floats
     left_null_vector: Floats
-    units: Floats
-    other_curvatures: Floats
 
     def split_residual(self, position: Array) -> tuple[Ball, Array]:
         """Split the equations F at a position z: F(z) = g l + residual.
 
-        The unit vector l is the direction in which the derivatives F' cannot change F. A
-        change of z can therefore remove the residual, but not g l. Where the residual is 0
-        and g is 0, z is a configuration.
+        The residual has nearly no component along l. A change of z can therefore remove it,
+        which is not possible for g l (`ReducedEquation`).
 
         Parameters
         ----------
@@ -167,81 +169,139 @@ class ReducedEquation:
         level
             The number g, a ball of radius 0: the component of F along l, rounded.
         residual
-            (k,) F(z) - g l, with the errors of F. It also has what was rounded off from g,
-            so the sum is exact.
+            (k,) balls F(z) - g l. They contain the errors of F and the part of F along l
+            that was rounded off from g.
         """
         (values,) = self.equations.evaluate(position, 0)
         left_null_vector = exact_balls(self.left_null_vector)
-        level = exact_centres(left_null_vector @ values)
-        return level, values - level * left_null_vector
+        component = left_null_vector @ values
+        level = exact_centres(component)
+        residual = values - level * left_null_vector
+        return level, residual
 
     def differentiate(
-        self, positions: Array, residual: Array, order: int = 2
-    ) -> BorderedDerivatives:
-        """Return derivatives of the variables z and of a number g, over balls of z.
+        self, positions: Array, residual: Array | None = None
+    ) -> SurfaceDerivatives:
+        """Return the first derivatives of the variables z and of g by u and v.
 
-        F(z) = 0 are the equations of the mechanism. Near a loss of rank no small change of
-        z changes F in a direction l: l F' = 0, nearly. The equations F(z) = g l define all
-        variables z and the number g as functions of two coordinates u = a . z and
-        v = b . z. Here a and b are the first two columns of `frame`. Configurations F = 0
-        are the zeros of g(u, v). The derivatives solve linear equations with the bordered
-        matrix
-
-            [F'  -l]
-            [a^T  0]
-            [b^T  0].
-
-        There are three right sides, which give derivatives in three directions. Directions
-        1 and 2 are unit rates of u and of v. Direction 0 is a step of Newton's method: u
-        and v are constant, and the residual F(z) - g l falls to 0 linearly. The mixed
-        second derivatives by directions 0 and 1 or 2 tell how this step changes the slopes
-        of g (`find_critical_point`).
+        u and v are two coordinates of z, and F(z) = g l defines z and the number g
+        (`ReducedEquation`).
 
         Parameters
         ----------
         positions
             (n,) values of z (rad), as balls: each is a number with a bound of its error.
-            The results apply to all points of the balls.
+            The derivatives are those at all points of the balls.
         residual
-            (k,) balls: the residual F(z) - g l that is to be removed.
-        order
-            1, or 2 for second derivatives as well.
+            (k,) balls: the residual F(z) - g l that a step of Newton's method is to remove.
+            By default it is 0, and so is the step.
 
         Raises
         ------
         ZeroDivisionError
-            If the bordered matrix may be singular for some point of the balls.
+            If z and g may not be determined at some point of the balls.
         """
-        _, slopes, *curvatures = self.equations.evaluate(positions, order)
-        k, variable_count = slopes.shape
-        zero = np.zeros((2, 1))
+        if residual is None:
+            residual = exact_balls(np.zeros(len(self.left_null_vector)))
+        _, slopes = self.equations.evaluate(positions, 1)
+        return _name_derivatives(self._solve_first_order(slopes, residual))
+
+    def differentiate_twice(
+        self, positions: Array, residual: Array
+    ) -> tuple[SurfaceDerivatives, SurfaceCurvatures]:
+        """Return the first and second derivatives of the variables z and of g by u and v.
+
+        Parameters and errors are those of `differentiate`.
+        """
+        _, slopes, curvatures = self.equations.evaluate(positions, 2)
+        first = self._solve_first_order(slopes, residual)
+        variable_rates = first[:-1]
+        second = self._solve_second_order(slopes, curvatures, variable_rates)
+        # The last row belongs to g. On the other axes, index 0 is the direction of Newton's
+        # step, and 1 and 2 are u and v.
+        surface_curvatures = SurfaceCurvatures(
+            variable_curvatures=second[:-1, 1:, 1:],
+            hessian=second[-1, 1:, 1:],
+            gradient_correction=second[-1, 0, 1:],
+        )
+        return _name_derivatives(first), surface_curvatures
+
+    def _solve_first_order(self, slopes: Array, residual: Array) -> Array:
+        """Return derivatives of (z, g) in three directions: Newton's step, u and v.
+
+        The derivatives (z', g') solve three sets of linear equations:
+
+            Newton's step:   F' z' - g' l = -residual,   a . z' = 0,   b . z' = 0,
+            along u:         F' z' - g' l = 0,           a . z' = 1,   b . z' = 0,
+            along v:         F' z' - g' l = 0,           a . z' = 0,   b . z' = 1.
+
+        Parameters
+        ----------
+        slopes
+            (k, n) balls F'.
+        residual
+            (k,) balls: the residual F(z) - g l that the step removes.
+
+        Returns
+        -------
+        (n + 1, 3) balls. The last row belongs to g.
+        """
+        equation_rows = np.block([-residual[:, None], np.zeros((len(slopes), 2))])
+        coordinate_rows = np.block([np.zeros((2, 1)), np.eye(2)])
+        right_sides = np.vstack([equation_rows, coordinate_rows])
+        return solve_balls(self._border(slopes), right_sides)
+
+    def _solve_second_order(self, slopes: Array, curvatures: Array, rates: Array) -> Array:
+        """Return second derivatives of (z, g) in three directions: Newton's step, u and v.
+
+        F(z) = g l, differentiated in two directions i and j, is
+
+            F' z_ij - g_ij l = -F''(z_i, z_j),   a . z_ij = 0,   b . z_ij = 0.
+
+        In the direction of Newton's step the residual is added to g l. It changes linearly,
+        so that it has no second derivative.
+
+        Parameters
+        ----------
+        slopes, curvatures
+            (k, n) balls F' and (k, n, n) balls F''.
+        rates
+            (n, 3) balls: the first derivatives z_i.
+
+        Returns
+        -------
+        (n + 1, 3, 3) balls. The last entry of the first axis belongs to g.
+        """
+        equation_count, variable_count = slopes.shape
+        # (k, 3, 3) for each equation and pair of directions, as 9 columns.
+        second_changes = rates.T @ curvatures @ rates
+        right_sides = np.zeros((variable_count + 1, 9), object)
+        right_sides[:equation_count] = -second_changes.reshape(equation_count, 9)
+        return solve_balls(self._border(slopes), right_sides).reshape(-1, 3, 3)
+
+    def _border(self, slopes: Array) -> Array:
+        """Return the bordered matrix (n + 1, n + 1) of the linear equations for (z', g').
+
+        With F' as `slopes` (k, n), it is
+
+            [F'  -l]
+            [a^T  0]
+            [b^T  0].
+        """
         left_null_vector = exact_balls(self.left_null_vector)
         coordinate_rows = exact_balls(self.frame[:, :2].T)  # a and b
-        bordered = np.block([[slopes, -left_null_vector[:, None]], [coordinate_rows, zero]])
-        # One column for each direction.
-        right_sides = np.block([[-residual[:, None], np.zeros((k, 2))], [zero, np.eye(2)]])
-        first = solve_balls(bordered, right_sides)
-        if order < 2:
-            return BorderedDerivatives(first)
-        (curvature,) = curvatures
-        # Differentiate F(z) = g l twice, in each of the 9 pairs of directions. In direction
-        # 0 the equation is F(z) = g l + residual, whose last term is linear and drops out.
-        # The matrix is the same, and the right side is -F''(z', z').
-        z_rates = first[:variable_count]
-        right_sides = np.zeros((variable_count + 1, 9), object)
-        right_sides[:k] = -(z_rates.T @ curvature @ z_rates).reshape(k, 9)
-        second = solve_balls(bordered, right_sides).reshape(-1, 3, 3)
-        return BorderedDerivatives(first, second)
+        return np.block(
+            [
+                [slopes, -left_null_vector[:, None]],
+                [coordinate_rows, np.zeros((2, 1))],
+            ]
+        )
 
     def find_critical_point(self, position: Array) -> Array:
-        """Return the critical point of g(u, v) near a position.
+        """Return the point near a position where both slopes of g(u, v) are 0.
 
-        F(z) = 0 are the equations of the mechanism. Near the position no small change of z
-        changes F in a direction l (`left_null_vector`). Let two coordinates u and v be
-        given: the components of z along the first two columns of `frame`. Then F(z) = g l
-        defines all variables z and a number g. At the critical point both derivatives of g
-        by u and v are 0. If g is also 0 at this point, curves of configurations cross in
-        it.
+        The configurations of a mechanism are the zeros of g (`ReducedEquation`). If g is
+        also 0 at the critical point, curves of configurations cross in it.
 
         Newton's method solves the equations F(z) = g l and grad g = 0 together. Proofs only
         use boxes about the point, so they do not depend on its accuracy.
@@ -260,33 +320,41 @@ class ReducedEquation:
         ZeroDivisionError
             If the iteration diverges, or a matrix is singular.
         """
+        rounding_rad = 2.0 ** (CRITICAL_POINT_ROUNDING_BITS - precision_bits())
         for _ in range(MAX_CRITICAL_POINT_STEPS):
-            # 1. Newton step for F(z) = g l at constant u and v: the `correction` of z and g
-            # removes the residual of this equation.
-            _, residual = self.split_residual(position)
-            derivatives = self.differentiate(position, residual)
-            # The correction changes grad g, to first order, by mixed second derivatives of
-            # g: in the direction of the correction and by u and v. `seconds` has a row for
-            # each variable and, as the last one, for g. Its other two axes are directions:
-            # 0 is the correction, 1 and 2 are u and v.
-            change_of_gradient = derivatives.seconds[-1, 0, 1:]
-            gradient = exact_centres(derivatives.gradient + change_of_gradient)
-            # 2. Newton step of u and v for grad g = 0, and the change of all variables by
-            # both steps.
-            uv_step = solve_balls(exact_centres(derivatives.hessian), -gradient[:, None])
-            uv_step = uv_step[:, 0]
-            change = exact_centres(
-                derivatives.correction[:-1] + derivatives.variable_rates @ uv_step
-            )
-            step_size = np.max(np.abs(centre_floats(change)))
+            step = self._step_to_critical_point(position)
+            step_size = np.max(np.abs(centre_floats(step)))
             if not step_size < MAX_CRITICAL_STEP_RAD:
                 raise ZeroDivisionError
-            position = exact_centres(position + change)
-            # The last eight bits of the numbers may be rounding errors, so that smaller
-            # steps are not possible.
-            if step_size < 2.0 ** (8 - precision_bits()):
+            position = exact_centres(position + step)
+            if step_size < rounding_rad:
                 break
         return position
+
+    def _step_to_critical_point(self, position: Array) -> Array:
+        """Return the Newton step of all variables towards F(z) = g l and grad g = 0.
+
+        The step has two parts, which are added:
+
+        1. With u and v constant, z and g are corrected so that F(z) = g l.
+        2. u and v are changed so that grad g, corrected by part 1, becomes 0. z follows.
+
+        Parameters
+        ----------
+        position
+            (n,) variables z, balls (rad).
+
+        Returns
+        -------
+        (n,) balls of radius 0. A step needs no error bounds.
+        """
+        _, residual = self.split_residual(position)
+        first, second = self.differentiate_twice(position, residual)
+        gradient = exact_centres(first.gradient + second.gradient_correction)
+        # hessian (2, 2) times the step of u and v is -gradient.
+        uv_column = solve_balls(exact_centres(second.hessian), -gradient[:, None])
+        uv_step = uv_column[:, 0]
+        return exact_centres(first.correction + first.variable_rates @ uv_step)
 
     def enclose_box(self, limits: Floats) -> Array:
         """Return balls (n,) of all variables over a box about the centre.
@@ -297,51 +365,74 @@ class ReducedEquation:
         reach = np.abs(self.frame) @ limits * (1.0 + 1e-9) + 1e-12
         return exact_balls(self.centre) + zero_balls(reach)
 
-    def evaluate_at(
-        self, position: Array, level: Ball, correction: Array
+    def evaluate_on_surface(
+        self, position: Array, level: Ball, derivatives: SurfaceDerivatives
     ) -> tuple[Ball, Array]:
-        """Return balls that contain g(u, v) and its slopes at the u and v of a position.
+        """Return g(u, v) and its slopes at the u and v of an approximate position.
 
-        The function g replaces the equations F(z) = 0 of the mechanism near a point where
-        F' loses a rank: its zeros are the configurations. Near this point no small change
-        of the variables z changes F in a direction l (the left null vector of F'). The
-        coordinates u and v are the components of z along the first two columns of `frame`.
-        For given u and v, the equation F(z) = g l defines all variables z and the number g.
-
-        A ball is a number with a bound of its error.
+        For given u and v the equation F(z) = g l defines z and the number g
+        (`ReducedEquation`). The position and the level solve it only approximately.
 
         Parameters
         ----------
         position
-            (n,) balls (rad): approximate variables z, with F(z) = g l up to a residual.
+            (n,) the approximate variables z (rad), as balls: numbers with error bounds.
         level
-            An approximation of g at the position.
-        correction
-            (n + 1,) balls. They contain what has to be added to `position` and `level` to
-            obtain the exact z and g at the same u and v.
+            The approximate g.
+        derivatives
+            Derivatives over balls that contain the exact z. Their corrections contain what
+            has to be added to the position and to the level to obtain the exact z and g.
 
         Returns
         -------
-        The value of g, and its derivatives (2,) by u and v.
+        Balls that contain the exact value of g, and its exact derivatives (2,) by u and v.
         """
-        # Balls that contain the exact z and g.
-        enclosed_position = position + correction[:-1]
-        enclosed_level = level + correction[-1]
-        # `differentiate` also computes the step that removes a residual F(z) - g l. That
-        # step is not used here, so the residual is 0.
-        no_residual = exact_balls(np.zeros(len(self.left_null_vector)))
-        derivatives = self.differentiate(enclosed_position, no_residual, order=1)
-        return enclosed_level, derivatives.gradient
+        enclosed_position = position + derivatives.correction
+        enclosed_level = level + derivatives.level_correction
+        return enclosed_level, self.differentiate(enclosed_position).gradient
 
 
-def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquation:
-    """Return the reduced equation about the critical point of g near a position.
+@dataclass(frozen=True)
+class SaddleEquation(ReducedEquation):
+    """The reduced equation g(u, v) = 0 about a saddle point of g.
+
+    u and v are along the principal curvatures of g, which is convex in u and concave in v.
+
+    Attributes
+    ----------
+    units
+        (2,) lengths of u and v, the larger one 1. In these units the two curves of a
+        crossing are the diagonals of a square.
+    other_curvatures
+        (n - 2, 2, 2) magnitudes of the second derivatives, by u and v, of the coordinates
+        along the other columns of the frame. They tell how far the curves leave the plane
+        of u and v.
+    """
+
+    units: Floats
+    other_curvatures: Floats
+
+
+def _name_derivatives(solution: Array) -> SurfaceDerivatives:
+    """Return the derivatives in a solution (n + 1, 3) of the bordered equations.
+
+    The last row belongs to g. The columns are Newton's step, u and v.
+    """
+    return SurfaceDerivatives(
+        variable_rates=solution[:-1, 1:],
+        gradient=solution[-1, 1:],
+        correction=solution[:-1, 0],
+        level_correction=solution[-1, 0],
+    )
+
+
+def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleEquation:
+    """Return the reduced equation about the saddle point of g near a position.
 
     Near a position where the derivatives F' of the equations lose a rank, configurations
     are the zeros of a function g(u, v) of two coordinates (`ReducedEquation`). At the
-    critical point both slopes of g are 0. The coordinates u and v are along the principal
-    curvatures of g, so that g is convex in u and concave in v. The zeros of g near such a
-    saddle are two curves that cross, or nearly cross.
+    saddle point both slopes of g are 0, and its principal curvatures have opposite signs.
+    The zeros of g near it are two curves that cross, or nearly cross.
 
     Parameters
     ----------
@@ -356,19 +447,21 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
         If there is no critical point nearby, or if g has no saddle there. Singular matrices
         raise the same error, so that callers treat all failures alike.
     """
-    # 1. The critical point, and the derivatives of g there. The residual is the remainder
-    # of the equations beside g l, nearly 0.
-    critical_point = _reduce_about(equations, position).find_critical_point(
-        exact_balls(position)
-    )
+    # 1. The critical point, with l and the kernel of F' at the position. Then the same
+    # reduction about the critical point.
+    preliminary_equation = _reduce_about(equations, position)
+    critical_point = preliminary_equation.find_critical_point(exact_balls(position))
     centre = centre_floats(critical_point)
     reduced_equation = _reduce_about(equations, centre)
-    _, residual = reduced_equation.split_residual(exact_balls(centre))
-    derivatives = reduced_equation.differentiate(exact_balls(centre), residual)
 
-    # 2. Principal curvatures of g, the smaller one first, and their directions. They must
+    # 2. Derivatives at the critical point, where the residual is nearly 0.
+    _, residual = reduced_equation.split_residual(exact_balls(centre))
+    _, curvatures = reduced_equation.differentiate_twice(exact_balls(centre), residual)
+    variable_curvatures = centre_floats(curvatures.variable_curvatures)
+
+    # 3. Principal curvatures of g, the smaller one first, and their directions. They must
     # have opposite signs and comparable sizes.
-    hessian = centre_floats(derivatives.hessian)
+    hessian = centre_floats(curvatures.hessian)
     (low, high), vectors = np.linalg.eigh(hessian)
     has_saddle = low < 0.0 < high and min(-low, high) > MIN_CURVATURE_RATIO * max(
         -low, high
@@ -377,7 +470,7 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     if not (has_saddle and is_near):
         raise ZeroDivisionError
 
-    # 3. Coordinates u along the positive curvature and v along the negative one.
+    # 4. Coordinates u along the positive curvature and v along the negative one.
     frame = reduced_equation.frame.copy()
     principal = vectors[:, ::-1]
     frame[:, :2] @= principal
@@ -385,36 +478,28 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     # order. The curves of a crossing are then the diagonals of a square. Only the ratio of
     # the units matters.
     units = np.array([high, -low]) ** -0.5
-    # Second derivatives of the variables by u and v, then those of the coordinates of
-    # `frame` other than u and v. They tell how far the curves leave the plane of u and v.
-    # In `seconds`, the last row belongs to g, and index 0 of the other axes to a direction
-    # in which u and v are constant.
-    variable_curvatures = centre_floats(derivatives.seconds[:-1, 1:, 1:])
+    # Second derivatives by the new u and v: of the variables (n, 2, 2), then of the
+    # coordinates of the frame other than u and v (n - 2, 2, 2).
     principal_curvatures = principal.T @ variable_curvatures @ principal
-    return replace(
-        reduced_equation,
+    other_curvatures = np.tensordot(frame[:, 2:].T, principal_curvatures, 1)
+    return SaddleEquation(
+        equations=equations,
+        centre=centre,
         frame=frame,
+        left_null_vector=reduced_equation.left_null_vector,
         units=units / np.max(units),
-        other_curvatures=np.abs(np.tensordot(frame[:, 2:].T, principal_curvatures, 1)),
+        other_curvatures=np.abs(other_curvatures),
     )
 
 
 def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
-    """Return a preliminary reduced equation g(u, v) = 0 near a position.
+    """Return a reduced equation about a position where F' nearly loses a rank.
 
-    The mechanism has n - 1 equations F(z) = 0 in n variables z. Near the position their
-    derivatives F' lose one rank: no small change of z changes F in a direction l. All
-    components of F but that along l can be made zero, if two coordinates u and v of z are
-    given. F(z) = g l then defines z and g as functions of u and v (Liapunov-Schmidt
-    reduction). Configurations are the zeros of g(u, v).
-
-    The singular value decomposition of F' gives these directions. The last left vector is
-    l. F' has the rank n - 2, so its kernel has two dimensions. The last two right vectors
-    span it, and are the directions of u and v.
-
-    The result is preliminary: the caller turns u and v into the directions in which g has
-    its largest and smallest curvature. It then sets `units` and `other_curvatures`, which
-    have no meaning here.
+    The n - 1 equations F(z) = 0 of a mechanism have derivatives F' by the n variables z. If
+    F' loses one rank, it has the rank n - 2. The singular value decomposition of F' then
+    gives the directions of the reduction: the last left vector is the direction l in which
+    no small change of z changes F, and the last two right vectors span the kernel of F'.
+    They become the directions of the coordinates u and v.
 
     Parameters
     ----------
@@ -430,22 +515,19 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
         that callers treat all failures alike.
     """
     circle_points = cosines_and_sines(position[None])
-    _, slopes = equations.harmonics.derivatives(circle_points, 1)
-    left_vectors, singular_values, right_vectors = np.linalg.svd(slopes[0])
+    _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
+    left_vectors, singular_values, right_vectors = np.linalg.svd(slopes)
     # All singular values but the last must be clearly different from 0.
     smallest = MIN_SECOND_SINGULAR_RATIO * singular_values[0]
     if not np.all(singular_values[:-1] > smallest):
         raise ZeroDivisionError
-    # The last two right singular vectors span the kernel. They become the first two
-    # columns. The n - 2 others are the further coordinates.
-    frame = np.roll(right_vectors, 2, axis=0).T
+    kernel = right_vectors[-2:]
+    complement = right_vectors[:-2]
     return ReducedEquation(
         equations=equations,
         centre=position,
-        frame=frame,
+        frame=np.vstack([kernel, complement]).T,
         left_null_vector=left_vectors[:, -1],
-        units=np.ones(2),
-        other_curvatures=np.ones(0),
     )
 
 

@@ -65,18 +65,37 @@ class ArmErrors:
 
     Attributes
     ----------
-    form_error
+    relative_form_error
         Bound of |Q| / m^2 at all points of the arms.
-    gradient_error
+    relative_gradient_error
         Bound of the components of the error of the gradient, divided by m.
     centre_error
         Bound (rad) of the distance of the exact saddle from the computed one, which is at
         u = v = 0.
     """
 
-    form_error: float
-    gradient_error: float
+    relative_form_error: float
+    relative_gradient_error: float
     centre_error: float
+
+
+@dataclass(frozen=True)
+class ArcErrors:
+    """How much arcs that pass a saddle differ from curves of a quadratic function.
+
+    The arcs are curves g(u, v) = 0 with the quadratic form Q of the second derivatives g''.
+    m is the larger of |u| and |v| at a point.
+
+    Attributes
+    ----------
+    relative_form_error
+        Bound of the error of Q at all points of the arcs, divided by m^2.
+    relative_gradient_error
+        Bound of the components of the error of the gradient g'' (u, v)^T, divided by m.
+    """
+
+    relative_form_error: float
+    relative_gradient_error: float
 
 
 @dataclass(frozen=True)
@@ -111,13 +130,29 @@ class SlopeBounds:
     Attributes
     ----------
     flat
-        The bound of smaller magnitude.
+        The bound of smaller magnitude, nearer to the u axis.
     steep
-        The bound of larger magnitude.
+        The bound of larger magnitude, nearer to the v axis.
     """
 
     flat: float
     steep: float
+
+
+@dataclass(frozen=True)
+class ArmSlopes:
+    """Bounds of the slopes v / u of the four arms (branches) of a saddle.
+
+    Attributes
+    ----------
+    positive
+        For both arms of positive slope: one has u and v positive, the other both negative.
+    negative
+        For both arms of negative slope.
+    """
+
+    positive: SlopeBounds
+    negative: SlopeBounds
 
 
 @dataclass(frozen=True)
@@ -154,8 +189,43 @@ class DirectionRates:
         return DirectionRates(-self.g_u, -self.g_v, -self.signs)
 
 
-def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, SlopeBounds]:
-    """Return bounds of the slope v / u of the arms, by the sign of this slope.
+@dataclass(frozen=True)
+class SectorRates:
+    """Signs of rates in all directions from a saddle between two directions.
+
+    Between two directions the gradient of g, and with it the tangent and each rate, is a
+    weighted mean of its values in both, except for errors. The balls of both values contain
+    the errors, and no error between them is larger than the weighted mean of theirs. A sign
+    that is equal in both directions is therefore the sign between them, too.
+
+    Attributes
+    ----------
+    first, last
+        The gradient of g and the signs of rates in the two directions.
+    """
+
+    first: DirectionRates
+    last: DirectionRates
+
+    @property
+    def is_towards_larger_u(self) -> bool:
+        """Whether the tangent (-g_v, g_u) points towards larger u in all directions."""
+        return bool(self.first.g_v < 0 and self.last.g_v < 0)
+
+    @property
+    def is_towards_larger_v(self) -> bool:
+        """Whether the tangent (-g_v, g_u) points towards larger v in all directions."""
+        return bool(self.first.g_u > 0 and self.last.g_u > 0)
+
+    @property
+    def signs(self) -> Indices:
+        """(variables,) proven signs of the rates along the tangent, 0 for no sign."""
+        has_common_sign = self.first.signs == self.last.signs
+        return np.where(has_common_sign, self.first.signs, 0)
+
+
+def _bound_arm_slopes(hessian: Array, relative_form_error: float) -> ArmSlopes:
+    """Return bounds of the slopes v / u of the arms of a saddle.
 
     A saddle is a place where two configuration curves cross or nearly do. Arms are the four
     branches that leave it, in two coordinates u and v. The bounds serve to prove the signs
@@ -163,51 +233,55 @@ def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, SlopeBound
 
     On an arm the quadratic form Q = a u^2 + 2 b u v - d v^2 is 0 up to an error. u and v
     are scaled so that the arms are nearly the diagonals u = v and u = -v. Then a and d are
-    positive, and v / u = (b +- sqrt(b^2 + a d)) / d has one positive and one negative
-    value. Their magnitudes are (sqrt(b^2 + a d) +- b) / d.
+    positive, and the two slopes with Q = 0 are (b +- sqrt(b^2 + a d)) / d, one positive and
+    one negative.
 
     Parameters
     ----------
     hessian
-        (2, 2) the matrix of Q. Its elements are balls, numbers with a bound of their error.
-    form_error
+        (2, 2) the matrix of Q, ((a, b), (b, -d)). Its elements are balls, numbers with a
+        bound of their error.
+    relative_form_error
         Largest |Q(u, v)| on the arms, over the square of the larger of |u| and |v|.
-
-    Returns
-    -------
-    The bounds for the signs 1 and -1.
 
     Raises
     ------
     ZeroDivisionError
         If the form may not have two real directions with Q = 0.
     """
-    # The error of Q is at most `form_error` times u^2 if |u| is larger, which is like an
-    # error of a. Otherwise it is like an error of d. Both are widened.
-    a = widen(hessian[0, 0], form_error)
-    d = widen(-hessian[1, 1], form_error)
+    # An error E of Q, relative to the square of the larger of |u| and |v|, is an error
+    # E u^2 where |u| is larger, like an error E of a. Where |v| is larger it is E v^2, like
+    # an error E of d. With both widened, each point of an arm has Q = 0 for some a and d.
+    a = widen(hessian[0, 0], relative_form_error)
+    d = widen(-hessian[1, 1], relative_form_error)
     b = hessian[0, 1]
     root = (b * b + a * d).sqrt()
-    magnitudes = {sign: (root + sign * b) / d for sign in (1, -1)}
-    if not (a > 0 and d > 0 and magnitudes[1] > 0 and magnitudes[-1] > 0):
+    positive_slope = (root + b) / d
+    negative_slope_size = (root - b) / d
+    if not (a > 0 and d > 0 and positive_slope > 0 and negative_slope_size > 0):
         raise ZeroDivisionError
-    return {
-        sign: SlopeBounds(
-            flat=sign * lower_magnitude(ball), steep=sign * upper_magnitude(ball)
-        )
-        for sign, ball in magnitudes.items()
-    }
+    return ArmSlopes(
+        positive=SlopeBounds(
+            flat=lower_magnitude(positive_slope),
+            steep=upper_magnitude(positive_slope),
+        ),
+        negative=SlopeBounds(
+            flat=-lower_magnitude(negative_slope_size),
+            steep=-upper_magnitude(negative_slope_size),
+        ),
+    )
 
 
 def _evaluate_direction(
-    derivatives: SaddleDerivatives, slope: float, gradient_error: float
+    derivatives: SaddleDerivatives, slope: float, relative_gradient_error: float
 ) -> DirectionRates:
-    """Return the gradient of g and the signs of all rates at the point u = 1, v = slope.
+    """Return the gradient of g and the signs of all rates in the direction (1, slope).
 
     The configurations near a saddle are the curve g(u, v) = 0 in two coordinates u and v,
     with u = v = 0 at the saddle. The signs tell which variables grow and which fall along
-    the tangent (-g_v, g_u) of this curve. They are the same at all points of the direction
-    (1, slope) from the saddle, because the gradient is proportional to the distance.
+    the tangent (-g_v, g_u) of this curve. The gradient is computed at the point u = 1,
+    v = slope. At all points t (1, slope) with t > 0 the signs are the same, because the
+    gradient and its error are t times as large.
 
     Parameters
     ----------
@@ -215,14 +289,14 @@ def _evaluate_direction(
         Derivatives of the variables and of g near the saddle.
     slope
         Slope v / u of the direction.
-    gradient_error
+    relative_gradient_error
         Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
     """
     point = (1.0, slope)
-    gradient = _enclose_gradient(derivatives.hessian, point, gradient_error)
-    g_u, g_v = gradient
-    # The derivative of each variable along the tangent, by the chain rule.
-    rates = derivatives.variable_rates @ [-g_v, g_u]
+    g_u, g_v = _enclose_gradient(derivatives.hessian, point, relative_gradient_error)
+    tangent = [-g_v, g_u]
+    # (variables,) = (variables, 2) times (2,), by the chain rule.
+    rates = derivatives.variable_rates @ tangent
     return DirectionRates(g_u, g_v, signs=_proven_signs(rates))
 
 
@@ -253,17 +327,16 @@ def _proven_signs(balls: Array) -> Indices:
 
 
 def _prove_rate_signs(
-    derivatives: SaddleDerivatives, slope_bounds: SlopeBounds, gradient_error: float
+    derivatives: SaddleDerivatives,
+    slope_bounds: SlopeBounds,
+    relative_gradient_error: float,
 ) -> Indices:
     """Return the signs of the rates of all variables along an arm, towards larger v.
 
     A saddle is a place where two configuration curves cross or nearly do, and an arm is a
-    branch of them that leaves it. Near the saddle the curves are g(u, v) = 0 in two
-    coordinates u and v. The arm has the tangent (-g_v, g_u), which points towards larger v
-    if g_u > 0.
-
-    The signs are evaluated in the directions of the two bounds of the slope v / u of the
-    arm. A sign that is the same in both is the sign on the whole arm (`_common_signs`).
+    branch of them that leaves it. The direction from the saddle to each point of the arm is
+    between those of the two slope bounds. A sign that is proven for all directions between
+    them is the sign on the whole arm.
 
     Parameters
     ----------
@@ -271,40 +344,27 @@ def _prove_rate_signs(
         Derivatives of the variables and of g near the saddle.
     slope_bounds
         Bounds of the slope v / u of the arm.
-    gradient_error
-        Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
+    relative_gradient_error
+        Bound of the error of the derivatives of g by u and v, divided by the larger of |u|
+        and |v|.
 
     Returns
     -------
     (variables,) the signs, 0 if not proven.
     """
-    flat_rates = _evaluate_direction(derivatives, slope_bounds.flat, gradient_error)
-    steep_rates = _evaluate_direction(derivatives, slope_bounds.steep, gradient_error)
-    points_to_larger_v = flat_rates.g_u > 0 and steep_rates.g_u > 0
-    if not points_to_larger_v:
-        return np.zeros_like(flat_rates.signs)
-    return _common_signs(flat_rates, steep_rates)
-
-
-def _common_signs(first: DirectionRates, last: DirectionRates) -> Indices:
-    """Return the signs of rates that are proven in two directions and all between them.
-
-    Between two directions the gradient of g, and with it each rate, is a weighted mean of
-    its values in both, except for errors. The balls of both values contain the errors, and
-    no error between them is larger than the weighted mean of theirs. A sign that is equal
-    in both directions is therefore the sign between them, too. Other signs are returned as
-    0.
-    """
-    return np.where(first.signs == last.signs, first.signs, 0)
+    sector = SectorRates(
+        first=_evaluate_direction(derivatives, slope_bounds.flat, relative_gradient_error),
+        last=_evaluate_direction(derivatives, slope_bounds.steep, relative_gradient_error),
+    )
+    return sector.signs if sector.is_towards_larger_v else np.zeros_like(sector.signs)
 
 
 def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) -> Floats:
     """Return bounds of the changes of all variables from u = v = 0 to points on an arm.
 
     A saddle is a place where two configuration curves cross or nearly do, and an arm is a
-    branch of them that leaves it. Changes are linear in u and v. So the bounds are computed
-    for points with max(|u|, |v|) = 1, the border of a square. A linear function on a piece
-    of this border is largest at an end of the piece, or at a corner of the square in it.
+    branch of them that leaves it. The changes are linear in u and v. They are bounded at
+    points with max(|u|, |v|) = 1, and are proportional to max(|u|, |v|) elsewhere.
 
     Parameters
     ----------
@@ -317,14 +377,28 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
     -------
     (variables,) the bounds (rad), divided by the larger of |u| and |v|.
     """
+    points = _list_extreme_points(slope_bounds)
+    # (variables, points) = (variables, 2) times (2, points).
+    changes = derivatives.variable_rates @ exact_balls(points).T
+    return np.array([max(map(upper_magnitude, row)) for row in changes])
+
+
+def _list_extreme_points(slope_bounds: SlopeBounds) -> list[Floats]:
+    """Return the points at which linear functions of u and v are largest on an arm.
+
+    An arm is a curve with bounds of the slope v / u, which have the same sign. Its points
+    with max(|u|, |v|) = 1 are on a piece of the border of a square. The magnitude of a
+    linear function on this piece is largest at an end of the piece, or at a corner of the
+    square if the piece contains one. The points (2,) have u > 0. For an arm with u < 0 the
+    opposite points apply, where the magnitudes are the same.
+    """
     low, high = sorted((slope_bounds.flat, slope_bounds.steep))
     slopes = [low, high]
+    # The corner has u = 1, and v = 1 or -1 with the sign of the slopes.
     corner_slope = float(np.sign(low))
     if low < corner_slope < high:
         slopes.append(corner_slope)
-    points = [np.array([1.0, slope]) / max(1.0, abs(slope)) for slope in slopes]
-    changes = derivatives.variable_rates @ exact_balls(points).T
-    return np.array([max(map(upper_magnitude, row)) for row in changes])
+    return [np.array([1.0, slope]) / max(1.0, abs(slope)) for slope in slopes]
 
 
 def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRates:
@@ -339,35 +413,34 @@ def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRat
     derivatives
         Derivatives of the variables and of g over the rectangle.
     errors
-        How much the arms differ from straight lines from the point u = v = 0: bounds of the
-        errors of the quadratic form (`form_error`), of the gradient of g
-        (`gradient_error`), and of the position of the saddle (`centre_error`, in rad).
+        How much the arms differ from straight lines from the point u = v = 0.
 
     Raises
     ------
     ZeroDivisionError
         If the directions of the arms are not bounded.
     """
-    slope_bounds_by_sign = _bound_arm_slopes(derivatives.hessian, errors.form_error)
+    arm_slopes = _bound_arm_slopes(derivatives.hessian, errors.relative_form_error)
     outward_signs = {}
     reach = {}
-    for slope_sign, slope_bounds in slope_bounds_by_sign.items():
-        # Two arms in opposite quadrants have this sign of the slope v / u. On one of them v
-        # is positive and u has the sign of the slope. On the other one v is negative.
-        upper_quadrant = (slope_sign, 1)
-        lower_quadrant = (-slope_sign, -1)
-        # Away from the saddle, v grows on the upper arm and falls on the lower one.
+    # Two arms in opposite quadrants have the same slope bounds.
+    for slope_bounds, quadrant_of_larger_v, quadrant_of_smaller_v in (
+        (arm_slopes.positive, (1, 1), (-1, -1)),
+        (arm_slopes.negative, (-1, 1), (1, -1)),
+    ):
+        # Away from the saddle, v grows on one of these arms and falls on the other one.
         signs_towards_larger_v = _prove_rate_signs(
-            derivatives, slope_bounds, errors.gradient_error
+            derivatives, slope_bounds, errors.relative_gradient_error
         )
-        outward_signs[upper_quadrant] = signs_towards_larger_v
-        outward_signs[lower_quadrant] = -signs_towards_larger_v
-        # The changes on both arms have the same bounds. The larger of |u| and |v| is at
-        # most `derivatives.size`. The saddle may be a little beside u = v = 0.
-        changes = _bound_changes(derivatives, slope_bounds)
-        changes_to_border = changes * derivatives.size + errors.centre_error
-        reach[upper_quadrant] = changes_to_border
-        reach[lower_quadrant] = changes_to_border
+        outward_signs[quadrant_of_larger_v] = signs_towards_larger_v
+        outward_signs[quadrant_of_smaller_v] = -signs_towards_larger_v
+        # The changes on both arms have the same bounds. `relative_changes` are divided by
+        # the larger of |u| and |v|, which is at most `derivatives.size`. The saddle may be
+        # a little beside u = v = 0.
+        relative_changes = _bound_changes(derivatives, slope_bounds)
+        changes_to_border = relative_changes * derivatives.size + errors.centre_error
+        reach[quadrant_of_larger_v] = changes_to_border
+        reach[quadrant_of_smaller_v] = changes_to_border
     return ArmRates(outward_signs, reach)
 
 
@@ -377,10 +450,11 @@ def find_monotonic_variables(
     """Return which variables have no stationary point between two joined arms.
 
     Near a saddle the configurations are the curves g(u, v) = 0, approximately
-    g = level + Q(u, v) / 2 with the quadratic form Q of the second derivatives. If the
-    level, the value of g at the saddle, is not 0, the curves do not cross. Two of the four
-    arms (branches) are then joined by an arc that passes the saddle at a distance, and the
-    other two by an arc on the opposite side of the saddle.
+    g = level + Q(u, v) / 2 with the quadratic form Q of the second derivatives. Q is
+    positive on the u axis and negative on the v axis. If the level, the value of g at the
+    saddle, is not 0, the curves do not cross. Two of the four arms (branches) are then
+    joined by an arc that passes the saddle at a distance, and the other two by an arc on
+    the opposite side of the saddle, with the opposite signs of rates.
 
     Parameters
     ----------
@@ -401,94 +475,118 @@ def find_monotonic_variables(
     ZeroDivisionError
         If the directions of the arcs are not bounded.
     """
-    # On the arcs |Q| is twice the level, up to errors. |Q| is at most m^2 times the sum of
-    # all |g''|, with the larger m of |u| and |v|. So m exceeds this distance.
-    least_distance = np.sqrt(
-        lower_magnitude(level) / sum(map(upper_magnitude, derivatives.hessian.flat))
-    )
-    # If g has a gradient s at the point that counts as the saddle, g changes by up to 2 s m
-    # in addition to Q / 2, and Q by up to 4 s m. `_bound_arm_slopes` needs this over m^2.
-    # The gradient of g changes by s. The last digits of the factors cover rounding.
-    slope_bounds_by_sign = _bound_arm_slopes(
-        derivatives.hessian, 4.004 * gradient_at_saddle / least_distance
-    )
-    gradient_error = 1.001 * gradient_at_saddle / least_distance
-    positive_slopes = slope_bounds_by_sign[1]
-    negative_slopes = slope_bounds_by_sign[-1]
-    # The signs on one of the two arcs. The other arc is opposite, and has the same signs
-    # reversed.
+    errors = _bound_arc_errors(derivatives.hessian, level, gradient_at_saddle)
+    arm_slopes = _bound_arm_slopes(derivatives.hessian, errors.relative_form_error)
     if level > 0:
-        # Q is negative, so |v| is large: the directions to points of the arcs are steeper
-        # than the flat bounds.
-        signs = _prove_signs_across_v_axis(
-            derivatives, positive_slopes.flat, negative_slopes.flat, gradient_error
+        # Q is negative on the arcs, so the directions to their points are steeper than the
+        # flat bounds: they are about the v axis.
+        sector = _evaluate_sector_about_v_axis(
+            derivatives, arm_slopes, errors.relative_gradient_error
         )
+        has_known_sense = sector.is_towards_larger_u
     else:
-        # Q is positive, so |u| is large: the directions are flatter than the steep bounds.
-        signs = _prove_signs_across_u_axis(
-            derivatives, positive_slopes.steep, negative_slopes.steep, gradient_error
+        # Q is positive on the arcs, so the directions to their points are flatter than the
+        # steep bounds: they are about the u axis.
+        sector = _evaluate_sector_about_u_axis(
+            derivatives, arm_slopes, errors.relative_gradient_error
         )
-    return np.asarray(signs != 0)
+        has_known_sense = sector.is_towards_larger_v
+    return has_known_sense & (sector.signs != 0)
 
 
-def _prove_signs_across_v_axis(
-    derivatives: SaddleDerivatives,
-    positive_slope: float,
-    negative_slope: float,
-    gradient_error: float,
-) -> Indices:
-    """Return the signs of all rates on an arc that crosses the v axis at v > 0.
+def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) -> ArcErrors:
+    """Return how much arcs that pass a saddle differ from curves of a quadratic function.
 
-    The arc is a curve g(u, v) = 0 that passes a saddle at a distance, and the rates are the
-    derivatives of the variables of the mechanism along it, towards larger u.
+    The arcs are g(u, v) = 0, with g = level + Q(u, v) / 2 up to errors. The point that
+    counts as the saddle is not exact, so g has a small gradient s in it. Let m be the
+    larger of |u| and |v|. g then changes by up to 2 s m in addition to Q / 2. The form Q
+    changes by up to 4 s m, and the gradient of g by s.
+
+    Parameters
+    ----------
+    hessian
+        (2, 2) balls of the second derivatives of g, the matrix of Q.
+    level
+        The value of g at the saddle, a ball that does not contain 0.
+    gradient_at_saddle
+        The bound s of both components of the gradient.
+    """
+    least_distance = _bound_distance_from_saddle(hessian, level)
+    # 4 s m / m^2 and s / m, with the least m. The last digits of the factors cover
+    # rounding.
+    return ArcErrors(
+        relative_form_error=4.004 * gradient_at_saddle / least_distance,
+        relative_gradient_error=1.001 * gradient_at_saddle / least_distance,
+    )
+
+
+def _bound_distance_from_saddle(hessian: Array, level: Ball) -> float:
+    """Return a lower bound of the larger m of |u| and |v| on arcs that pass a saddle.
+
+    On the arcs level + Q(u, v) / 2 is 0 up to errors, so |Q| is about 2 |level|. |Q| is
+    also at most m^2 times the sum of all ``|g''|``, the elements of its matrix. In the
+    bound m^2 = |level| / sum, the factor 2 is left out because of the errors.
+
+    Parameters
+    ----------
+    hessian
+        (2, 2) balls g'', the matrix of the quadratic form Q.
+    level
+        A ball that does not contain 0.
+    """
+    sum_of_magnitudes = sum(map(upper_magnitude, hessian.flat))
+    return float(np.sqrt(lower_magnitude(level) / sum_of_magnitudes))
+
+
+def _evaluate_sector_about_v_axis(
+    derivatives: SaddleDerivatives, arm_slopes: ArmSlopes, relative_gradient_error: float
+) -> SectorRates:
+    """Return the signs of rates in the directions about the positive v axis.
+
+    They are the directions to an arc of g(u, v) = 0 that passes a saddle on the side v > 0,
+    between the flat slope bounds of the two arms (branches) that the arc joins.
 
     Parameters
     ----------
     derivatives
         Derivatives of the variables and of g near the saddle.
-    positive_slope, negative_slope
-        Slopes v / u of the directions from the saddle to both ends of the arc.
-    gradient_error
+    arm_slopes
+        Bounds of the slopes v / u of the arms.
+    relative_gradient_error
         Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
-
-    Returns
-    -------
-    (variables,) the signs, 0 if not proven.
     """
-    first = _evaluate_direction(derivatives, positive_slope, gradient_error)
-    # With a negative slope the point (1, slope) has v < 0. The opposite one has v > 0.
-    last = _evaluate_direction(derivatives, negative_slope, gradient_error).opposite()
-    # If g falls with growing v, the tangent (-g_v, g_u) points towards larger u.
-    points_to_larger_u = first.g_v < 0 and last.g_v < 0
-    return _common_signs(first, last) if points_to_larger_u else np.zeros_like(first.signs)
+    first = _evaluate_direction(
+        derivatives, arm_slopes.positive.flat, relative_gradient_error
+    )
+    # With a negative slope the direction (1, slope) has v < 0. The opposite one has v > 0.
+    below_u_axis = _evaluate_direction(
+        derivatives, arm_slopes.negative.flat, relative_gradient_error
+    )
+    return SectorRates(first, last=below_u_axis.opposite())
 
 
-def _prove_signs_across_u_axis(
-    derivatives: SaddleDerivatives,
-    positive_slope: float,
-    negative_slope: float,
-    gradient_error: float,
-) -> Indices:
-    """Return the signs of all rates on an arc that crosses the u axis at u > 0.
+def _evaluate_sector_about_u_axis(
+    derivatives: SaddleDerivatives, arm_slopes: ArmSlopes, relative_gradient_error: float
+) -> SectorRates:
+    """Return the signs of rates in the directions about the positive u axis.
 
-    The arc is a curve g(u, v) = 0 that passes a saddle at a distance, and the rates are the
-    derivatives of the variables of the mechanism along it, towards larger v.
+    They are the directions to an arc of g(u, v) = 0 that passes a saddle on the side u > 0,
+    between the steep slope bounds of the two arms (branches) that the arc joins.
 
     Parameters
     ----------
     derivatives
         Derivatives of the variables and of g near the saddle.
-    positive_slope, negative_slope
-        Slopes v / u of the directions from the saddle to both ends of the arc.
-    gradient_error
+    arm_slopes
+        Bounds of the slopes v / u of the arms.
+    relative_gradient_error
         Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
-
-    Returns
-    -------
-    (variables,) the signs, 0 if not proven.
     """
-    first = _evaluate_direction(derivatives, positive_slope, gradient_error)
-    last = _evaluate_direction(derivatives, negative_slope, gradient_error)
-    # If g grows with u, the tangent (-g_v, g_u) points towards larger v.
-    points_to_larger_v = first.g_u > 0 and last.g_u > 0
-    return _common_signs(first, last) if points_to_larger_v else np.zeros_like(first.signs)
+    return SectorRates(
+        first=_evaluate_direction(
+            derivatives, arm_slopes.positive.steep, relative_gradient_error
+        ),
+        last=_evaluate_direction(
+            derivatives, arm_slopes.negative.steep, relative_gradient_error
+        ),
+    )

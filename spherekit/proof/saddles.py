@@ -36,6 +36,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.reduced_equation import (
     ReducedEquation,
+    SaddleEquation,
     reduce_at_saddle,
     zero_balls,
 )
@@ -241,7 +242,7 @@ def _is_good_enough(saddle: Saddle, size: float) -> bool:
 
 
 def _prove_saddle(
-    reduced_equation: ReducedEquation,
+    reduced_equation: SaddleEquation,
     size: float,
     is_proven_crossing: Callable[[OrientedBox], bool],
 ) -> Saddle | None:
@@ -255,9 +256,9 @@ def _prove_saddle(
     Parameters
     ----------
     reduced_equation
-        The reduced equation about its critical point.
+        The reduced equation about its saddle point.
     size
-        Half width (rad) of the rectangle, in the units of `ReducedEquation.units`.
+        Half width (rad) of the rectangle, in the units of `SaddleEquation.units`.
     is_proven_crossing
         See `find_saddle`.
     """
@@ -275,13 +276,13 @@ def _prove_saddle(
     # Each step may fail with a division by zero: then nothing is proven.
     try:
         box_balls = reduced_equation.enclose_box(limits)
-        derivatives = reduced_equation.differentiate(box_balls, residual)
+        derivatives, curvatures = reduced_equation.differentiate_twice(box_balls, residual)
         variable_rates = derivatives.variable_rates
-        hessian = derivatives.hessian
+        hessian = curvatures.hessian
         # 2. Derivatives over the box. The other coordinates follow from u and v: first the
         # residual at the centre is removed, then u and v change. They must stay within
         # their limit.
-        other_changes = normals @ derivatives.correction[:-1] + (
+        other_changes = normals @ derivatives.correction + (
             normals @ variable_rates
         ) @ zero_balls(rectangle)
         has_saddle_form = hessian[0, 0] > 0 and hessian[1, 1] < 0
@@ -290,8 +291,8 @@ def _prove_saddle(
         )
         if not (has_saddle_form and stays_inside):
             return None
-        value, gradient = reduced_equation.evaluate_at(
-            centre, approximate_level, derivatives.correction
+        value, gradient = reduced_equation.evaluate_on_surface(
+            centre, approximate_level, derivatives
         )
         if not _has_four_arms(limits, value, gradient, hessian):
             return None
@@ -308,7 +309,9 @@ def _prove_saddle(
         if is_proven_crossing(box):
             arm_rates = bound_arm_rates(
                 saddle_derivatives,
-                ArmErrors(form_error=0.0, gradient_error=0.0, centre_error=1e-12),
+                ArmErrors(
+                    relative_form_error=0.0, relative_gradient_error=0.0, centre_error=1e-12
+                ),
             )
             return _make_saddle(
                 box,
@@ -333,10 +336,10 @@ def _prove_saddle(
             STRAIGHT_ARM_RATIO * gap + 1e4 * gradient_at_saddle / least_curvature + 1e-300
         )
         errors = ArmErrors(
-            form_error=2.001
+            relative_form_error=2.001
             * (largest_level / straight_distance + 2.0 * gradient_at_saddle)
             / straight_distance,
-            gradient_error=1.001 * gradient_at_saddle / straight_distance,
+            relative_gradient_error=1.001 * gradient_at_saddle / straight_distance,
             centre_error=4.0 * straight_distance,
         )
         rate_sums = np.array([sum(map(upper_magnitude, row)) for row in variable_rates])
@@ -460,9 +463,9 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
             # `correction` bounds how much z and g change when the remainder is removed.
             approximate_level, residual = sharp_equation.split_residual(position)
             box_balls = sharp_equation.enclose_box(limits)
-            derivatives = sharp_equation.differentiate(box_balls, residual, order=1)
-            value, gradient = sharp_equation.evaluate_at(
-                position, approximate_level, derivatives.correction
+            derivatives = sharp_equation.differentiate(box_balls, residual)
+            value, gradient = sharp_equation.evaluate_on_surface(
+                position, approximate_level, derivatives
             )
             gradient_at_position = max(map(upper_magnitude, gradient))
             # The radius of the ball grows by the largest difference.
@@ -472,20 +475,38 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
     return level, gradient_at_position
 
 
+@dataclass(frozen=True)
+class _CentreMagnitudes:
+    """Upper bounds of the magnitudes of g and its slopes at the centre of a rectangle.
+
+    Attributes
+    ----------
+    value
+        Of g.
+    slope_u, slope_v
+        Of the derivatives of g by u and by v.
+    """
+
+    value: float
+    slope_u: float
+    slope_v: float
+
+
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
     """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
 
-    The caller has proven that g(u, v) is convex in u and concave in v, like a mountain
-    pass: a valley along v that is highest at the saddle point. Three conditions are tested:
+    g(u, v) is the function whose zeros are the configurations near a saddle. The caller has
+    proven that it is convex in u and concave in v. The arms follow if g has these signs:
 
-    1. g is positive on both sides u = +-u_limit of the rectangle.
-    2. g is negative on the axis u = 0, except near the centre: where ``|v|`` is above the
-       inner height, the part `INNER_HEIGHT_RATIO` of the half height of the rectangle.
-    3. The saddle point of g has ``|v|`` below the inner height.
+        v             at u = -u_limit   at u = 0   at u = u_limit
+        above h             +              -             +
+        -h to h             +           any sign         +
+        below -h            +              -             +
 
-    Beyond the inner height, g is then negative at u = 0 and positive at both sides. Because
-    it is convex in u, it has exactly one zero with u > 0 and one with u < 0 for each v.
-    These zeros are the arms.
+    The inner height h is the part `INNER_HEIGHT_RATIO` of the half height of the rectangle.
+    For each v beyond h, g is convex in u and negative at u = 0. So it has exactly one zero
+    with u > 0 and one with u < 0. The saddle point of g must be within the inner height,
+    where nothing is said about the zeros.
 
     Parameters
     ----------
@@ -498,57 +519,125 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
         (2, 2) balls that enclose the second derivatives of g over the whole box. By u it is
         positive (convex), by v negative (concave).
     """
-    u_limit, v_limit, *_ = limits
-    # Upper bounds of the value and of the slopes at the centre, without sign.
-    value_size = upper_magnitude(value)
-    slope_u, slope_v = map(upper_magnitude, gradient)
+    u_limit, v_limit = limits[:2]
     inner_height = INNER_HEIGHT_RATIO * v_limit
-
-    # Condition 1. 1e-12 here and 1.001 below exceed the rounding of the few float64
-    # products.
-    rise_to_sides = _bound_rise_to_sides(limits, slope_u, slope_v, hessian)
-    value_on_sides = rise_to_sides - value_size
-    is_positive_on_sides = value_on_sides > 1e-12 * u_limit * u_limit
-
-    # Condition 2. Because g is concave in v, it descends further beyond the inner height.
-    descent = _bound_descent_along_v(inner_height, slope_v, hessian)
-    is_negative_beyond = descent > 1.001 * value_size
-
-    # Condition 3. The bottom of the valley, the least value of g over u, is highest at the
-    # saddle point. At v = 0 it is lower than g at the centre by at most this depth, because
-    # g is convex in u. At v = +-(inner height) it is lower by at least the descent. So the
-    # saddle point is between if the descent is larger; twice the depth is required.
-    valley_depth_at_centre = u_limit * slope_u
-    saddle_point_is_inside = descent > 1.001 * (2.0 * valley_depth_at_centre)
-    return bool(is_positive_on_sides and is_negative_beyond and saddle_point_is_inside)
+    slope_u, slope_v = map(upper_magnitude, gradient)
+    centre = _CentreMagnitudes(
+        value=upper_magnitude(value), slope_u=slope_u, slope_v=slope_v
+    )
+    return (
+        _is_positive_on_sides(u_limit, v_limit, centre, hessian)
+        and _is_negative_beyond(inner_height, centre, hessian)
+        and _has_saddle_point_within(inner_height, u_limit, centre, hessian)
+    )
 
 
-def _bound_rise_to_sides(
-    limits: Floats, slope_u: float, slope_v: float, hessian: Array
-) -> float:
-    """Return a lower bound of g on the sides u = +-u_limit of a rectangle, less g at 0.
+def _is_positive_on_sides(
+    u_limit: float, v_limit: float, centre: _CentreMagnitudes, hessian: Array
+) -> bool:
+    """Return whether g(u, v) is positive on the sides u = +-u_limit of a rectangle.
 
-    It is the second-order Taylor formula from the centre, with the worst sign of each term.
+    It is if g rises from the centre to the sides by more than its magnitude at the centre.
 
     Parameters
     ----------
-    limits
-        Half lengths (rad) of a box; the first two are u_limit and v_limit.
-    slope_u, slope_v
-        Upper bounds of the magnitudes of the slopes of g at the centre.
+    u_limit, v_limit
+        Half lengths (rad) of the rectangle.
+    centre
+        Magnitudes of g and its slopes at the centre.
     hessian
-        (2, 2) balls of the second derivatives; that by u is positive.
+        (2, 2) balls of the second derivatives of g in the rectangle; that by u is positive.
     """
-    u_limit, v_limit, *_ = limits
+    rise = _bound_rise_to_sides(u_limit, v_limit, centre, hessian)
+    # 1e-12 exceeds the rounding of the few float64 products.
+    return bool(rise - centre.value > 1e-12 * u_limit * u_limit)
+
+
+def _is_negative_beyond(
+    inner_height: float, centre: _CentreMagnitudes, hessian: Array
+) -> bool:
+    """Return whether g(0, v) is negative for all ``|v|`` above the inner height.
+
+    It is if g falls from the centre to the inner height by more than its magnitude at the
+    centre. Because g is concave in v, it falls further beyond the inner height.
+
+    Parameters
+    ----------
+    inner_height
+        The inner height (rad).
+    centre
+        Magnitudes of g and its slopes at the centre.
+    hessian
+        (2, 2) balls of the second derivatives of g; that by v is negative.
+    """
+    descent = _bound_descent_along_v(inner_height, centre.slope_v, hessian)
+    # 1.001 exceeds the rounding of the few float64 products.
+    return bool(descent > 1.001 * centre.value)
+
+
+def _has_saddle_point_within(
+    inner_height: float, u_limit: float, centre: _CentreMagnitudes, hessian: Array
+) -> bool:
+    """Return whether the saddle point of g(u, v) has ``|v|`` below the inner height h.
+
+    g is convex in u and concave in v. Let b(v) be the least value of g over u, the bottom
+    of a valley along v. It is concave in v, and highest at the saddle point. So the saddle
+    point is within h if b(0) exceeds b(h) and b(-h). This follows from
+
+        b(0) >= g(0, 0) - u_limit |g_u(0, 0)|,   because g is convex in u,
+        b(+-h) <= g(0, +-h) <= g(0, 0) - descent,
+
+    if the descent of g from the centre to v = +-h exceeds u_limit ``|g_u(0, 0)|``. The test
+    requires twice as much.
+
+    Parameters
+    ----------
+    inner_height
+        The inner height h (rad).
+    u_limit
+        Half length (rad) of the rectangle along u.
+    centre
+        Magnitudes of g and its slopes at the centre.
+    hessian
+        (2, 2) balls of the second derivatives of g; that by v is negative.
+    """
+    descent = _bound_descent_along_v(inner_height, centre.slope_v, hessian)
+    valley_depth_at_centre = u_limit * centre.slope_u
+    # 1.001 exceeds the rounding of the few float64 products.
+    return bool(descent > 1.001 * (2.0 * valley_depth_at_centre))
+
+
+def _bound_rise_to_sides(
+    u_limit: float, v_limit: float, centre: _CentreMagnitudes, hessian: Array
+) -> float:
+    """Return a lower bound of g(u, v) - g(0, 0) on the sides u = +-u_limit of a rectangle.
+
+    It is Taylor's formula of second order from the centre, with the least g_uu (positive)
+    and the worst sign of all other terms:
+
+        g_uu u^2 / 2 - |g_uv| |u v| - |g_vv| v^2 / 2 - |g_u| |u| - |g_v| |v|.
+
+    Parameters
+    ----------
+    u_limit, v_limit
+        Half lengths (rad) of the rectangle, the largest ``|u|`` and ``|v|``.
+    centre
+        Magnitudes of the slopes g_u and g_v at the centre.
+    hessian
+        (2, 2) balls of the second derivatives of g in the rectangle; that by u is positive.
+    """
+    # As g_uu is positive, its least magnitude is its least value.
     least_uu = lower_magnitude(hessian[0, 0])
     largest_uv = upper_magnitude(hessian[0, 1])
     largest_vv = upper_magnitude(hessian[1, 1])
-    twice_form = (
+    twice_second_order = (
         least_uu * u_limit * u_limit
         - 2 * largest_uv * u_limit * v_limit
         - largest_vv * v_limit * v_limit
     )
-    return float(0.5 * twice_form - slope_u * u_limit - slope_v * v_limit)
+    return float(
+        0.5 * twice_second_order - centre.slope_u * u_limit - centre.slope_v * v_limit
+    )
 
 
 def _bound_descent_along_v(height: float, slope_v: float, hessian: Array) -> float:
