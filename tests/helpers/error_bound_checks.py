@@ -12,6 +12,7 @@ from mechanism_examples.special_mechanisms import special_mechanism
 from spherekit.errors import SpherekitError
 from spherekit.geometry.rotation import Floats
 from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.ball_frames import exact_balls
 from spherekit.proof.balls import MIN_DIGITS, Digits, centre_floats
@@ -19,7 +20,8 @@ from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.proof.reference_rows import exact_direction, exact_field, exact_rows_by_input
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
-from spherekit.velocities.pole_request import request
+from spherekit.velocities.pole_field import PoleField
+from spherekit.velocities.pole_request import Request, request
 
 TINY = 1e-30
 """Bounds below this number are replaced by it.
@@ -210,16 +212,8 @@ def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
             else:
                 rows = is_ok & field.is_decimal
             if np.any(rows):
-                _compare_rows(
-                    comparison,
-                    motion,
-                    field,
-                    pole_request,
-                    rows,
-                    moving_input=moving_input,
-                    is_decimal=is_decimal,
-                    every=every,
-                )
+                evaluated_poles = EvaluatedPoles(motion, field, pole_request, moving_input)
+                _compare_rows(comparison, evaluated_poles, rows, is_decimal, every)
     return comparison
 
 
@@ -246,93 +240,146 @@ def _count_missing_numbers(field, is_ok):
     return count
 
 
-def _compare_rows(
-    comparison, motion, field, pole_request, rows, *, moving_input, is_decimal, every
-):
+@final
+@dataclass(frozen=True)
+class EvaluatedPoles:
+    """The poles of a motion while one input moves, as spherekit evaluates them.
+
+    Attributes
+    ----------
+    motion, field, pole_request
+        Motion, its poles, and the request that the poles were evaluated for.
+    moving_input
+        Number of the input pair that moves.
+    """
+
+    motion: Motion
+    field: PoleField
+    pole_request: Request
+    moving_input: int
+
+
+@final
+@dataclass(frozen=True)
+class RowErrors:
+    """Errors of some rows against a reference, and the bounds stated for them.
+
+    Attributes
+    ----------
+    errors, bounds
+        By kind of `KINDS`: (rows,) for configurations, (poles, rows) for all others.
+    has_reference
+        (rows,) whether the reference could be computed.
+    """
+
+    errors: dict[str, Floats]
+    bounds: dict[str, Floats]
+    has_reference: Floats
+
+    def find_doubtful_rows(self):
+        """Return the rows (rows,) on which the rounding of the reference might decide.
+
+        They have no reference, or an error of more than half of its bound.
+        """
+        is_doubtful = ~self.has_reference
+        for kind in KINDS:
+            is_close_to_bound = self.errors[kind] > 0.5 * self.bounds[kind]
+            # One pole that is close to its bound makes a row doubtful.
+            errors_of_poles = is_close_to_bound.reshape(-1, len(is_doubtful))
+            is_doubtful |= np.any(errors_of_poles, axis=0)
+        return is_doubtful
+
+    def replace_errors(self, is_replaced, better):
+        """Replace the errors of some rows by those against a better reference.
+
+        Parameters
+        ----------
+        is_replaced
+            (rows,) True for the rows that are replaced.
+        better
+            `RowErrors` of these rows only.
+        """
+        for kind in KINDS:
+            self.errors[kind][..., is_replaced] = better.errors[kind]
+        self.has_reference[is_replaced] = better.has_reference
+
+    def append_to(self, comparison):
+        """Append the errors and bounds that are numbers to an `ErrorComparison`."""
+        comparison.rows_without_reference += int(np.sum(~self.has_reference))
+        for kind in KINDS:
+            errors = self.errors[kind]
+            bounds = self.bounds[kind]
+            is_comparable = self.has_reference & np.isfinite(errors) & ~np.isnan(bounds)
+            comparison.error[kind].append(errors[is_comparable])
+            comparison.bound[kind].append(bounds[is_comparable])
+
+
+def _compare_rows(comparison, evaluated_poles, rows, is_decimal, every):
     """Append errors and bounds of some rows to a comparison.
 
-    All rows are compared in the smallest number of digits first. Rows whose error is more
-    than half of a bound, rows without a reference, and one of `every` rows are compared
-    again in 50 digits, because the rounding of the reference might decide on them.
+    All rows are compared in the smallest number of digits first. Doubtful rows, and one of
+    `every` rows, are compared again in 50 digits.
 
     Parameters
     ----------
     comparison
         `ErrorComparison` that is extended.
-    motion, field, pole_request
-        Motion, its poles, and the request that the poles were evaluated for.
+    evaluated_poles
+        `EvaluatedPoles` of a motion.
     rows
-        (n,) True for the rows that are compared.
-    moving_input
-        Number of the input pair that moves.
+        (n,) True for the rows of the motion that are compared.
     is_decimal
         Whether the sizes of the reference mechanism are the exact decimal numbers of the
         file, and not these numbers rounded to float64.
     every
         One of this many rows is compared in 50 digits even if it is not needed; 0 for none.
     """
-    errors, bounds, has_reference = _errors_of_rows(
-        motion, field, pole_request, rows, moving_input, is_decimal, Digits(MIN_DIGITS)
-    )
-    is_doubtful = ~has_reference
-    for kind in KINDS:
-        # (n,) or (poles, n). One number that is close to its bound makes a row doubtful.
-        is_close_to_bound = errors[kind] > 0.5 * bounds[kind]
-        is_doubtful |= np.any(is_close_to_bound.reshape(-1, len(is_doubtful)), axis=0)
+    row_errors = _errors_of_rows(evaluated_poles, rows, is_decimal, Digits(MIN_DIGITS))
+    needs_50_digits = row_errors.find_doubtful_rows()
     if every:
-        # The first row changes with the number of rows compared before, and is the next one
-        # for the decimal reference. So not always the same samples are chosen.
+        # The first of these rows changes from call to call, so that not always the same
+        # samples are chosen.
         first = (comparison.rows + int(is_decimal)) % every
-        is_doubtful[first::every] = True
-    if np.any(is_doubtful):
-        doubtful_rows = np.zeros(len(motion), dtype=bool)
-        doubtful_rows[np.flatnonzero(rows)[is_doubtful]] = True
-        better_errors, _, has_better_reference = _errors_of_rows(
-            motion, field, pole_request, doubtful_rows, moving_input, is_decimal, Digits(50)
-        )
-        for kind in KINDS:
-            errors[kind][..., is_doubtful] = better_errors[kind]
-        has_reference[is_doubtful] = has_better_reference
-        comparison.rows_in_50_digits += int(np.sum(is_doubtful))
-    comparison.rows_without_reference += int(np.sum(~has_reference))
-    for kind in KINDS:
-        is_comparable = has_reference & np.isfinite(errors[kind]) & ~np.isnan(bounds[kind])
-        comparison.error[kind].append(errors[kind][is_comparable])
-        comparison.bound[kind].append(bounds[kind][is_comparable])
+        needs_50_digits[first::every] = True
+    if np.any(needs_50_digits):
+        row_numbers = np.flatnonzero(rows)[needs_50_digits]
+        rows_in_50_digits = np.zeros(len(rows), dtype=bool)
+        rows_in_50_digits[row_numbers] = True
+        better = _errors_of_rows(evaluated_poles, rows_in_50_digits, is_decimal, Digits(50))
+        row_errors.replace_errors(needs_50_digits, better)
+        comparison.rows_in_50_digits += len(row_numbers)
+    row_errors.append_to(comparison)
 
 
-def _errors_of_rows(motion, field, pole_request, rows, moving_input, is_decimal, digits):
-    """Return errors and bounds of some rows, with a reference in `digits`.
+def _errors_of_rows(evaluated_poles, rows, is_decimal, digits):
+    """Return the `RowErrors` of some rows, with a reference in `digits`.
 
     Parameters
     ----------
-    motion, field, pole_request
-        Motion, its poles, and the request that the poles were evaluated for.
+    evaluated_poles
+        `EvaluatedPoles` of a motion.
     rows
         (n,) True for the rows that are compared.
-    moving_input
-        Number of the input pair that moves.
     is_decimal
         Whether the sizes of the reference mechanism are the exact decimal numbers of the
         file, and not these numbers rounded to float64.
     digits
         The arithmetic of the reference, with its number of digits.
-
-    Returns
-    -------
-    errors, bounds
-        By kind (rows,) for configurations, (poles, rows) for all others.
-    has_reference
-        (rows,) whether the reference was computed.
     """
+    motion = evaluated_poles.motion
     with digits.within():
         frames = read_decimals(motion.mechanism).revolute_frames() if is_decimal else None
         inputs = exact_balls(motion.inputs[rows])
     (exact,) = exact_rows_by_input(
-        motion, rows, (moving_input,), digits, inputs=inputs, frames=frames
+        motion,
+        rows,
+        (evaluated_poles.moving_input,),
+        digits,
+        inputs=inputs,
+        frames=frames,
     )
-    evaluated = field.rows(rows)
-    reference = exact_field(exact, pole_request, evaluated)
+    evaluated = evaluated_poles.field.rows(rows)
+    reference = exact_field(exact, evaluated_poles.pole_request, evaluated)
     poles = list(evaluated.direction)
 
     direction_errors = []
@@ -369,4 +416,4 @@ def _errors_of_rows(motion, field, pole_request, rows, moving_input, is_decimal,
         for kind, values in errors.items()
     }
     bounds = {kind: np.array(values) for kind, values in bounds.items()}
-    return errors, bounds, exact.status == Status.OK
+    return RowErrors(errors, bounds, has_reference=exact.status == Status.OK)

@@ -8,6 +8,7 @@ value decomposition for the angular velocities of all links, without poles.
 import warnings
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from mechanism_examples.random_mechanisms import random_mechanism
@@ -145,6 +146,8 @@ def _check_seed(seed, tally):
 def find_faults(motion, field, moving_input, tally):
     """Return the faults of a pole field in words, and count its rows and poles.
 
+    The reference are angular velocities of all links by least squares (`link_rates`).
+
     Parameters
     ----------
     motion, field
@@ -154,7 +157,6 @@ def find_faults(motion, field, moving_input, tally):
     tally
         `Tally` that counts statuses and deviations.
     """
-    mechanism = motion.mechanism
     faults = _find_numbers_in_failed_rows(motion, field)
     for code in field.status:
         tally.rows[Status(code).name] += 1
@@ -162,33 +164,74 @@ def find_faults(motion, field, moving_input, tally):
     if not np.any(is_evaluated):
         return faults
     rows = np.flatnonzero(is_evaluated)
-    # The reference: angular velocities w of all links by least squares from the velocity
-    # equations, their derivatives dw by the input, and the residuals of these equations.
-    # `gaps` are the largest distances between the two sides of a pair. `free_matrix` are
-    # the equations without those of the moving input. At a dead centre, where this input
-    # cannot have the rate 1, its null vector still gives the directions of all poles.
-    w, dw, singular_values, residuals, free_matrix, gaps = link_rates(
-        mechanism, motion.rotations[is_evaluated], motion.assembly.inputs, moving_input
+    reference = link_rates(
+        motion.mechanism, motion.rotations[rows], motion.assembly.inputs, moving_input
     )
     # The negated comparison also reports gaps that are NaN.
-    for k in np.flatnonzero(~(gaps < MAX_GAP_RAD)).tolist():
-        faults.append(f"row {rows[k]}: a pair misses by {gaps[k]:.1e}")
+    for k in np.flatnonzero(~(reference.gaps < MAX_GAP_RAD)).tolist():
+        faults.append(f"row {rows[k]}: a pair misses by {reference.gaps[k]:.1e}")
     faults += _find_wrong_inputs(motion, rows)
     for k, row in enumerate(rows.tolist()):
         if field.status[row] != Status.OK:
-            faults += _find_wrong_directions(field, row, free_matrix[k], tally)
+            faults += _find_wrong_directions(field, row, reference.free_matrix[k], tally)
             continue
-        arguments = (field, row, w[k], dw[k], singular_values[k], residuals[k])
-        # First the configuration is taken as exact. If that gives faults and the equations
-        # are badly conditioned, w and dw may also deviate by the change that a small error
-        # of the configuration causes.
-        row_faults = _find_faults_of_row(*arguments, spread=(0.0, 0.0), tally=tally)
-        least_regular = NEARLY_SINGULAR_RATIO * singular_values[k, 0]
-        if row_faults and singular_values[k, -1] < least_regular:
+        reference_row = ReferenceRow(
+            row,
+            reference.w[k],
+            reference.dw[k],
+            reference.singular_values[k],
+            reference.residuals[k],
+        )
+        row_faults = _find_faults_of_row(field, reference_row, EXACT_CONFIGURATION, tally)
+        if row_faults and reference_row.is_nearly_singular:
+            # A small error of the configuration changes w and dw much here.
             spread = _find_spread(motion, row, moving_input)
-            row_faults = _find_faults_of_row(*arguments, spread=spread, tally=tally)
+            row_faults = _find_faults_of_row(field, reference_row, spread, tally)
         faults += row_faults
     return faults
+
+
+@dataclass(frozen=True)
+class ReferenceRow:
+    """Angular velocities of all links in one row, by the velocity equations.
+
+    Attributes
+    ----------
+    row
+        Number of the row.
+    w, dw
+        (links, 3) angular velocities, and their derivatives by the input.
+    singular_values
+        Singular values of the velocity equations, largest first.
+    residual
+        Residual of their least-squares solution.
+    """
+
+    row: int
+    w: Any
+    dw: Any
+    singular_values: Any
+    residual: float
+
+    @property
+    def is_nearly_singular(self):
+        """Whether the velocity equations are badly conditioned."""
+        least_regular = NEARLY_SINGULAR_RATIO * self.singular_values[0]
+        return self.singular_values[-1] < least_regular
+
+
+@dataclass(frozen=True)
+class RateSpread:
+    """Uncertainty of angular velocities w and of their derivatives dw.
+
+    It is caused by the error of the configuration, and is the largest change of a vector.
+    """
+
+    w: float
+    dw: float
+
+
+EXACT_CONFIGURATION = RateSpread(w=0.0, dw=0.0)
 
 
 def _find_spread(motion, row, moving_input):
@@ -200,11 +243,7 @@ def _find_spread(motion, row, moving_input):
     loops further first, so that their w and dw belong to a slightly different configuration
     than the one that the motion has.
 
-    Returns
-    -------
-    (float, float)
-        Largest change of an angular velocity and of its derivative, among seven random
-        perturbations of all links.
+    The result is the largest change among seven random perturbations of all links.
     """
     random = np.random.default_rng(0)
     error_rad = max(
@@ -218,10 +257,12 @@ def _find_spread(motion, row, moving_input):
     # columns are put into the last but one axis, and back again.
     columns = np.swapaxes(rotations, 2, 3)
     changes = np.cross(small_turns[:, :, None], columns).swapaxes(2, 3)
-    w, dw, *_ = link_rates(
+    rates = link_rates(
         motion.mechanism, rotations + changes, motion.assembly.inputs, moving_input
     )
-    return float(np.max(np.abs(w - w[0]))), float(np.max(np.abs(dw - dw[0])))
+    w_change = np.max(np.abs(rates.w - rates.w[0]))
+    dw_change = np.max(np.abs(rates.dw - rates.dw[0]))
+    return RateSpread(float(w_change), float(dw_change))
 
 
 def _find_numbers_in_failed_rows(motion, field):
@@ -279,25 +320,25 @@ def _find_wrong_inputs(motion, rows):
     return faults
 
 
-def _find_faults_of_row(field, row, w, dw, singular_values, residual, *, spread, tally):
+def _find_faults_of_row(field, reference_row, spread, tally):
     """Return the faults of a row with status OK: rates, poles and their derivatives.
 
     Parameters
     ----------
-    field, row
-        Pole field, and number of the row.
-    w, dw
-        (links, 3) angular velocities and derivatives by the velocity equations.
-    singular_values
-        Singular values of the velocity equations, largest first.
-    residual
-        Residual of their least-squares solution.
+    field
+        Pole field.
+    reference_row
+        `ReferenceRow` of the row.
     spread
-        Uncertainty of w and of dw by the configuration (see `_find_spread`).
+        `RateSpread` of w and dw by the error of the configuration.
     tally
         `Tally` that counts statuses and deviations.
     """
-    flatness = singular_values[-1] / singular_values[0]
+    row = reference_row.row
+    w = reference_row.w
+    dw = reference_row.dw
+    residual = reference_row.residual
+    flatness = reference_row.singular_values[-1] / reference_row.singular_values[0]
     if flatness < MIN_SINGULAR_VALUE_RATIO:
         return [f"row {row}: OK, but the motion is not determined ({flatness:.1e})"]
     w_scale = max(1.0, float(np.max(np.linalg.norm(w, axis=1))))
@@ -305,8 +346,8 @@ def _find_faults_of_row(field, row, w, dw, singular_values, residual, *, spread,
     least_limit = max(TOLERANCE, ROUNDING_FACTOR * EPS / flatness)
     if not residual < w_scale * least_limit:
         return [f"row {row}: OK, but the pairs cannot move so ({residual:.1e})"]
-    w_limit = max(least_limit, PERTURBATION_FACTOR * spread[0] / w_scale)
-    dw_limit = max(least_limit, PERTURBATION_FACTOR * spread[1] / dw_scale)
+    w_limit = max(least_limit, PERTURBATION_FACTOR * spread.w / w_scale)
+    dw_limit = max(least_limit, PERTURBATION_FACTOR * spread.dw / dw_scale)
     faults = []
 
     def compare(name, deviation, limit):

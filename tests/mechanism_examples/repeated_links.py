@@ -120,16 +120,19 @@ def five_bar_with_second_rod():
     """Return a five-bar with two inputs, in which two equal rods join "one" and "other".
 
     The second rod turns about the same axes as the first and repeats its constraint. Arcs
-    are in degrees; inputs run from 60 to 70 deg.
+    are in degrees, from the first axis of a link to each of its other axes; `angles` are
+    those between the second arc and the first.
     """
     text = (
         HEAD.format(name="five_bar_b")
         + """
 [links]
 base = { axes = ["left", "right"], arcs = [60.0] }
+# The axes tip and tip_b are both at 60 deg from left in the same direction: they coincide.
 one = { axes = ["left", "tip", "tip_b"], arcs = [60.0, 60.0], angles = [0.0] }
 rod = { axes = ["tip", "top"], arcs = [70.0] }
 rod_b = { axes = ["tip_b", "top_b"], arcs = [70.0] }
+# The axis top_b is at 0 deg from top: they coincide.
 other = { axes = ["top", "end", "top_b"], arcs = [70.0, 0.0], angles = [0.0] }
 two = { axes = ["right", "end"], arcs = [60.0] }
 [pairs]

@@ -142,11 +142,30 @@ def angle(arcs, q, p, maths=mp):
     return 2 * maths.atan2(-a1 + (-1) ** p * root, a0 - a2)
 
 
+def frame_of_link(first_axis, second_axis, sine):
+    """Return the axes (i, j, k) of a link from its two pair axes and the sine of its arc.
+
+    The third axis k is the first pair axis. The second pair axis is cos(arc) k +
+    sin(arc) j, so that j is in the plane of both, on the side of the second one. The vector
+    product of both pair axes has the length sin(arc), along -i.
+    """
+    i = add((1 / sine, cross(second_axis, first_axis)))
+    j = cross(first_axis, i)
+    return i, j, first_axis
+
+
+def second_axis_of_link(frame, cosine, sine):
+    """Return the second pair axis of a link from its axes (i, j, k) and its arc."""
+    _, j, k = frame
+    return add((cosine, k), (sine, j))
+
+
 def four_bar(arcs, q, p, maths=mp):
     """Return the four-bar at an input angle, by eqs. (14) and (22) of Di Gregorio (2024).
 
-    The axes k_1 to k_4 of the links are the pair axes 41, 21, 32 and 43. The second pair
-    axis of link j is cos(alpha_j) k_j + sin(alpha_j) j_j.
+    The axes of the pairs follow each other around the loop 41, 21, 32, 43. Two axes that
+    follow each other have the arc of link 1, 2, 3 and 4 between them. Link 1 is fixed, link
+    2 turns about axis 21 by q, and link 4 about axis 41 by theta41.
 
     Parameters
     ----------
@@ -162,21 +181,22 @@ def four_bar(arcs, q, p, maths=mp):
     sin, cos = maths.sin, maths.cos
     s1, s2, s3, s4 = map(sin, arcs)
     c1, c2, _c3, c4 = map(cos, arcs)
-    theta = angle(arcs, q, p, maths)
-    i1, j1, k1 = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+    theta41 = angle(arcs, q, p, maths)
+
     # `add` returns a linear combination from pairs of a factor and a vector.
-    k2 = add((s1, j1), (c1, k1))
+    frame1 = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+    i1, j1, k1 = frame1
+    axis41 = k1
+    axis21 = second_axis_of_link(frame1, c1, s1)
     j2 = add((sin(q), i1), (cos(q) * s1, k1), (-cos(q) * c1, j1))
-    k3 = add((c2, k2), (s2, j2))
-    k4 = add((c4, k1), (s4 * sin(theta), i1), (-s4 * cos(theta), j1))
-    # Unit vectors: the cross product of two axes has the sine of their arc as length.
-    i3 = add((1 / s3, cross(k4, k3)))
-    i4 = add((1 / s4, cross(k1, k4)))
+    frame2 = (cross(j2, axis21), j2, axis21)
+    axis32 = second_axis_of_link(frame2, c2, s2)
+    axis43 = add((c4, k1), (s4 * sin(theta41), i1), (-s4 * cos(theta41), j1))
     frames = {
-        1: (i1, j1, k1),
-        2: (cross(j2, k2), j2, k2),
-        3: (i3, cross(k3, i3), k3),
-        4: (i4, cross(k4, i4), k4),
+        1: frame1,
+        2: frame2,
+        3: frame_of_link(axis32, axis43, s3),
+        4: frame_of_link(axis43, axis41, s4),
     }
-    axes = {"41": k1, "21": k2, "32": k3, "43": k4}
-    return FourBar(theta, axes, frames, maths)
+    axes = {"41": axis41, "21": axis21, "32": axis32, "43": axis43}
+    return FourBar(theta41, axes, frames, maths)

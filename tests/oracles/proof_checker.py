@@ -12,7 +12,9 @@ placed one after another (`steps`), and which pair angles are unknown.
 import itertools
 import json
 import tomllib
+from dataclasses import dataclass
 from itertools import combinations, permutations
+from typing import NamedTuple
 
 import numpy as np
 from flint import acb, acb_mat, arb, arb_mat, ctx, fmpz
@@ -277,87 +279,165 @@ class Sizes:
         return np.stack([x, y, axis], axis=1)
 
 
+@dataclass(frozen=True)
+class Placement:
+    """A step of a construction, which places a link on one or two links placed before it.
+
+    With one pair the link turns about the pair by a variable angle. With two pairs the link
+    closes a loop, which gives one equation.
+
+    Attributes
+    ----------
+    link
+        Name of the link.
+    parents
+        Names of the one or two links placed before it.
+    pairs
+        Name of the pair that joins the link to each of them.
+    """
+
+    link: str
+    parents: tuple[str, ...]
+    pairs: tuple[str, ...]
+
+    @property
+    def closes_a_loop(self):
+        """Whether the link is placed by two pairs."""
+        return len(self.pairs) == 2
+
+
+class TurnedLink(NamedTuple):
+    """A link on a path of links, with all angles by which it turns relative to the one
+    before it.
+    """
+
+    link: str
+    angles: tuple[str, ...]
+
+
+class LinearAngle(NamedTuple):
+    """The angle of a pair (rad) as ``rate * variable + offset``."""
+
+    variable: str
+    rate: arb
+    offset: arb
+
+
 class System:
     """The closure equations that follow from the construction stated in a certificate."""
 
     def __init__(self, certificate):
         """Read the construction of a certificate and check that it places every link.
 
-        Each step places a link `by` one or two pairs `on` links that are placed already.
-        With one pair (`turned`) the angle of the pair is a variable. With two pairs
-        (`onto`) the link closes a loop, which gives one equation. There are as many
-        equations as unknown angles. If an input turns a wheel that is in mesh with another
-        one, the angle of the other wheel's pair is known too. This pair is the follower.
+        There are as many equations as unknown angles. If an input turns a wheel that is in
+        mesh with another one, the angle of the other wheel's pair is known too. This pair
+        is the follower.
         """
-        self.made = certificate["construction"]
-        text = certificate["mechanism"]
-        tolerance = certificate["tolerance_rad"]
-        followers = self.made["follow"]
-        self.sizes = Sizes(text, tolerance, self.made["couplers"], bool(followers))
-        self.unknowns = self.made["unknowns"]
+        construction = certificate["construction"]
+        follower_pairs = construction["follow"]
+        self.sizes = Sizes(
+            certificate["mechanism"],
+            certificate["tolerance_rad"],
+            construction["couplers"],
+            wheels=bool(follower_pairs),
+        )
+        self.unknowns = construction["unknowns"]
         self.inputs = list(certificate["inputs"])
-        self.follower = None
-        # For input and follower: their angles as functions of one variable, set by `lap`.
-        self.turning = {}
-        if followers:
-            from oracles.proof_checker_gears import follower_of
+        self.follower = self._read_follower(follower_pairs)
+        self.choose_variable(1)
 
-            self.follower = follower_of(self.sizes, self.inputs)
-            need(
-                followers == [self.follower.pair],
-                "the stated followers are not those of the file",
-            )
-        # The variable goes round once in one revolution of the input, so it is the input
-        # itself. For a proof over several revolutions, `lap` is called again with their
-        # number.
-        self.lap(1)
-
-        ends = self.sizes.ends
-        placed = {self.made["root"]}
-        used_pairs = []
-        turned = []
-        self.onto = []
-        for step in self.made["steps"]:
-            link, on, by = step["link"], step["on"], step["by"]
-            need(link in self.sizes.links and link not in placed, f"{link} placed twice")
-            need(len(on) == len(by) in (1, 2) and set(on) <= placed, f"{link} on nothing")
-            for parent, pair in zip(on, by, strict=True):
-                need(set(ends[pair]) == {link, parent}, f"{pair} does not join them")
-            if len(by) == 1:
-                turned.append(step)
-            else:
-                self.onto.append(step)
-            placed.add(link)
-            used_pairs += by
-        need(placed == set(self.sizes.links), "links are missing")
-        need(sorted(used_pairs) == sorted(ends), "pairs are missing or used twice")
-        angles = [step["by"][0] for step in turned]
-        variables = self.unknowns + self.inputs + followers
-        need(sorted(angles) == sorted(variables), "a variable angle is not in the steps")
-        need(len(self.onto) == len(self.unknowns), "not as many equations as unknowns")
+        self.root = construction["root"]
+        self.placements = self._read_placements(construction["steps"])
+        self._check_pairs_and_angles(follower_pairs)
         self.frames = {}
-        for pair, links in ends.items():
+        for pair, links in self.sizes.ends.items():
             for link in links:
                 self.frames[pair, link] = self.sizes.frame(pair, link)
 
-    def lap(self, laps):
-        """Choose a variable that goes round once while the input turns `laps` times.
+    def _read_follower(self, follower_pairs):
+        """Return the follower by the mechanism file, and check that it is the stated one.
+
+        The result is None if the certificate states no followers.
+        """
+        if not follower_pairs:
+            return None
+        from oracles.proof_checker_gears import follower_of
+
+        follower = follower_of(self.sizes, self.inputs)
+        need(
+            follower_pairs == [follower.pair],
+            "the stated followers are not those of the file",
+        )
+        return follower
+
+    def _read_placements(self, steps):
+        """Return the placements of all links but the root, in order.
+
+        Each link must be placed once, on links placed before it, by the pairs that join it
+        to them.
+        """
+        ends = self.sizes.ends
+        placed_links = {self.root}
+        placements = []
+        for step in steps:
+            link = step["link"]
+            parents = step["on"]
+            pairs = step["by"]
+            is_new_link = link in self.sizes.links and link not in placed_links
+            need(is_new_link, f"{link} placed twice")
+            is_on_placed_links = set(parents) <= placed_links
+            need(
+                len(parents) == len(pairs) in (1, 2) and is_on_placed_links,
+                f"{link} on nothing",
+            )
+            for parent, pair in zip(parents, pairs, strict=True):
+                need(set(ends[pair]) == {link, parent}, f"{pair} does not join them")
+            placements.append(Placement(link, tuple(parents), tuple(pairs)))
+            placed_links.add(link)
+        need(placed_links == set(self.sizes.links), "links are missing")
+        return placements
+
+    def _check_pairs_and_angles(self, follower_pairs):
+        """Check that every pair is used once, and that there are enough equations."""
+        used_pairs = [pair for placement in self.placements for pair in placement.pairs]
+        need(
+            sorted(used_pairs) == sorted(self.sizes.ends), "pairs are missing or used twice"
+        )
+        angles = [
+            placement.pairs[0]
+            for placement in self.placements
+            if not placement.closes_a_loop
+        ]
+        variables = self.unknowns + self.inputs + follower_pairs
+        need(sorted(angles) == sorted(variables), "a variable angle is not in the steps")
+        need(
+            len(self.closing_links()) == len(self.unknowns),
+            "not as many equations as unknowns",
+        )
+
+    def closing_links(self):
+        """Return the links that close a loop, each of which gives one equation."""
+        return [item.link for item in self.placements if item.closes_a_loop]
+
+    def choose_variable(self, revolutions):
+        """Choose a variable that goes round once in some revolutions of the input.
 
         An input turns one of two wheels in mesh, and the pair of the other wheel, the
         follower, turns with it. Their angles repeat only after several revolutions of the
-        input. Both angles are rate * variable + offset. `turning` stores for each of the
-        two pairs: the name of the variable, the rate, and the offset (rad). The variable
-        has the name of the input. Without wheels nothing is stored.
+        input. A proof over all of these has a variable of its own, which has the name of
+        the input. `driven_angles` gives the angles of both pairs by this variable. Without
+        wheels it is empty: each variable is the angle of its pair.
         """
+        self.driven_angles = {}
         if self.follower is None:
             return
         input_pair = self.follower.driven
-        ratio = self.follower.ratio * laps
+        ratio = self.follower.ratio * revolutions
         follower_rate = arb(ratio.numerator) / ratio.denominator
-        self.turning = {
-            input_pair: (input_pair, arb(laps), arb(0)),
-            self.follower.pair: (input_pair, follower_rate, self.follower.offset),
-        }
+        self.driven_angles[input_pair] = LinearAngle(input_pair, arb(revolutions), arb(0))
+        self.driven_angles[self.follower.pair] = LinearAngle(
+            input_pair, follower_rate, self.follower.offset
+        )
 
     def bound(self):
         """Largest number of solutions: the permanent of the degrees in half tangents."""
@@ -366,29 +446,29 @@ class System:
     def degrees(self):
         """Return the degrees of each equation (rows) in the half tangents of the unknowns.
 
-        Half tangents are tan(angle / 2). Each step places a link `by` one or two pairs `on`
-        links that are placed already. A link placed by two pairs closes a loop: one
-        equation says that the axes of both pairs have the arc of the link between them.
-        Two paths of links lead to these axes from the last link that both share. Every
-        rotation by an angle on one of the paths is of degree 2 in its half tangent, so the
-        degree of the equation is twice the number of rotations by this angle. There can be
-        several: a link that has closed a loop depends on all angles of this loop, and the
-        other path may contain one of them too.
+        The equation of a link that closes a loop says that the axes of its two pairs have
+        the arc of the link between them. Two paths of links lead to these axes from the
+        last link that both paths share. A rotation by an angle is of degree 2 in the half
+        tangent tan(angle / 2). So the degree of the equation is twice the number of
+        rotations by this angle on both paths.
+
+        An angle can occur several times: a link that has closed a loop depends on all
+        angles of this loop, and the other path may contain one of them too.
         """
-        # By link: a list from the root, with the link and the pairs by whose angles it
-        # turns relative to the link before it in the list.
-        paths = {self.made["root"]: []}
+        path_by_link = {self.root: []}
         degrees_of_equations = []
-        for step in self.made["steps"]:
-            link, parents, pairs = step["link"], step["on"], step["by"]
-            if len(pairs) == 1:
-                paths[link] = [*paths[parents[0]], (link, (pairs[0],))]
+        for placement in self.placements:
+            link = placement.link
+            first_path, *further_paths = [path_by_link[p] for p in placement.parents]
+            if not placement.closes_a_loop:
+                turned_link = TurnedLink(link, placement.pairs)
+                path_by_link[link] = [*first_path, turned_link]
                 continue
-            common, first, second = split_common_start(paths[parents[0]], paths[parents[1]])
-            angles = [name for _, names in first + second for name in names]
+            (second_path,) = further_paths
+            common, first_rest, second_rest = split_common_start(first_path, second_path)
+            angles = [angle for item in first_rest + second_rest for angle in item.angles]
             degrees_of_equations.append([2 * angles.count(name) for name in self.unknowns])
-            # The link depends on all angles of the loop that it closes.
-            paths[link] = [*common, (link, tuple(angles))]
+            path_by_link[link] = [*common, TurnedLink(link, tuple(angles))]
         return degrees_of_equations
 
     def values(self, unknown, driven):
@@ -397,8 +477,10 @@ class System:
         They are evaluated at balls of the unknowns.
         """
         angles = {**dict(zip(self.unknowns, unknown, strict=True)), **driven}
-        links = [step["link"] for step in self.onto]
-        return PolynomialEquations(self, links, [], [], self.unknowns).values([], angles)
+        equations = PolynomialEquations(
+            self, self.closing_links(), unknowns=[], inverse=[], moving=self.unknowns
+        )
+        return equations.values([], angles)
 
 
 class PolynomialEquations:
@@ -413,7 +495,7 @@ class PolynomialEquations:
         self.unknowns, self.moving = unknowns, list(moving)
         # Number of derivatives of a dual array.
         self.count = len(unknowns) + len(self.moving)
-        self.steps = {step["link"]: step for step in system.made["steps"]}
+        self.placements = {item.link: item for item in system.placements}
 
     def values(self, centre, driven):
         """Return the polynomials P of all equations, and their derivatives.
@@ -430,70 +512,113 @@ class PolynomialEquations:
         The matrix is multiplied by the scale.
         """
         if link not in self.done:
-            turned = len(self.steps[link]["by"]) == 1
             self.done[link] = (
-                self._turn_about_pair(link) if turned else self._place_on_axes(link)[1:]
+                self._place_on_axes(link)[1:]
+                if self.placements[link].closes_a_loop
+                else self._turn_about_pair(link)
             )
         return self.done[link]
 
     def _turn_about_pair(self, link):
         """Return the matrix of a link turned about one pair, and its scale.
 
-        The matrix is the rotation from the link to the link before it, times the scale. For
-        a given angle the scale is 1. For an unknown angle with e^(i angle) = a / b, the
-        scale is w = a b, which makes the matrix a polynomial: it has c = (a^2 + b^2) / 2 in
-        place of cos, and s = (a^2 - b^2) / 2i in place of sin. The unknown number z of a
-        pair is e^(i angle), so a = z and b = 1. If the pair is in `inverse`, z is
-        e^(-i angle), so a = 1 and b = z.
+        The matrix is the rotation from the link to the link before it, times the scale.
 
         Both results are dual arrays: index 0 of the first axis is the value. Indices from 1
         are derivatives, first by the unknown numbers z, then by the angles in `moving`.
         """
-        step = self.steps[link]
-        (pair,) = step["by"]
-        (parent,) = step["on"]
+        placement = self.placements[link]
+        (pair,) = placement.pairs
+        (parent,) = placement.parents
         # The angle of a pair counts from its first link to its second.
         sense = 1 if self.system.sizes.ends[pair][0] == parent else -1
+        if pair in self.points:
+            turn, scale = self._turn_by_unknown_angle(pair, sense)
+        else:
+            turn = self._turn_by_known_angle(pair, sense)
+            scale = constant(ball([[1]]), self.count)
         before = constant(self.system.frames[pair, parent], self.count)
         after = constant(self.system.frames[pair, link].T, self.count)
-        scale = constant(ball([[1]]), self.count)
-        # `points` are the numbers z of the unknowns; `driven` are all other angles (rad).
-        if pair in self.points:
-            column = self.unknowns.index(pair)
-            z = self.points[pair]
-            one = acb(1)
-            if self.inverse[column]:
-                a, b, da, db = one, z, 0, one
-            else:
-                a, b, da, db = z, one, one, 0
-            c = (a * a + b * b) / 2
-            s = (a * a - b * b) / acb(0, 2)
-            w = a * b
-            dc = a * da + b * db
-            ds = (a * da - b * db) / acb(0, 1)
-            dw = a * db + da * b
-            turn = constant(spin(c, sense * s, w), self.count)
-            turn[1 + column] = spin(dc, sense * ds, dw)
-            scale[0] = w
-            scale[1 + column] = dw
-        else:
-            # A wheel turns by `rate` times the angle of the input, and `offset`.
-            default = (pair, arb(1), arb(0))
-            variable, rate, offset = self.system.turning.get(pair, default)
-            s, c = (self.driven[variable] * rate + offset).sin_cos()
-            turn = constant(spin(c, sense * s, 1), self.count)
-            if variable in self.moving:
-                column = 1 + len(self.unknowns) + self.moving.index(variable)
-                turn[column] = rate * spin(-s, sense * c, 0)
         return times(times(before, turn), after), scale
 
+    def _turn_by_unknown_angle(self, pair, sense):
+        """Return a rotation about the z axis by an unknown angle, times its scale.
+
+        The unknown is z = e^(i angle), or its inverse if the pair is in `inverse`. With
+        e^(i angle) = a / b, the numbers are a = z and b = 1, or a = 1 and b = z. The scale
+        w = a b turns cosine and sine into polynomials::
+
+            w cos(angle) = (a^2 + b^2) / 2,    w sin(angle) = (a^2 - b^2) / 2i
+
+        Parameters
+        ----------
+        pair
+            Name of the pair.
+        sense
+            1, or -1 for the rotation by the opposite angle.
+
+        Returns
+        -------
+        turn, scale
+            Dual arrays (1 + n, 3, 3) and (1 + n, 1, 1).
+        """
+        column = self.unknowns.index(pair)
+        z = self.points[pair]
+        one = acb(1)
+        if self.inverse[column]:
+            a, b = one, z
+            da_dz, db_dz = 0, one
+        else:
+            a, b = z, one
+            da_dz, db_dz = one, 0
+        w = a * b
+        w_cosine = (a * a + b * b) / 2
+        w_sine = (a * a - b * b) / acb(0, 2)
+        dw_dz = a * db_dz + da_dz * b
+        w_cosine_dz = a * da_dz + b * db_dz
+        w_sine_dz = (a * da_dz - b * db_dz) / acb(0, 1)
+
+        turn = constant(spin(w_cosine, sense * w_sine, w), self.count)
+        turn[1 + column] = spin(w_cosine_dz, sense * w_sine_dz, dw_dz)
+        scale = constant(ball([[1]]), self.count)
+        scale[0] = w
+        scale[1 + column] = dw_dz
+        return turn, scale
+
+    def _turn_by_known_angle(self, pair, sense):
+        """Return a rotation about the z axis by an angle in `driven`, as a dual array.
+
+        Parameters
+        ----------
+        pair
+            Name of the pair.
+        sense
+            1, or -1 for the rotation by the opposite angle.
+        """
+        # A wheel turns by a multiple of the angle of the input. All other angles are
+        # variables themselves.
+        own_angle = LinearAngle(pair, arb(1), arb(0))
+        angle = self.system.driven_angles.get(pair, own_angle)
+        s, c = (self.driven[angle.variable] * angle.rate + angle.offset).sin_cos()
+        turn = constant(spin(c, sense * s, 1), self.count)
+        if angle.variable in self.moving:
+            column = 1 + len(self.unknowns) + self.moving.index(angle.variable)
+            turn[column] = angle.rate * spin(-s, sense * c, 0)
+        return turn
+
     def _path(self, link):
-        step = self.steps.get(link)
-        if step is None:
+        """Return the links from the root to a link whose matrices place it, one by one.
+
+        The root is not in the list. The matrix of a link that closes a loop leads to the
+        last link that the paths of both its parents share.
+        """
+        placement = self.placements.get(link)
+        if placement is None:
             return []
-        if len(step["by"]) == 1:
-            return [*self._path(step["on"][0]), link]
-        return [*split_common_start(*map(self._path, step["on"]))[0], link]
+        if placement.closes_a_loop:
+            common, _, _ = split_common_start(*map(self._path, placement.parents))
+            return [*common, link]
+        return [*self._path(placement.parents[0]), link]
 
     def _place_on_axes(self, link):
         """Return the equation of a link placed on two axes, its matrix, and its scale.
@@ -507,12 +632,13 @@ class PolynomialEquations:
         polynomials. The scale is the product of these denominators. All results are dual
         arrays: the value, and then its derivatives, along the first axis.
         """
-        step = self.steps[link]
-        first_parent, second_parent = step["on"]
-        _, *paths = split_common_start(self._path(first_parent), self._path(second_parent))
+        placement = self.placements[link]
+        parents = placement.parents
+        pairs = placement.pairs
+        _, *paths = split_common_start(*map(self._path, parents))
         axes_in_common = []
         scales = []
-        for path, pair, parent in zip(paths, step["by"], step["on"], strict=True):
+        for path, pair, parent in zip(paths, pairs, parents, strict=True):
             # The derivatives of the axis in its parent, and of the scale 1, are zero.
             axis = constant(self.system.frames[pair, parent][:, 2:], self.count)
             scale = constant(ball([[1]]), self.count)
@@ -522,7 +648,7 @@ class PolynomialEquations:
                 scale = times(scale, scale_of_link)
             axes_in_common.append(axis)
             scales.append(scale)
-        axes = [self.system.frames[pair, link][:, 2] for pair in step["by"]]
+        axes = [self.system.frames[pair, link][:, 2] for pair in pairs]
         equation, placed = place_on_axes(link, axes, axes_in_common, scales)
         return equation, placed, times(*scales)
 
@@ -617,10 +743,9 @@ def has_one_solution(system, centre, radius, driven):
 def check_modes(certificate):
     """Check a certificate that counts the assembly modes at given inputs.
 
-    Each stated root must be proven by Krawczyk's operator. It must be proven that it is
-    real or that it is not real, and that it differs from all others. The count is complete
-    if there are as many roots as the polynomial bound allows, or if no other real root
-    exists outside the undecided boxes.
+    Each stated root must be proven, and all must be different. The count is complete if
+    there are as many roots as the polynomial bound allows, or if no other real root exists
+    outside the undecided boxes.
     """
     need(certificate["statement"] == "modes at inputs", "another statement")
     # Somewhat more bits than the certificate was computed with.
@@ -630,25 +755,7 @@ def check_modes(certificate):
     # The largest number of isolated complex solutions, by the degrees of the equations.
     need(system.bound() == certificate["bound"], "another bound")
     roots = certificate["roots"]
-    points = []
-    for root in roots:
-        need(len(root["centre"]) == len(system.unknowns), "a root without all angles")
-        centre = [acb(dyadic(re), dyadic(im)) for re, im in root["centre"]]
-        radius = root["radius"]
-        need(0 < radius < 0.1, "a radius out of range")
-        # The ball is a disk for each angle. A square with the half side 0.7 of its radius
-        # is inside, because 0.7 is less than 1 / sqrt(2).
-        need(has_one_solution(system, centre, 0.7 * radius, driven), "a root is not shown")
-        imaginary = [arb(c.imag) + arb(0, radius) for c in centre]
-        if root["real"]:
-            need(all(c.imag == 0 for c in centre), "a real root off the real axis")
-        else:
-            need(any(not i.contains(0) for i in imaginary), "a root that may be real")
-        # Roots are compared by e^(i angle), which is the same after a whole turn.
-        points.append([(acb(0, 1) * (c + square(radius))).exp() for c in centre])
-    for first, second in combinations(points, 2):
-        is_apart = any(not a.overlaps(b) for a, b in zip(first, second, strict=True))
-        need(is_apart, "two roots may be one")
+    check_roots_are_different([check_root(root, system, driven) for root in roots])
 
     real_roots = [root for root in roots if root["real"]]
     need(certificate["modes"] == len(real_roots), "another number of modes")
@@ -667,6 +774,57 @@ def check_modes(certificate):
         check_systems(system, certificate, driven)
     elif not is_counted:
         exclude_other_modes(system, driven, real_roots, undecided_boxes)
+
+
+SQUARE_IN_DISK = 0.7
+"""Half the side of a square within a disk of radius 1: less than 1 / sqrt(2)."""
+
+
+def check_root(root, system, driven):
+    """Check a root of a certificate, and return balls of its e^(i angle).
+
+    A root has a disk about a complex number (`centre`) for each unknown angle. There must
+    be one solution in these disks, by Krawczyk's operator. A real root must have real
+    centres: the mirror image of a solution is a solution too, so the only one is real. The
+    disk of another root must be apart from the real axis for some angle.
+
+    Parameters
+    ----------
+    root
+        Root of the certificate: "centre", "radius" (rad), and "real".
+    system, driven
+        Equations, and balls of the input angles by their pairs.
+    """
+    need(len(root["centre"]) == len(system.unknowns), "a root without all angles")
+    centre = [acb(dyadic(re), dyadic(im)) for re, im in root["centre"]]
+    radius = root["radius"]
+    need(0 < radius < 0.1, "a radius out of range")
+    # Balls of flint are squares of a half side, so a square within the disk is tried.
+    half_side = SQUARE_IN_DISK * radius
+    need(has_one_solution(system, centre, half_side, driven), "a root is not shown")
+    if root["real"]:
+        need(all(c.imag == 0 for c in centre), "a real root off the real axis")
+    else:
+        imaginary_parts = [arb(c.imag) + arb(0, radius) for c in centre]
+        is_apart_from_axis = any(not part.contains(0) for part in imaginary_parts)
+        need(is_apart_from_axis, "a root that may be real")
+    # The square about the disk contains all its angles.
+    return [(acb(0, 1) * (c + square(radius))).exp() for c in centre]
+
+
+def check_roots_are_different(points):
+    """Check that any two roots differ in the e^(i angle) of some unknown.
+
+    e^(i angle) is the same after a whole turn.
+
+    Parameters
+    ----------
+    points
+        For each root, balls of the e^(i angle) of all unknowns.
+    """
+    for first, second in combinations(points, 2):
+        is_apart = any(not a.overlaps(b) for a, b in zip(first, second, strict=True))
+        need(is_apart, "two roots may be one")
 
 
 def exclude_other_modes(system, driven, real_roots, undecided_boxes):
@@ -932,11 +1090,8 @@ class Arc:
         """Return smaller balls of the y with F = 0, for all s of a range.
 
         A point has the coordinate s along the axis of the piece and the coordinates y
-        across it. Krawczyk's operator maps balls of y to balls that contain the same
-        solutions of F = 0: m - C F(m) + (1 - C F'_y) (y - m), with the middles m of the
-        balls and an approximate inverse C of the derivatives F'_y. It is applied as long as
-        it narrows a ball to less than 0.9 of its radius, at most 30 times. Further steps
-        would hardly narrow the balls.
+        across it. Krawczyk's operator is applied as long as it narrows a ball to less than
+        0.9 of its radius, at most 30 times. Further steps would hardly narrow the balls.
 
         Parameters
         ----------
@@ -949,17 +1104,36 @@ class Arc:
         """
         for _ in range(30):
             previous = y
-            middle_y = mid(y)
-            value, _ = self.equations(axis_point + self.across @ middle_y)
-            _, slope = self.equations(axis_points + self.across @ y)
-            image = middle_y - self.inverse_slope @ (value + slope @ self.axis * step)
-            image += (self.identity - self.inverse_slope @ (slope @ self.across)) @ (
-                y - middle_y
-            )
-            y = shared(y, image)
+            y = shared(y, self._image_across(y, axis_point, axis_points, step))
             if not any(b.rad() < 0.9 * a.rad() for a, b in zip(previous, y, strict=True)):
                 break
         return y
+
+    def _image_across(self, y, axis_point, axis_points, step):
+        """Return the image of balls of y by Krawczyk's operator, for all s of a range.
+
+        The image contains the same solutions of F = 0 as the balls. It is::
+
+            m - C F(m) + (1 - C F'_y) (y - m)
+
+        with the middles m of the balls, and an approximate inverse C of the derivatives
+        F'_y by y. F(m) is enclosed for all s by the mean-value theorem: the value at the
+        middle of the range, plus the derivative F'_s along the axis times the step of s.
+
+        Parameters
+        ----------
+        y, axis_point, axis_points, step
+            As in `_narrowed`.
+        """
+        middle_y = mid(y)
+        value_at_middle, _ = self.equations(axis_point + self.across @ middle_y)
+        _, slope = self.equations(axis_points + self.across @ y)
+        slope_by_s = slope @ self.axis
+        slope_by_y = slope @ self.across
+        value_for_all_s = value_at_middle + slope_by_s * step
+        image = middle_y - self.inverse_slope @ value_for_all_s
+        image += (self.identity - self.inverse_slope @ slope_by_y) @ (y - middle_y)
+        return image
 
     def rate(self, s, variable):
         """Return a ball of the rate of a variable along the arc, up to a factor.
@@ -1118,7 +1292,7 @@ def check_curves(certificate):
 
         tolerance = certificate["tolerance_rad"]
         check_stated(certificate["wheels"], system.follower, laps, tolerance)
-        system.lap(laps)
+        system.choose_variable(laps)
     # The variable of the curves goes round once while the input turns `laps` times.
     low, high = low / laps, high / laps
     need(high - low < 2 * arb.pi() + 1e-9, "a range after which all is back")

@@ -97,22 +97,46 @@ def as_ball(fraction):
     return arb(fraction.numerator) / fraction.denominator
 
 
-def contact_azimuths(sizes, pairs, wheels, carrier, inner):
+def contact_azimuths(sizes, pairs, wheels, carrier, is_internal):
     """Return the azimuths (rad) of the contact about both centres, with all angles zero.
 
-    Each azimuth is measured in the axes of its wheel.
+    Each azimuth is measured in the axes of its wheel, about its pair axis, the centre of
+    the circle. It counts from the direction `across`.
+
+    Parameters
+    ----------
+    sizes
+        `Sizes` of the file.
+    pairs, wheels
+        Names of the two pairs, and of the wheel that turns about each of them.
+    carrier
+        Name of the link that carries both wheels.
+    is_internal
+        Whether the first circle is within the second one.
     """
-    held = [sizes.frame(pair, carrier) for pair in pairs]
-    a, b = (frame[:, 2] for frame in held)
-    ahead, back = b - (a @ b) * a, a - (a @ b) * b
+    frames_in_carrier = [sizes.frame(pair, carrier) for pair in pairs]
+    first_centre, second_centre = (frame[:, 2] for frame in frames_in_carrier)
+    cosine = first_centre @ second_centre
+    # Directions from each centre to the other one, at right angles to the own centre.
+    to_second_centre = second_centre - cosine * first_centre
+    to_first_centre = first_centre - cosine * second_centre
+    # The circles touch between the centres. If the first circle is within the second one,
+    # they touch beyond the centre of the first.
+    if is_internal:
+        directions_to_contact = (-to_second_centre, to_first_centre)
+    else:
+        directions_to_contact = (to_second_centre, to_first_centre)
     azimuths = []
-    # circles one within the other touch beyond the centre of the smaller one
-    towards = -ahead if inner else ahead, back
-    for pair, wheel, frame, way in zip(pairs, wheels, held, towards, strict=True):
-        own = sizes.frame(pair, wheel)
-        direction, axis = own @ frame.T @ way, own[:, 2]
+    for pair, wheel, frame_in_carrier, direction in zip(
+        pairs, wheels, frames_in_carrier, directions_to_contact, strict=True
+    ):
+        # The frame of a pair is the same in both links while its angle is zero.
+        frame_in_wheel = sizes.frame(pair, wheel)
+        direction_in_wheel = frame_in_wheel @ frame_in_carrier.T @ direction
+        axis = frame_in_wheel[:, 2]
         x = across(axis)
-        azimuths.append(arb.atan2(direction @ np.cross(axis, x), direction @ x))
+        y = np.cross(axis, x)
+        azimuths.append(arb.atan2(direction_in_wheel @ y, direction_in_wheel @ x))
     return azimuths
 
 

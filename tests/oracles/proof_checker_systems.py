@@ -51,8 +51,7 @@ def check_subsystems(system, subsystems):
     Parameters
     ----------
     system
-        All equations of the mechanism. `system.onto` are the steps of its construction that
-        put a link on two axes; each of them gives one equation.
+        All equations of the mechanism: one for each link that closes a loop.
     subsystems
         The subsystems of the certificate, in the order in which they are solved.
 
@@ -64,8 +63,7 @@ def check_subsystems(system, subsystems):
     table
         Degrees of each equation in all unknowns, by link.
     """
-    links = [step["link"] for step in system.onto]
-    table = dict(zip(links, system.degrees(), strict=True))
+    table = dict(zip(system.closing_links(), system.degrees(), strict=True))
     remaining = dict(table)
     solved_unknowns = set()
     bounds = []
@@ -452,41 +450,60 @@ class SolutionOverBox:
     def show_real(self):
         """Show that the angles of the solution are real, or raise `NotShown`.
 
-        An unknown angle is real if x = e^(i angle) is on the unit circle. The equations are
-        real, so the mirror image 1 / conj(x) of a solution x is a solution too. If both are
-        the same one, x is on the circle. This is so if the mirror image lies in a box
-        around z + Z d that contains only one solution.
+        An unknown angle is real if x = e^(i angle) is on the unit circle, where x equals
+        its mirror image 1 / conj(x). The equations are real, so the mirror image of a
+        solution is a solution too. Both are the same one if the mirror image lies in a box
+        that contains only one solution.
 
-        Here d are the inputs less the centre of the box of inputs, z is the solution at
-        this centre, Z are its rates, and x = z + Z d + w with a small remainder w. With
-
-            e = (Z d + w) / z,    c = conj(e),    s = 1 / (z conj(z)),
-
-        the solution is x = z (1 + e), and its mirror image is
-
-            1 / conj(x) = z s / (1 + c) = z s (1 - c + c^2 / (1 + c)).
-
-        Its difference from z + Z d is z times
-
-            s - 1 - (s conj(Z / z) + Z / z) d + s (c^2 / (1 + c) - conj(w / z)).
-
-        The linear terms nearly cancel if z is on the unit circle.
+        The box is about z + Z d. Here d are the inputs less the centre of the box of
+        inputs, z is the solution at this centre, and Z are its rates. The solution is
+        x = z + Z d + w with a small remainder w.
         """
-        # Radius of the box around z + Z d, twice that of the remainders w.
+        # Half the side of the box about z + Z d, twice that of the remainders w.
         wide_radius = 2 * self.radius
         # Krawczyk's operator raises `NotShown` unless the wide box has only one solution.
         self.image(wide_radius)
-        # Z / z, w / z and e, for each unknown.
+        # Z / z, w / z and e = (Z d + w) / z, for each unknown.
         for z, relative_rates, relative_remainder, e in self.relative_parts():
-            s = 1 / (z * z.conjugate())
-            c = e.conjugate()
-            conjugate_rates = np.array([rate.conjugate() for rate in relative_rates])
-            linear_terms = (s * conjugate_rates + relative_rates) @ self.input_changes
-            other_terms = s * (c * c / (1 + c) - relative_remainder.conjugate())
-            difference = z * (s - 1 - linear_terms + other_terms)
+            difference = self._mirror_image_from_linear_part(
+                z, relative_rates, relative_remainder, e
+            )
             # The bounds of the real and of the imaginary part must be below the radius.
             if not largest([difference]) < wide_radius:
                 raise NotShown
+
+    def _mirror_image_from_linear_part(self, z, relative_rates, relative_remainder, e):
+        """Return a ball of the mirror image 1 / conj(x) less z + Z d, for one unknown x.
+
+        With c = conj(e) and s = 1 / (z conj(z)), the solution is x = z (1 + e), and its
+        mirror image is
+
+            1 / conj(x) = z s / (1 + c) = z s (1 - c + c^2 / (1 + c)).
+
+        With e = (Z d + w) / z, its difference from z + Z d is z times
+
+            s - 1 - (s conj(Z / z) + Z / z) d + s (c^2 / (1 + c) - conj(w / z)).
+
+        The terms with d are added up before d, a ball, is inserted, because they nearly
+        cancel if z is on the unit circle.
+
+        Parameters
+        ----------
+        z
+            Solution at the centre of the box of inputs.
+        relative_rates
+            (inputs,) Z / z, with the rates Z of z by the inputs.
+        relative_remainder
+            w / z, with the remainder w of the solution.
+        e
+            Relative change (Z d + w) / z of the solution.
+        """
+        s = 1 / (z * z.conjugate())
+        c = e.conjugate()
+        conjugate_rates = np.array([rate.conjugate() for rate in relative_rates])
+        linear_terms = (s * conjugate_rates + relative_rates) @ self.input_changes
+        other_terms = s * (c * c / (1 + c) - relative_remainder.conjugate())
+        return z * (s - 1 - linear_terms + other_terms)
 
     def angles(self):
         """Return the angles of a real solution, as triples.

@@ -46,9 +46,9 @@ class RollingCircles(NamedTuple):
     first_sine, second_sine
         Sines of both radii, or numbers proportional to them: the numbers of teeth.
     arc
-        Arc (rad) between the centres.
+        Arc (rad) between the centres of touching circles.
     is_internal
-        Whether the second circle lies within the first.
+        Whether the first circle lies within the second.
     """
 
     first_centre: Any
@@ -57,6 +57,26 @@ class RollingCircles(NamedTuple):
     second_sine: Any
     arc: Any
     is_internal: bool
+
+
+class PairOnPath(NamedTuple):
+    """An R pair on the path from one link to another.
+
+    Attributes
+    ----------
+    pair
+        Name of the pair.
+    link_before, link_after
+        The links that it joins, in the order of the path.
+    sense
+        1 if the angle of the pair turns the link after it relative to the link before it,
+        and -1 if it turns the link before relative to the link after.
+    """
+
+    pair: str
+    link_before: str
+    link_after: str
+    sense: int
 
 
 class Wheels:
@@ -93,83 +113,112 @@ class Wheels:
         need(len(self.sizes.ends) == len(self.sizes.links) - 1, "a loop of R pairs")
 
     def path_of_pairs(self, start, goal):
-        """Return the pairs from one link to another, in order.
-
-        Each pair is given with the index, 0 or 1, of the link of the pair that comes first
-        on the path.
-        """
-        reached = {start: []}
+        """Return the pairs from one link to another in order, as a list of `PairOnPath`."""
+        path_by_link = {start: []}
         waiting = [start]
         for link in waiting:
             for pair, ends in self.sizes.ends.items():
-                further = ends[1 - ends.index(link)] if link in ends else None
-                if further is not None and further not in reached:
-                    reached[further] = [*reached[link], (pair, ends.index(link))]
-                    waiting.append(further)
-        need(goal in reached, "wheels that no pairs join")
-        return reached[goal]
+                if link not in ends:
+                    continue
+                # The angle of a pair turns its second link relative to its first.
+                first_link, second_link = ends
+                sense = 1 if link == first_link else -1
+                next_link = second_link if link == first_link else first_link
+                if next_link not in path_by_link:
+                    step = PairOnPath(pair, link, next_link, sense)
+                    path_by_link[next_link] = [*path_by_link[link], step]
+                    waiting.append(next_link)
+        need(goal in path_by_link, "wheels that no pairs join")
+        return path_by_link[goal]
+
+    def path_between_wheels(self, contact):
+        """Return the path of pairs from the first wheel of a contact to the second."""
+        first_link, second_link = self.sizes.data["pairs"][contact]["links"]
+        return self.path_of_pairs(first_link, second_link)
 
     def circles_of(self, contact):
         """Return the two circles of a rolling contact, as `RollingCircles`.
 
-        The file gives circles by their centres and radii. Or it gives cones, with their
-        axes and their numbers of teeth or half angles. A cone intersects the sphere in a
-        circle, whose radius is the half angle of the cone. Only the ratio of the sines of
-        both radii matters for rolling, and numbers of teeth have the same ratio.
+        The file gives circles by their centres and radii, or cones by their axes and their
+        numbers of teeth or half angles. Sizes are balls with the uncertainty of the file
+        (`sizes.slack`).
         """
         item = self.sizes.data["pairs"][contact]
-        # In an internal contact the second circle lies within the first.
+        # In an internal contact the first circle lies within the second.
         is_internal = item.get("contact", "external") == "internal"
-        if "axes" not in item:
-            (first_centre, first_radius), (second_centre, second_radius) = (
-                self.sizes.circle(contact, link) for link in item["links"]
-            )
-            if is_internal:
-                arc = first_radius - second_radius
-            else:
-                arc = first_radius + second_radius
-            return RollingCircles(
-                first_centre,
-                second_centre,
-                first_radius.sin(),
-                second_radius.sin(),
-                arc,
-                is_internal,
-            )
-        need(item.keys() & {"teeth", "half_angles"}, "cones of no size")
-        frames = [
-            self.sizes.frame(pair, link)
-            for pair, link in zip(item["axes"], item["links"], strict=True)
-        ]
-        first_centre, second_centre = (frame[:, 2] for frame in frames)
+        if "axes" in item:
+            return self._circles_of_cones(item, is_internal)
+        first_link, second_link = item["links"]
+        first_centre, first_radius = self.sizes.circle(contact, first_link)
+        second_centre, second_radius = self.sizes.circle(contact, second_link)
+        if is_internal:
+            arc = second_radius - first_radius
+        else:
+            arc = first_radius + second_radius
+        return RollingCircles(
+            first_centre,
+            second_centre,
+            first_radius.sin(),
+            second_radius.sin(),
+            arc,
+            is_internal,
+        )
 
-        # The link that carries both wheels has both axes, whose arc is measured there.
-        first_ends, second_ends = (self.sizes.ends[pair] for pair in item["axes"])
-        carrier = next(link for link in first_ends if link in second_ends)
-        u, v = (self.sizes.frame(pair, carrier)[:, 2] for pair in item["axes"])
-        normal = np.cross(u, v)
-        arc = arb.atan2((normal @ normal).sqrt(), u @ v)
+    def _circles_of_cones(self, item, is_internal):
+        """Return the circles of two cones that touch.
+
+        A cone intersects the sphere in a circle, whose radius is the half angle of the
+        cone. Only the ratio of the sines of both radii matters for rolling, and numbers of
+        teeth have the same ratio.
+
+        Parameters
+        ----------
+        item
+            Table of the contact in the file.
+        is_internal
+            Whether the first cone lies within the second.
+        """
+        need(item.keys() & {"teeth", "half_angles"}, "cones of no size")
+        first_pair, second_pair = item["axes"]
+        first_link, second_link = item["links"]
+        arc = self._arc_between_axes(first_pair, second_pair)
         if "teeth" in item:
             first_sine, second_sine = (arb(int(count)) for count in item["teeth"])
         else:
-            # The cones touch, so the arc between their axes is the sum of both half angles,
-            # or their difference. The second half angle follows, even if the file has it.
-            half_angle = self.sizes.angle(item["half_angles"][0]) + self.sizes.slack
-            second_half_angle = half_angle - arc if is_internal else arc - half_angle
-            first_sine = half_angle.sin()
+            # The arc between the axes of touching cones is the sum of both half angles, or
+            # their difference. The second half angle follows from the first, so that the
+            # cones touch exactly even if the file rounds both.
+            first_half_angle = self.sizes.angle(item["half_angles"][0]) + self.sizes.slack
+            if is_internal:
+                second_half_angle = arc + first_half_angle
+            else:
+                second_half_angle = arc - first_half_angle
+            first_sine = first_half_angle.sin()
             second_sine = second_half_angle.sin()
         return RollingCircles(
-            first_centre, second_centre, first_sine, second_sine, arc, is_internal
+            self.sizes.frame(first_pair, first_link)[:, 2],
+            self.sizes.frame(second_pair, second_link)[:, 2],
+            first_sine,
+            second_sine,
+            arc,
+            is_internal,
         )
+
+    def _arc_between_axes(self, first_pair, second_pair):
+        """Return the arc (rad) between two pair axes, in the link that has both."""
+        second_ends = self.sizes.ends[second_pair]
+        carrier = next(k for k in self.sizes.ends[first_pair] if k in second_ends)
+        first_axis = self.sizes.frame(first_pair, carrier)[:, 2]
+        second_axis = self.sizes.frame(second_pair, carrier)[:, 2]
+        normal = np.cross(first_axis, second_axis)
+        return arb.atan2((normal @ normal).sqrt(), first_axis @ second_axis)
 
     def slips(self, contact, angles):
         """Return the gap of two circles, and the slip that each pair between them causes.
 
-        Let a and b be the centres of the circles, and r and s their radii. The circles
-        touch at the point along the contact line sin(s) a + sin(r) b, or -sin(s) a +
-        sin(r) b if the second circle lies within the first. They roll if the angular
-        velocity of one relative to the other has no part across this line: if its cross
-        product with the line, the slip, is zero.
+        The circles roll if they touch, and if the angular velocity of one relative to the
+        other has no part across the contact line. The slip is the cross product of the
+        angular velocity with this line.
 
         Parameters
         ----------
@@ -184,77 +233,110 @@ class Wheels:
             Cosine of the arc between the centres, less that of touching circles.
         slip
             (3,) vectors by pair, in axes of the first wheel: the slip while the pair turns
-            at unit rate. It is the cross product of the pair's axis with the contact line.
+            at unit rate.
         """
-        first_link, second_link = self.sizes.data["pairs"][contact]["links"]
         circles = self.circles_of(contact)
-        # The rotation from the axes of a link on the path to those of the first wheel. It
-        # is continued from link to link.
+        axis_by_pair, rotation = self._place_path(self.path_between_wheels(contact), angles)
+        second_centre = rotation @ circles.second_centre
+        line = contact_line(circles, circles.first_centre, second_centre)
+        slip = {pair: np.cross(axis, line) for pair, axis in axis_by_pair.items()}
+        gap = circles.first_centre @ second_centre - circles.arc.cos()
+        return gap, slip
+
+    def _place_path(self, path, angles):
+        """Return the axes of all pairs on a path in its first link, and its last link.
+
+        Parameters
+        ----------
+        path, angles
+            Pairs in order (`PairOnPath`), and the angle (ball, rad) of each.
+
+        Returns
+        -------
+        axis_by_pair
+            (3,) unit vectors in axes of the first link: the angular velocity of the link
+            after the pair relative to the link before it, at unit rate.
+        rotation
+            (3, 3) rotation from the axes of the last link to those of the first.
+        """
+        # It leads from the link before the next pair to the first link.
         rotation = ball(np.eye(3))
-        axes_in_first_wheel = {}
-        path = self.path_of_pairs(first_link, second_link)
-        for (pair, link_index), angle in zip(path, angles, strict=True):
-            ends = self.sizes.ends[pair]
-            before = self.sizes.frame(pair, ends[link_index])
-            after = self.sizes.frame(pair, ends[1 - link_index])
-            # A pair turns its second link (index 1) relative to its first. On a path from
-            # the second to the first, the rotation is the inverse one.
-            sign = -1 if link_index == 1 else 1
-            s, c = angle.sin_cos()
-            axes_in_first_wheel[pair] = sign * (rotation @ before[:, 2])
+        axis_by_pair = {}
+        for step, angle in zip(path, angles, strict=True):
+            before = self.sizes.frame(step.pair, step.link_before)
+            after = self.sizes.frame(step.pair, step.link_after)
+            axis_by_pair[step.pair] = step.sense * (rotation @ before[:, 2])
             # The third axis of both frames is that of the pair. The entries of the rotation
             # about it are cos, sin, and 1 on the axis.
-            rotation_of_pair = spin(c, sign * s, 1)
+            s, c = angle.sin_cos()
+            rotation_of_pair = spin(c, step.sense * s, 1)
             rotation = rotation @ before @ rotation_of_pair @ after.T
-        first_centre = circles.first_centre
-        second_centre = rotation @ circles.second_centre
-        first_weight = circles.second_sine
-        if circles.is_internal:
-            first_weight = -first_weight
-        second_weight = circles.first_sine
-        contact_line = first_weight * first_centre + second_weight * second_centre
-        slip = {}
-        for pair, axis in axes_in_first_wheel.items():
-            slip[pair] = np.cross(axis, contact_line)
-        gap = first_centre @ second_centre - circles.arc.cos()
-        return gap, slip
+        return axis_by_pair, rotation
+
+
+def contact_line(circles, first_centre, second_centre):
+    """Return a vector (3,) along the line from O to the contact point of two circles.
+
+    With the centres a and b and the radii r and s, it is sin(s) a + sin(r) b, or
+    -sin(s) a + sin(r) b if the first circle lies within the second.
+
+    Parameters
+    ----------
+    circles
+        `RollingCircles`.
+    first_centre, second_centre
+        (3,) unit vectors to the centres, in the same axes.
+    """
+    first_weight = -circles.second_sine if circles.is_internal else circles.second_sine
+    second_weight = circles.first_sine
+    return first_weight * first_centre + second_weight * second_centre
 
 
 def check_wheels(certificate):
     """Check a certificate that wheels roll at the stated ratios, and at no others.
 
-    Two wheels roll if their circles touch and the slips of all pairs between them, at the
-    stated rates of the pairs, add up to zero. Gap and slip are trigonometric polynomials of
-    degree 2 in the angle of each pair, so values at five angles of each pair bound them at
-    all angles.
-
-    No other ratios make the slips zero if the slips of the followers, whose ratios the
-    certificate states, are linearly independent.
+    No other ratios are possible if the slips of the followers, the pairs whose ratios the
+    certificate states, are linearly independent: a combination of them with other ratios
+    would then not be zero.
     """
     ctx.prec = 80  # bits of all balls
     wheels = Wheels(certificate)
     slip_matrices = []
     for contact in wheels.contacts:
-        first_link, second_link = wheels.sizes.data["pairs"][contact]["links"]
-        path = wheels.path_of_pairs(first_link, second_link)
-        need(len(path) <= MAX_PAIRS, "too many pairs between two wheels")
-        # Between the five angles, a polynomial exceeds its largest value at these by a
-        # factor of at most `INTERPOLATION_NORM` for each pair. So this bound at them
-        # implies `MAX_GAP` everywhere.
-        allowed = MAX_GAP / INTERPOLATION_NORM ** len(path)
-        pair_angles = [2 * arb.pi() * k / ANGLES_PER_PAIR for k in range(ANGLES_PER_PAIR)]
-        for angles in itertools.product(pair_angles, repeat=len(path)):
-            gap, slip = wheels.slips(contact, angles)
-            need(abs(gap) < allowed, "circles that do not touch")
-            # (3, inputs): the slip while one input turns at unit rate.
-            total = sum(np.outer(slip[pair], wheels.rates[pair]) for pair in slip)
-            need(np.all(size(total) < allowed), "wheels that slip")
-        # Constant ratios that hold at all angles hold at the last ones, which are enough to
-        # exclude others. The columns are the slips of the followers.
-        zero = ball(np.zeros(3))
-        columns = [slip.get(pair, zero) for pair in wheels.followers]
+        slip = check_rolling(wheels, contact)
+        # One column for the slip of each follower; pairs beyond the wheels cause none.
+        no_slip = ball(np.zeros(3))
+        columns = [slip.get(pair, no_slip) for pair in wheels.followers]
         slip_matrices.append(np.stack(columns, axis=1))
     matrix_of_all = np.concatenate(slip_matrices)
     # A^T A is regular if and only if the columns of A are linearly independent.
     determinant = matrix(matrix_of_all.T @ matrix_of_all).det()
     need(not determinant.contains(0), "ratios that may be others")
+
+
+def check_rolling(wheels, contact):
+    """Check that two wheels roll at the stated ratios, in all positions of their pairs.
+
+    They roll if their circles touch and the slips of all pairs between them, at the stated
+    rates of the pairs, add up to zero. Gap and slip are trigonometric polynomials of degree
+    2 in the angle of each pair, so values at five angles of each pair bound them at all
+    angles.
+
+    The result are the slips by pair in one of these positions, each at unit rate of its
+    pair. Ratios that hold in all positions hold in this one. If they are the only ones
+    here, there are no others.
+    """
+    path = wheels.path_between_wheels(contact)
+    need(len(path) <= MAX_PAIRS, "too many pairs between two wheels")
+    # Between the five angles, a polynomial exceeds its largest value at these by a factor
+    # of at most `INTERPOLATION_NORM` for each pair. So this bound at them implies `MAX_GAP`
+    # everywhere.
+    allowed = MAX_GAP / INTERPOLATION_NORM ** len(path)
+    pair_angles = [2 * arb.pi() * k / ANGLES_PER_PAIR for k in range(ANGLES_PER_PAIR)]
+    for angles in itertools.product(pair_angles, repeat=len(path)):
+        gap, slip = wheels.slips(contact, angles)
+        need(abs(gap) < allowed, "circles that do not touch")
+        # (3, inputs): the slip while one input turns at unit rate.
+        total_slip = sum(np.outer(slip[pair], wheels.rates[pair]) for pair in slip)
+        need(np.all(size(total_slip) < allowed), "wheels that slip")
+    return slip

@@ -6,6 +6,9 @@ moving input. An R pair is a revolute pair, a Cr pair a rolling contact and a Cs
 sliding contact.
 """
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
 from spherekit.mechanism.joint_construction import make_joints
@@ -133,36 +136,49 @@ def least_misfit(ends, axes, locked, link, reference_link, direction=None):
     link, reference_link
         Numbers of the link that turns, and of the link relative to which it turns.
     direction
-        Unit vector; rates about it are not counted. By default all rates are.
+        Unit vector in which a pointer on the link points. Rates about it are not counted,
+        because they do not move the pointer. By default all rates are.
     """
 
-    def largest_rate(locked_pairs):
-        """Return the largest rate of the link at which the misfit is 1.
-
-        It is the inverse of the least misfit at unit rate. E are the velocity equations, so
-        rates w have the misfit |E w|. Rates of misfit 1 are w = E^+ e, with a unit vector e
-        and the pseudo-inverse E^+. Only some rows of E^+ give the rate of the link. The
-        largest rate is the norm of these rows.
-
-        With the singular value decomposition E = U S V^T, the rows are V_link S^-1 U^T. The
-        norm does not change without U^T. If the mechanism can move, a singular value is
-        nearly 0 and the rate is very large.
-        """
+    def rate_at_unit_misfit(locked_pairs):
         equations = velocity_equations(ends, axes, held=locked_pairs)
-        # The columns of the reference link are left out: it does not move.
-        columns = [k for k in range(equations.shape[1]) if k // 3 != reference_link]
-        _, singular_values, right_vectors = np.linalg.svd(
-            equations[:, columns], full_matrices=False
-        )
-        link_columns = [columns.index(3 * link + k) for k in range(3)]
-        link_part = right_vectors[:, link_columns].T
-        if direction is not None:
-            link_part = link_part - np.outer(direction, direction @ link_part)
-        return np.linalg.norm(link_part / singular_values, 2)
+        return largest_rate(equations, link, reference_link, direction)
 
+    # The least misfit at unit rate is the inverse of the largest rate at unit misfit, so
+    # the ratio of both misfits is the inverse ratio of these rates.
     all_pairs = range(len(ends))
-    # Least misfits are the inverses of these rates.
-    return largest_rate(all_pairs) / largest_rate(locked)
+    return rate_at_unit_misfit(all_pairs) / rate_at_unit_misfit(locked)
+
+
+def largest_rate(equations, link, reference_link, direction=None):
+    """Return the largest rate of a link at which the misfit of all links is 1.
+
+    E are the velocity equations, so link rates w have the misfit |E w|. Rates with the
+    misfit 1 are w = E^+ e, with a unit vector e and the pseudo-inverse E^+. Three rows of
+    E^+ give the rate of the link. The largest rate is the spectral norm of these rows.
+
+    With the singular value decomposition E = U S V^T, these rows are V_link S^-1 U^T. The
+    norm is the same without U^T.
+
+    Parameters
+    ----------
+    equations
+        (rows, 3 links) matrix of `velocity_equations`.
+    link, reference_link, direction
+        As in `least_misfit`.
+    """
+    # The columns of the reference link are left out: it does not move.
+    columns = [k for k in range(equations.shape[1]) if k // 3 != reference_link]
+    _, singular_values, right_vectors = np.linalg.svd(
+        equations[:, columns], full_matrices=False
+    )
+    columns_of_link = [columns.index(3 * link + k) for k in range(3)]
+    rows_of_link = right_vectors[:, columns_of_link].T  # V_link
+    if direction is not None:
+        # Only the part of the rate across the pointing direction is counted.
+        part_along_direction = np.outer(direction, direction @ rows_of_link)
+        rows_of_link = rows_of_link - part_along_direction
+    return np.linalg.norm(rows_of_link / singular_values, 2)
 
 
 def sine_between_lines(direction, vector):
@@ -216,6 +232,38 @@ def locked_rates(motion, row, moved):
     return rates, singular_values[-1] / singular_values[0]
 
 
+@dataclass(frozen=True)
+class LinkRates:
+    """Angular velocities of all links in n configurations, while one input moves.
+
+    They are the least-squares solution of the velocity equations of all pairs. All other
+    inputs are locked.
+
+    Attributes
+    ----------
+    w
+        (n, links, 3) angular velocities in ground axes, per unit rate of the input.
+    dw
+        (n, links, 3) derivatives of w by the input.
+    singular_values
+        (n, 3 links - 3) singular values of the equations, largest first.
+    residuals
+        (n,) largest residual of an equation.
+    free_matrix
+        (n, rows, 3 links - 3) equations without those that prescribe the moved input. Their
+        null vector is the motion at a dead centre, where this input cannot have a rate.
+    gaps
+        (n,) largest distance of the axis (or of the circles) of a pair in its two links.
+    """
+
+    w: Any
+    dw: Any
+    singular_values: Any
+    residuals: Any
+    free_matrix: Any
+    gaps: Any
+
+
 def link_rates(mechanism, rotations, inputs, moved):
     """Return angular velocities of all links and their derivatives by one input.
 
@@ -234,16 +282,7 @@ def link_rates(mechanism, rotations, inputs, moved):
 
     Returns
     -------
-    w, dw
-        (n, links, 3) angular velocities in ground axes per unit rate, and derivatives.
-    singular_values
-        (n, 3 links - 3) singular values of the equations, largest first.
-    residuals
-        (n,) largest residual of an equation.
-    free_matrix
-        (n, rows, 3 links - 3) equations without those that prescribe the moved input.
-    gaps
-        (n,) largest gap of a pair between its two links.
+    LinkRates
     """
     n = len(rotations)
     link_count = len(mechanism.links)
@@ -327,7 +366,7 @@ def link_rates(mechanism, rotations, inputs, moved):
     u = _contact_vector("R", lines[moved])
     across_axis = np.eye(3) - u[:, :, None] * u[:, None, :]
     free_matrix[:, rows] = across_axis @ free_matrix[:, rows]
-    return w, dw, singular_values, residuals, free_matrix, gaps
+    return LinkRates(w, dw, singular_values, residuals, free_matrix, gaps)
 
 
 def _contact_vector(pair_type, line):
