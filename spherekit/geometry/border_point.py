@@ -1,5 +1,7 @@
 """Points of the border of a region: where arcs leave it, and its corners."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
@@ -50,6 +52,31 @@ def points_on_arcs(start: Floats, end: Floats, angle: Floats) -> Floats:
     return np.cos(angle)[:, None] * start + np.sin(angle)[:, None] * toward
 
 
+@dataclass(frozen=True)
+class ArcMargins:
+    """Margins of a region along n arcs of great circles, which begin inside the region.
+
+    Attributes
+    ----------
+    evaluate
+        The function that returns all margins at directions.
+    inside, outside
+        (n, 3) unit vectors, the ends of the arcs inside and outside the region.
+    """
+
+    evaluate: MarginEvaluator
+    inside: Floats
+    outside: Floats
+
+    def margins(self, angle: Floats, arcs: Indices) -> Floats:
+        """Return all margins (m, k) at angles (m,) rad from the start of arcs (m,)."""
+        return self.evaluate(points_on_arcs(self.inside[arcs], self.outside[arcs], angle))
+
+    def smallest_margin(self, angle: Floats, arcs: Indices) -> Floats:
+        """Return the smallest margin (m,) at angles (m,) from the start of arcs (m,)."""
+        return smallest_margins(self.margins(angle, arcs))
+
+
 def find_crossings(
     evaluate: MarginEvaluator, inside: Floats, outside: Floats
 ) -> tuple[Floats, Indices]:
@@ -77,38 +104,49 @@ def find_crossings(
         (n,) numbers of the margins; `UNDEFINED_MARGIN` if the region ends because a margin
         is NaN.
     """
+    arc_margins = ArcMargins(evaluate, inside, outside)
     length = arc(inside, outside)
-
-    def evaluate_on_arcs(angle: Floats, arcs: Indices) -> Floats:
-        """Return all margins (m, k) at angles (m,) rad from the start of arcs (m,)."""
-        return evaluate(points_on_arcs(inside[arcs], outside[arcs], angle))
-
-    # The zero of the smallest margin on each arc, and a point just beyond it, where the
-    # margin is negative: angles (rad) from the end inside.
-    all_arcs = np.arange(len(length))
+    # Angles (rad) from the end inside: the zero of the smallest margin on each arc, and the
+    # end outside of the last interval of the search.
     crossing_angle, angle_outside = find_bracketed_zeros(
-        lambda angle, arcs: smallest_margins(evaluate_on_arcs(angle, arcs)),
+        arc_margins.smallest_margin,
         low=np.zeros(len(length)),
         high=length,
         values_at_low=smallest_margins(evaluate(inside)),
         values_at_high=smallest_margins(evaluate(outside)),
         tolerance=EPS,
     )
-    # The margin that ends the region is negative just beyond the crossing. `angle_outside`
-    # is the end outside of the last bracket of the search, so it is such a point. However,
-    # the search stops early if it meets a value of exactly 0. This bracket may still be
-    # wide, and at its end other margins may be negative too. A point at a small step beyond
-    # the crossing is taken instead.
-    value = smallest_margins(evaluate_on_arcs(crossing_angle, all_arcs))
-    lookup_angle = np.where(
-        value == 0.0, crossing_angle + STEP_BEYOND_BORDER * length, angle_outside
-    )
-    values_outside = evaluate_on_arcs(lookup_angle, all_arcs)
+    angle_beyond = _find_angles_beyond(arc_margins, length, crossing_angle, angle_outside)
+    margins_beyond = arc_margins.margins(angle_beyond, np.arange(len(length)))
     # Of margins that are equal up to their rounding errors, the first one is returned.
     return (
         points_on_arcs(inside, outside, crossing_angle),
-        find_active_margins(values_outside, evaluate.rounding_errors),
+        find_active_margins(margins_beyond, evaluate.rounding_errors),
     )
+
+
+def _find_angles_beyond(
+    arc_margins: ArcMargins, length: Floats, crossing_angle: Floats, angle_outside: Floats
+) -> Floats:
+    """Return angles (n,), rad, on arcs just beyond the points where they leave a region.
+
+    Parameters
+    ----------
+    arc_margins
+        Margins along the n arcs.
+    length
+        (n,) lengths (rad) of the arcs.
+    crossing_angle
+        (n,) angles (rad) from the start of the arcs to the border.
+    angle_outside
+        (n,) angles at the end outside of the last interval of the search. The search stops
+        early if the smallest margin is exactly 0 at a point. The interval may then still be
+        wide, and other margins may be negative at its end. A point at a small step beyond
+        the crossing is taken instead.
+    """
+    value = arc_margins.smallest_margin(crossing_angle, np.arange(len(length)))
+    one_step_beyond = crossing_angle + STEP_BEYOND_BORDER * length
+    return np.where(value == 0.0, one_step_beyond, angle_outside)
 
 
 def find_corners(

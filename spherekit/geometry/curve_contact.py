@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Floats
-from spherekit.geometry.profile_curve import Curve
+from spherekit.arrays import Bools, Floats
+from spherekit.geometry.profile_curve import Curve, CurvePoint
 from spherekit.geometry.rotation import rotation_vector, transpose
 from spherekit.numerics.least_squares import minimize_squares
 
@@ -108,31 +108,62 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
     The frame of a curve on the unit sphere consists of its tangent, its normal and its
     point. Two curves touch where their frames are equal. Both curves are sampled. A pair of
     samples, one of each curve, is a start if its frames are similar enough for a contact
-    next to it. The pair with the most similar frames is a start in any case.
+    next to it. For each sample of the first curve, only the samples of the second curve
+    with locally the most similar frames are used.
     """
-    first, second = (_sample_evenly(curve) for curve in curves)
-    first_frames = curves[0].evaluate(first.arc_lengths).frame.reshape(-1, 9)
-    second_frames = curves[1].evaluate(second.arc_lengths).frame.reshape(-1, 9)
-    # Cosine of the angle between the frames R_1 and R_2 of each pair of samples. The trace
-    # of R_1 R_2^T is the sum of the products of all elements. It is 1 + 2 cos(angle).
-    cosine = 0.5 * (first_frames @ second_frames.T - 1.0)
+    first_samples = _sample_evenly(curves[0])
+    second_samples = _sample_evenly(curves[1])
+    cosine = _frame_cosines(
+        curves[0].evaluate(first_samples.arc_lengths).frame,
+        curves[1].evaluate(second_samples.arc_lengths).frame,
+    )
+    # Next to a contact there is a sample of each curve whose frame differs from that of the
+    # contact by less than the angle between samples. So the frames of this pair differ by
+    # less than both angles together.
+    largest_angle = first_samples.frame_step + second_samples.frame_step
+    is_maximum = _find_row_maxima(cosine, curves[1].closed)
+    is_start = is_maximum & (cosine > np.cos(largest_angle))
+    # The pair with the most similar frames is a start in any case.
+    best = np.unravel_index(np.argmax(cosine), cosine.shape)
+    is_start[best] = True
 
-    # Find the maxima along the second curve, for each sample of the first. A column is
-    # added on both sides, so that the ends have neighbours: the last and the first sample
-    # of a closed curve, -1 for an open one.
-    padded = np.pad(cosine, ((0, 0), (1, 1)), "wrap")
-    if not curves[1].closed:
-        padded[:, [0, -1]] = -1.0
-    is_maximum = (cosine >= padded[:, :-2]) & (cosine >= padded[:, 2:])
-    # From a sample to the next one, the frame rotates by the angle `frame_step`. Next to a
-    # contact there is a sample of each curve whose frame differs from that of the contact
-    # by less than its step. The frames of the pair thus differ by less than both steps.
-    is_start = is_maximum & (cosine > np.cos(first.frame_step + second.frame_step))
-    is_start.flat[np.argmax(cosine)] = True
     first_index, second_index = np.nonzero(is_start)
     return np.stack(
-        [first.arc_lengths[first_index], second.arc_lengths[second_index]], axis=1
+        [
+            first_samples.arc_lengths[first_index],
+            second_samples.arc_lengths[second_index],
+        ],
+        axis=1,
     )
+
+
+def _frame_cosines(first_frames: Floats, second_frames: Floats) -> Floats:
+    """Return the cosines (n, m) of the angles between frames (n, 3, 3) and (m, 3, 3).
+
+    The trace of the rotation R_1 R_2^T between two frames is 1 + 2 cos(angle). It is the
+    sum of the products of the elements of R_1 and R_2.
+    """
+    traces = first_frames.reshape(-1, 9) @ second_frames.reshape(-1, 9).T
+    return 0.5 * (traces - 1.0)
+
+
+def _find_row_maxima(values: Floats, closed: bool) -> Bools:
+    """Return which values (n, m) are not smaller than both neighbours in their row.
+
+    Parameters
+    ----------
+    values
+        (n, m) values, at least -1.
+    closed
+        Whether the first and the last value of a row are neighbours.
+    """
+    before = np.roll(values, 1, axis=1)
+    after = np.roll(values, -1, axis=1)
+    if not closed:
+        # The ends are compared with one neighbour only.
+        before[:, 0] = -1.0
+        after[:, -1] = -1.0
+    return (values >= before) & (values >= after)
 
 
 def _sample_evenly(curve: Curve) -> CurveSamples:
@@ -168,18 +199,26 @@ def _frame_differences(
     vectors
         (m, 3) rotation vectors (rad) from the second frame to the first.
     derivatives
-        (m, 3, 2) their derivatives by both arc lengths. They are exact if the frames are
-        equal, which is enough for quadratic convergence to a contact.
+        (m, 3, 2) their derivatives by both arc lengths, exact if the frames are equal.
     """
-    first, second = (
-        curve.evaluate(lengths)
-        for curve, lengths in zip(curves, arc_lengths.T, strict=True)
-    )
+    first = curves[0].evaluate(arc_lengths[:, 0])
+    second = curves[1].evaluate(arc_lengths[:, 1])
     vectors = rotation_vector(first.frame @ transpose(second.frame))
-    # A frame has the columns tangent t, normal n and point p. Along the curve it rotates
-    # with n + k p per unit of arc length, where k is the geodesic curvature.
-    first_rotation = first.frame[:, :, 1] + first.curvature[:, None] * first.frame[:, :, 2]
-    second_rotation = (
-        second.frame[:, :, 1] + second.curvature[:, None] * second.frame[:, :, 2]
-    )
-    return vectors, np.stack([first_rotation, -second_rotation], axis=2)
+    # The derivative of a small rotation vector is the difference of the rotation rates of
+    # both frames. This is exact only if the frames are equal, which is enough for quadratic
+    # convergence to a contact.
+    by_first = _frame_rotation_rates(first)
+    by_second = -_frame_rotation_rates(second)
+    return vectors, np.stack([by_first, by_second], axis=2)
+
+
+def _frame_rotation_rates(point: CurvePoint) -> Floats:
+    """Return the rotation (m, 3) of the frame of a curve per unit of arc length.
+
+    The frame has the columns tangent t, normal n = p x t and point p. With the geodesic
+    curvature k, dp/ds = t and dt/ds = k n - p. The rotation w = n + k p gives both: w x p =
+    t and w x t = k n - p.
+    """
+    normal = point.frame[:, :, 1]
+    direction = point.frame[:, :, 2]
+    return normal + point.curvature[:, None] * direction

@@ -59,13 +59,15 @@ def triple_square(
     """Return t^2, the square of the triple product b . (a x c) of the axes of a dyad.
 
     A dyad is a chain of two bodies between two outer axes a and c, and b is the axis of the
-    pair between its bodies. t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)), where A and C
-    are the arcs of the bodies. It is negative if the arcs are too short or too long for the
-    outer axes.
+    pair between its bodies. The arcs of the bodies are A and C, and cos B is a . c. The
+    square of a triple product is the Gram determinant of the three vectors,
 
-    The vectors a and c enter by |a - c|^2 and |a + c|^2 instead of a . c. If they nearly
-    coincide, a . c is close to 1, and its difference from another cosine loses digits. The
-    small square |a - c|^2 does not. If they are nearly opposite, |a + c|^2 is small.
+        t^2 = 1 + 2 cos A cos B cos C - cos^2 A - cos^2 B - cos^2 C
+            = (cos(A - C) - cos B) (cos B - cos(A + C)).
+
+    It is negative if the arcs are too short or too long for the outer axes. The product is
+    computed. Its factors are differences of cosines, which `_cosine_minus_dot` forms
+    without loss of digits. It needs |a - c|^2 and |a + c|^2 instead of a . c.
 
     Parameters
     ----------

@@ -168,24 +168,53 @@ class FourierPath:
         centre = self.axes[:, 2, None]
         point = c * centre + s * outward
         southward = c * outward - s * centre
+        # dp/du has the components d1 southward and s eastward.
         speed = np.sqrt(d1 * d1 + s * s)
         tangent = (d1 / speed) * southward + (s / speed) * eastward
-        # The geodesic curvature is k = D / speed^3 with D = det(p, p', p''). Primes are
-        # derivatives by the azimuth. The components southward and eastward are d1 and s for
-        # p', d2 - s c and 2 c d1 for p''. So D = d1 (2 c d1) - s (d2 - s c).
+        curvature, curvature_rate = self._curvature(s, c, (d1, d2, d3))
+        return PathFrames(
+            frame=orthonormal_frame(point.T, tangent.T),
+            curvature=curvature,
+            curvature_rate=curvature_rate,
+        )
+
+    @staticmethod
+    def _curvature(
+        s: Floats, c: Floats, derivatives: tuple[Floats, Floats, Floats]
+    ) -> tuple[Floats, Floats]:
+        """Return the geodesic curvature k and dk/ds of the path.
+
+        Parameters
+        ----------
+        s, c
+            (n,) sine and cosine of the colatitude.
+        derivatives
+            d1, d2, d3 (n,): derivatives of the colatitude by the azimuth.
+
+        Notes
+        -----
+        Primes are derivatives by the azimuth, and v is the speed. With D = det(p, p', p''),
+
+            k = D / v^3,    dk/ds = k' / v = D' / v^4 - 3 k v' / v^2.
+
+        The part of p'' along the point p does not matter for D. The other components,
+        southward and eastward, are
+
+            p': d1, s               p'': d2 - s c, 2 c d1
+
+        So D = 2 c d1^2 + s^2 c - s d2. By the product rule, with s' = c d1 and c' = -s d1,
+
+            D' = -2 s d1^3 + 4 c d1 d2 + (2 s c^2 d1 - s^3 d1) - (c d1 d2 + s d3).
+        """
+        d1, d2, d3 = derivatives
+        v = np.sqrt(d1 * d1 + s * s)
+        v_rate = d1 * (d2 + s * c) / v
         determinant = 2.0 * c * d1**2 + s * (s * c - d2)
-        # D', with s' = c d1 and c' = -s d1.
         determinant_rate = (
             d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
         )
-        speed_rate = d1 * (d2 + s * c) / speed
-        k = determinant / speed**3
-        # dk/ds = k' / speed, because the arc length grows by the speed.
-        return PathFrames(
-            frame=orthonormal_frame(point.T, tangent.T),
-            curvature=k,
-            curvature_rate=(determinant_rate / speed**4 - 3.0 * k * speed_rate / speed**2),
-        )
+        k = determinant / v**3
+        return k, determinant_rate / v**4 - 3.0 * k * v_rate / v**2
 
     def describe_position(self, u: float) -> str:
         """Return a text with the azimuth u (rad), such as "azimuth 30 deg"."""
@@ -235,34 +264,55 @@ class SplinePath:
         """Return point, tangent, normal and geodesic curvature at parameters u (n,).
 
         The derivative of the curvature by the arc length is returned, too. The curve on the
-        unit sphere is p = x / |x|, the projection of a spline x(u) in space. Primes are
-        derivatives by u.
+        unit sphere is p = x / |x|, the projection of a spline x(u) in space.
         """
-        # The spline x and its three derivatives by u. r is the length of x, and size is
-        # that of x cross x'.
-        x, x1, x2, x3 = (self._differentiate(u, order) for order in range(4))
-        r = np.sqrt(dot(x, x))
-        product = cross(x, x1)
-        size = np.sqrt(dot(product, product))
-        # The geodesic curvature is det(p, p', p'') / |p'|^3. With p = x / |x| this is
-        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|, because parts of p'
-        # and p'' along x do not change the determinant.
-        ratio = r / size
-        determinant = dot(product, x2)
-        # The product rule gives three determinants, of which two have equal columns.
-        determinant_rate = dot(product, x3)
-        # |x|' is (x . x') / |x|, and |x cross x'|' is (x cross x') . (x cross x'') / size.
-        ratio_rate = ratio * (dot(x, x1) / r**2 - dot(product, cross(x, x2)) / size**2)
-        k_rate = ratio**3 * determinant_rate + 3.0 * ratio**2 * ratio_rate * determinant
+        x = self._differentiate(u, 0)
+        x1 = self._differentiate(u, 1)
+        x2 = self._differentiate(u, 2)
+        x3 = self._differentiate(u, 3)
         # The part of x' perpendicular to x, times |x|^2. It has the direction of dp/du.
-        along_tangent = cross(product, x)
-        # Division by the speed |dp/du| = size / r^2 turns a derivative by u into one by the
-        # arc length.
+        along_tangent = cross(cross(x, x1), x)
+        curvature, curvature_rate = self._curvature(x, x1, x2, x3)
         return PathFrames(
             frame=orthonormal_frame(x, along_tangent),
-            curvature=ratio**3 * determinant,
-            curvature_rate=k_rate * r**2 / size,
+            curvature=curvature,
+            curvature_rate=curvature_rate,
         )
+
+    @staticmethod
+    def _curvature(x: Floats, x1: Floats, x2: Floats, x3: Floats) -> tuple[Floats, Floats]:
+        """Return the geodesic curvature k and dk/ds of the projected curve.
+
+        Parameters
+        ----------
+        x, x1, x2, x3
+            (n, 3) the spline x and its derivatives x', x'' and x''' by its parameter.
+
+        Notes
+        -----
+        The geodesic curvature is det(p, p', p'') / |p'|^3. Parts of p' and p'' along x do
+        not change the determinant. So with p = x / |x|,
+
+            k = q^3 D,  q = |x| / |x cross x'|,  D = det(x, x', x'') = (x cross x') . x''.
+
+        The derivatives by the parameter are
+
+            k' = q^3 D' + 3 q^2 q' D,
+            D' = (x cross x') . x''', as two determinants of the product rule have equal
+            columns,
+            q' / q = (x . x') / |x|^2 - (x cross x') . (x cross x'') / |x cross x'|^2.
+
+        dk/ds is k' divided by the speed |x cross x'| / |x|^2.
+        """
+        size = np.sqrt(dot(x, x))
+        normal = cross(x, x1)
+        normal_size = np.sqrt(dot(normal, normal))
+        q = size / normal_size
+        q_rate = q * (dot(x, x1) / size**2 - dot(normal, cross(x, x2)) / normal_size**2)
+        determinant = dot(normal, x2)
+        determinant_rate = dot(normal, x3)
+        k_rate = q**3 * determinant_rate + 3.0 * q**2 * q_rate * determinant
+        return q**3 * determinant, k_rate * size**2 / normal_size
 
     def describe_position(self, u: float) -> str:
         """Return the number of a given point, such as "point 3", for messages.
@@ -303,23 +353,33 @@ def axes_about(centre: ArrayLike) -> Floats:
     ValueError
         If the centre is not a unit vector.
     """
-    # `dot` is the sum of the products without conjugation, so that the imaginary parts of
-    # the results are derivatives, too. They are too small to affect `abs`.
     vector = np.array(centre)
-    size = np.sqrt(dot(vector, vector))
+    # The imaginary part of a complex step is too small to affect `abs`.
+    size = _length(vector)
     if not abs(size - 1.0) <= UNIT_LENGTH_TOLERANCE:
         raise ValueError(
             f"the centre has length {abs(size):.9g}; it has to be a unit vector"
         )
     unit = vector / size
-    # The part along the centre is removed from the axis x, or from y if x is so close to
-    # the centre that digits would be lost. The second pass removes the rounding error of
-    # the first one.
-    first = np.eye(3)[1 if abs(unit[0]) > MAX_FIRST_COMPONENT else 0]
+    # Digits would be lost if the projected axis were too close to the centre.
+    is_near_x_axis = abs(unit[0]) > MAX_FIRST_COMPONENT
+    y_axis = np.array([0.0, 1.0, 0.0])
+    x_axis = np.array([1.0, 0.0, 0.0])
+    first = y_axis if is_near_x_axis else x_axis
+    # The second pass removes the rounding error of the first one.
     for _ in range(2):
         first = first - dot(first, unit) * unit
-        first = first / np.sqrt(dot(first, first))
+        first = first / _length(first)
     return np.stack([first, cross(unit, first), unit], axis=1)
+
+
+def _length(vector: Floats) -> Any:
+    """Return the length of a vector (3,), real or complex.
+
+    A complex vector carries its derivative as a complex step. The sum of the squares is
+    formed without conjugation, so that the imaginary part of the length is its derivative.
+    """
+    return np.sqrt(dot(vector, vector))
 
 
 def radial_directions(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:

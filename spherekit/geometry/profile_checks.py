@@ -1,9 +1,11 @@
 """Checks of profiles: colatitudes, points, and self-intersections of closed curves."""
 
+from math import ceil
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.parametric_curve import (
     UNIT_LENGTH_TOLERANCE,
     FourierPath,
@@ -54,19 +56,7 @@ def check_colatitude(path: FourierPath) -> None:
     ValueError
         If it does not.
     """
-    # With z = e^(i a), the slope of the colatitude at azimuth a is a polynomial in z,
-    # divided by a power of z. The extrema of the colatitude are at the angles of the roots
-    # with |z| = 1. All roots are examined, because rounding moves roots off |z| = 1. The
-    # angle of any other root is one more azimuth at which the colatitude is checked.
-    cosines, sines = path.derivative_coefficients[1]  # those of the first derivative
-    # Coefficients of z^k: (c_k - i s_k) / 2 for k >= 0, and their conjugates for -k. They
-    # are rounded to `ROOT_DIGITS` decimals. Otherwise quotients of extremely small ones
-    # would overflow, which do not change the colatitude in float64.
-    positive_orders = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)
-    negative_orders = np.conj(positive_orders[1:])
-    roots = np.roots(np.concatenate([positive_orders[::-1], negative_orders]))
-    # Azimuth 0 is examined too, also if there are no roots.
-    azimuths = np.angle(np.append(roots, 1.0))
+    azimuths = _find_extremum_azimuths(path)
     (colatitudes,) = path.colatitude(azimuths, derivatives=0)
     extreme = int(np.argmax(np.abs(colatitudes - 0.5 * np.pi)))
     if not 0.0 < colatitudes[extreme] < np.pi:
@@ -75,6 +65,25 @@ def check_colatitude(path: FourierPath) -> None:
             f"{path.describe_position(float(azimuths[extreme]))}; it has to stay between 0 "
             "and 180 deg, both excluded"
         )
+
+
+def _find_extremum_azimuths(path: FourierPath) -> Floats:
+    """Return azimuths (m,), rad, that include all extrema of a Fourier colatitude.
+
+    The slope of the colatitude at the azimuth a is the sum of c_k cos(k a) + s_k sin(k a).
+    With z = e^(i a) it is the sum of b_k z^k for k from -n to n, where b_k = (c_k - i s_k)
+    / 2 and b_(-k) is the conjugate of b_k. Times z^n it is a polynomial. The extrema are at
+    the angles of its roots with |z| = 1.
+    """
+    cosines, sines = path.derivative_coefficients[1]  # those of the first derivative
+    # Otherwise quotients of extremely small coefficients, which do not change the
+    # colatitude in float64, would overflow.
+    not_negative = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)  # k = 0, 1, ..., n
+    negative = np.conj(not_negative[1:])  # k = -1, ..., -n
+    highest_first = np.concatenate([not_negative[::-1], negative])
+    # The angles of all roots are returned, because rounding moves roots off |z| = 1. The
+    # root 1, for azimuth 0, is added for the case without any root.
+    return np.angle(np.append(np.roots(highest_first), 1.0))
 
 
 def normalised_points(points: ArrayLike, closed: bool) -> Floats:
@@ -97,34 +106,51 @@ def normalised_points(points: ArrayLike, closed: bool) -> Floats:
         If there are too few points, if one is not a unit vector, or if successive points
         coincide or are 90 degrees or more apart.
     """
-    unit_points = np.array(points, dtype=float)
-    if unit_points.ndim != 2 or unit_points.shape[1] != 3:
+    vectors = np.array(points, dtype=float)
+    if vectors.ndim != 2 or vectors.shape[1] != 3:
+        raise ValueError(f"the points have shape {vectors.shape}; they have to be (m, 3)")
+    point_count = len(vectors)
+    if point_count < MIN_POINT_COUNT:
         raise ValueError(
-            f"the points have shape {unit_points.shape}; they have to be (m, 3)"
+            f"the curve has {point_count} points; it needs at least {MIN_POINT_COUNT}"
         )
-    if len(unit_points) < MIN_POINT_COUNT:
-        raise ValueError(
-            f"the curve has {len(unit_points)} points; it needs at least {MIN_POINT_COUNT}"
-        )
-    size = np.sqrt(dot(unit_points, unit_points))
+    size = np.sqrt(dot(vectors, vectors))
     has_wrong_length = ~(np.abs(size - 1.0) <= UNIT_LENGTH_TOLERANCE)
     if np.any(has_wrong_length):
         k = int(np.argmax(has_wrong_length))
         raise ValueError(
             f"point {k + 1} has length {size[k]:.9g}; it has to be a unit vector"
         )
-    unit_points = unit_points / size[:, None]
+    unit_points = vectors / size[:, None]
     if closed:
         if arc(unit_points[-1], unit_points[0]) < UNIT_LENGTH_TOLERANCE:
             raise ValueError(
-                f"the last point, {len(unit_points)}, repeats the first; leave it out: a "
+                f"the last point, {point_count}, repeats the first; leave it out: a "
                 "closed curve returns to its first point by itself"
             )
         unit_points = np.concatenate([unit_points, unit_points[:1]])
-    # Arcs between successive points. Points are numbered from 1 in messages.
+    _check_steps(unit_points, point_count)
+    return unit_points
+
+
+def _check_steps(unit_points: Floats, point_count: int) -> None:
+    """Check that the arcs between successive points are neither zero nor too long.
+
+    Parameters
+    ----------
+    unit_points
+        Unit vectors. The first point may be repeated at the end.
+    point_count
+        Number of points, each counted once.
+
+    Raises
+    ------
+    ValueError
+        If two points coincide, or are 90 degrees or more apart.
+    """
     steps = arc(unit_points[:-1], unit_points[1:])
-    point_count = len(unit_points) - closed
     for k, step in enumerate(steps):
+        # Messages number points from 1. The first point follows the last one.
         names = f"points {k + 1} and {(k + 1) % point_count + 1}"
         if step < MIN_POINT_DISTANCE_RAD:
             raise ValueError(f"{names} coincide; leave one of them out")
@@ -133,7 +159,6 @@ def normalised_points(points: ArrayLike, closed: bool) -> Floats:
                 f"{names} are {np.rad2deg(step):.6g} deg apart; successive points have to "
                 "be less than 90 deg apart, so give more of them"
             )
-    return unit_points
 
 
 def check_no_self_intersection(path: SplinePath) -> None:
@@ -147,31 +172,11 @@ def check_no_self_intersection(path: SplinePath) -> None:
     ValueError
         If two arcs of the polyline meet. The message names the points of the spline.
     """
-    from scipy.spatial import cKDTree
-
     panel_count = len(path.knots) - 1
-    arcs_per_panel = max(MIN_ARCS_PER_PANEL, -(-MIN_CHECKED_ARCS // panel_count))
-    # The ends of the arcs of the polyline, evenly spaced in the parameter of each panel.
-    u = path.knots[:-1, None] + np.diff(path.knots)[:, None] * (
-        np.arange(arcs_per_panel) / arcs_per_panel
-    )
-    x = path.spline(u.ravel())
-    starts = x / np.sqrt(dot(x, x))[:, None]
+    arcs_per_panel = max(MIN_ARCS_PER_PANEL, ceil(MIN_CHECKED_ARCS / panel_count))
+    starts = _sample_panels(path, arcs_per_panel)
     ends = np.roll(starts, -1, axis=0)
-    middles = 0.5 * (starts + ends)
-    lengths = np.sqrt(dot(ends - starts, ends - starts))
-    arc_count = len(starts)
-
-    # Two arcs can meet only if their middles are closer than the length of the longer arc.
-    # The factor covers rounding.
-    neighbours = cKDTree(middles).query_ball_point(middles, lengths * (1.0 + 1e-9))
-    # All pairs (i, j) of such arcs.
-    i = np.repeat(np.arange(arc_count), [*map(len, neighbours)])
-    j = np.concatenate([*neighbours])
-    # Adjacent arcs share an end.
-    are_separate = np.minimum((i - j) % arc_count, (j - i) % arc_count) > 1
-    i = i[are_separate]
-    j = j[are_separate]
+    i, j = _find_close_arcs(starts, ends)
     # Arcs meet if each has its ends on both sides of the great circle of the other.
     meets = _lie_on_both_sides(a=starts[i], b=ends[i], c=starts[j], d=ends[j])
     meets &= _lie_on_both_sides(a=starts[j], b=ends[j], c=starts[i], d=ends[i])
@@ -182,6 +187,50 @@ def check_no_self_intersection(path: SplinePath) -> None:
             f"between points {k + 1} and {(k + 1) % panel_count + 1}" for k in panels
         )
         raise ValueError(f"the closed curve meets itself: {places}")
+
+
+def _sample_panels(path: SplinePath, samples_per_panel: int) -> Floats:
+    """Return points (m, 3) of a curve, evenly spaced in the parameter of each panel.
+
+    A panel is the part between two knots. Its first knot is a sample, its last one is not.
+    """
+    fractions = np.arange(samples_per_panel) / samples_per_panel
+    panel_starts = path.knots[:-1, None]
+    panel_widths = np.diff(path.knots)[:, None]
+    u = panel_starts + panel_widths * fractions  # (panels, samples)
+    x = path.spline(u.ravel())
+    return x / np.sqrt(dot(x, x))[:, None]
+
+
+def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
+    """Return pairs of arcs of a closed polyline that are near enough to meet.
+
+    Two arcs can meet only if their middles are closer than the length of the longer one.
+    Arcs that follow one another share an end and are left out.
+
+    Parameters
+    ----------
+    starts, ends
+        (n, 3) ends of the arcs, in the order of the polyline.
+
+    Returns
+    -------
+    Numbers (k,) of the first and of the second arc of each pair.
+    """
+    from scipy.spatial import cKDTree
+
+    middles = 0.5 * (starts + ends)
+    lengths = np.sqrt(dot(ends - starts, ends - starts))
+    # The middles within the length of each arc. The factor covers rounding.
+    neighbours = cKDTree(middles).query_ball_point(middles, lengths * (1.0 + 1e-9))
+    neighbour_counts = [len(numbers) for numbers in neighbours]
+    arc_count = len(starts)
+    i = np.repeat(np.arange(arc_count), neighbour_counts)
+    j = np.concatenate(list(neighbours))
+    # Number of arcs from one to the other along the closed polyline, the shorter way.
+    steps_between = np.minimum((i - j) % arc_count, (j - i) % arc_count)
+    are_separate = steps_between > 1
+    return i[are_separate], j[are_separate]
 
 
 def _lie_on_both_sides(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:

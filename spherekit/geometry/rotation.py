@@ -81,21 +81,28 @@ def quaternion(matrix: Floats) -> Floats:
     Two quaternions with opposite signs belong to each rotation. The one with a positive
     largest component is returned. The result is NaN if the matrix is NaN.
     """
-    trace = np.trace(matrix, axis1=1, axis2=2)[:, None]
-    # The symmetric matrix 4 q q^T: each of its rows is the quaternion q times a factor.
-    outer_products = np.empty((len(matrix), 4, 4))
-    outer_products[:, :3, :3] = (
-        matrix + transpose(matrix) + (1.0 - trace)[..., None] * np.eye(3)
+    # The elements of the matrix determine the symmetric matrix (n, 4, 4) with the elements
+    # 4 q_i q_j. Each of its rows is the quaternion q times 4 q_i.
+    trace = np.trace(matrix, axis1=1, axis2=2)
+    vector_part = np.stack(  # 4 w (x, y, z)
+        [
+            matrix[:, 2, 1] - matrix[:, 1, 2],
+            matrix[:, 0, 2] - matrix[:, 2, 0],
+            matrix[:, 1, 0] - matrix[:, 0, 1],
+        ],
+        axis=1,
     )
-    # Its last row and column are R_32 - R_23, R_13 - R_31, R_21 - R_12, and 1 + trace.
-    row, column = [2, 0, 1], [1, 2, 0]
-    antisymmetric_part = matrix[:, row, column] - matrix[:, column, row]
-    outer_products[:, 3, :3] = antisymmetric_part
-    outer_products[:, :3, 3] = antisymmetric_part
-    outer_products[:, 3, 3:] = 1.0 + trace
-    # The row with the largest diagonal element has the smallest rounding error.
-    largest = np.argmax(np.diagonal(outer_products, axis1=1, axis2=2), axis=1)
-    return unit_rows(outer_products[np.arange(len(matrix)), largest])
+    products = np.empty((len(matrix), 4, 4))
+    diagonal = (1.0 - trace)[:, None, None] * np.eye(3)
+    products[:, :3, :3] = matrix + transpose(matrix) + diagonal
+    products[:, 3, :3] = vector_part
+    products[:, :3, 3] = vector_part
+    products[:, 3, 3] = 1.0 + trace
+    # The largest diagonal element 4 q_i^2 belongs to the largest component. Its row has the
+    # smallest rounding error. The component itself is positive there, since it is 4 q_i^2.
+    diagonals = np.diagonal(products, axis1=1, axis2=2)
+    largest = np.argmax(diagonals, axis=1)
+    return unit_rows(products[np.arange(len(matrix)), largest])
 
 
 def rotation_vector(matrix: Floats) -> Floats:
@@ -105,31 +112,50 @@ def rotation_vector(matrix: Floats) -> Floats:
     accurate to rounding, which closure residuals need.
     """
     r = matrix
-    # The vector of the antisymmetric part: the axis times twice the sine of the angle. Its
-    # components x, y, z are written into one array and used below.
-    twice_sine_vector = np.empty(r.shape[:-1])
-    x = np.subtract(r[..., 2, 1], r[..., 1, 2], out=twice_sine_vector[..., 0])
-    y = np.subtract(r[..., 0, 2], r[..., 2, 0], out=twice_sine_vector[..., 1])
-    z = np.subtract(r[..., 1, 0], r[..., 0, 1], out=twice_sine_vector[..., 2])
+    # The vector (x, y, z) of the antisymmetric part is the axis times twice the sine of the
+    # angle.
+    x = r[..., 2, 1] - r[..., 1, 2]
+    y = r[..., 0, 2] - r[..., 2, 0]
+    z = r[..., 1, 0] - r[..., 0, 1]
+    twice_sine_vector = np.stack([x, y, z], axis=-1)
     sine = 0.5 * np.sqrt(x * x + y * y + z * z)
     cosine = 0.5 * (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
-    # Near the angle 0 the quotient of angle and sine is computed from its series. The sine
-    # is as small near half a turn, but the result is replaced there.
+    # The quotient of angle and sine is computed from its series if both are small. The
+    # series is wrong near half a turn, where only the sine is small. These vectors are
+    # replaced below.
     is_small = sine < SMALL_ANGLE_SINE
     angle_over_sine = np.where(
         is_small, 1.0 + angle * angle / 6.0, angle / np.where(is_small, 1.0, sine)
     )
     vectors: Floats = 0.5 * angle_over_sine[..., None] * twice_sine_vector
-    # Near half a turn the antisymmetric part vanishes, so that the axis would lose digits.
-    # This limit is wider than `SMALL_ANGLE_SINE`.
+
     is_half_turn = (cosine < 0.0) & (sine < HALF_TURN_SINE)
     if np.any(is_half_turn):
-        xyzw = quaternion(r[is_half_turn])
-        # With w >= 0 the vector part points along the axis whose angle is at most pi.
-        axis = unit_rows(xyzw[:, :3] * np.where(xyzw[:, 3:] < 0.0, -1.0, 1.0))
-        vectors[is_half_turn] = axis * angle[is_half_turn][:, None]
+        vectors[is_half_turn] = _obtuse_rotation_vectors(
+            r[is_half_turn], angle[is_half_turn]
+        )
     return vectors
+
+
+def _obtuse_rotation_vectors(matrix: Floats, angle: Floats) -> Floats:
+    """Return the rotation vectors (n, 3) of rotations by nearly half a turn.
+
+    The antisymmetric part of the matrix nearly vanishes, so the axis follows from the
+    quaternion.
+
+    Parameters
+    ----------
+    matrix
+        (n, 3, 3) rotation matrices.
+    angle
+        (n,) angles (rad), at most pi.
+    """
+    xyzw = quaternion(matrix)
+    # With w >= 0 the vector part points along the axis whose angle is at most pi.
+    sign = np.where(xyzw[:, 3:] < 0.0, -1.0, 1.0)
+    axis = unit_rows(xyzw[:, :3] * sign)
+    return axis * angle[:, None]
 
 
 def angles_between(first: Floats, second: Floats) -> Floats:
@@ -201,35 +227,38 @@ def log_rate(vector: Floats, w: Floats) -> Floats:
 def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     """Return second derivatives of rotation vectors by time at constant angular velocity.
 
-    The first derivative of the rotation vector d is d' = w - d x w / 2 + c d x (d x w)
-    (`log_rate`), with the angular velocity w and c = (1 - (a / 2) cot(a / 2)) / a^2, where
-    a is the length of d. If w is constant, the second derivative is -d' x w / 2 + dc/dt d x
-    (d x w) + c (d' x (d x w) + d x (d' x w)). If w changes, `log_rate(d, w')` has to be
-    added, because d' is linear in w.
+    The first derivative (`log_rate`) of the rotation vector d at the angular velocity w is
+
+        d' = w - d x w / 2 + c d x (d x w),    c = (1 - (a / 2) cot(a / 2)) / a^2,
+
+    where a is the length of d. If w is constant, its derivative is
+
+        d'' = -(d' x w) / 2 + c' d x (d x w) + c (d' x (d x w) + d x (d' x w)).
+
+    If w changes, `log_rate(d, w')` has to be added, because d' is linear in w.
 
     Parameters
     ----------
     vector, rate
-        (n, 3) rotation vectors d, rad, and their derivatives by time, rad/s.
+        (n, 3) rotation vectors d, rad, and their derivatives d' by time, rad/s.
     w
         (n, 3) angular velocities, rad/s, which are constant here.
 
     Returns
     -------
-    (n, 3) derivatives, rad/s^2.
+    (n, 3) derivatives d'', rad/s^2.
     """
-    # c is a function of a^2: `_SECOND_ORDER_FACTOR` is c, `_SECOND_ORDER_SLOPE` is
-    # dc/d(a^2), and dc/dt is this slope times the rate of a^2.
     square = _square(vector)
     square_rate = 2.0 * np.sum(vector * rate, axis=1, keepdims=True)
-    first_product = cross(vector, w)
-    first_product_rate = cross(rate, w)
-    return (
-        -0.5 * first_product_rate
-        + _SECOND_ORDER_SLOPE(square) * square_rate * cross(vector, first_product)
-        + _SECOND_ORDER_FACTOR(square)
-        * (cross(rate, first_product) + cross(vector, first_product_rate))
-    )
+    c = _SECOND_ORDER_FACTOR(square)
+    c_rate = _SECOND_ORDER_SLOPE(square) * square_rate
+    product = cross(vector, w)
+    product_rate = cross(rate, w)
+    # The three terms of d''.
+    first_order_term = -0.5 * product_rate
+    factor_change_term = c_rate * cross(vector, product)
+    product_change_term = c * (cross(rate, product) + cross(vector, product_rate))
+    return first_order_term + factor_change_term + product_change_term
 
 
 def _square(vector: Floats) -> Floats:

@@ -178,10 +178,14 @@ def list_edges(triangles: Indices) -> tuple[Indices, Indices]:
     sides
         (T, 3) numbers of the edges 12, 23 and 31 of each triangle.
     """
-    low, high = np.moveaxis(np.sort(triangles[:, TRIANGLE_EDGES], axis=2), 2, 0)
-    # Both numbers in one integer: `np.unique` is much faster on integers than on rows.
-    keys, sides = np.unique(low << 32 | high, return_inverse=True)
-    return np.stack([keys >> 32, keys & (2**32 - 1)], axis=1), sides.reshape(-1, 3)
+    ends = triangles[:, TRIANGLE_EDGES]  # (T, 3, 2) vertices of the three edges
+    lower = ends.min(axis=2)
+    higher = ends.max(axis=2)
+    # Both numbers are put into one integer of 64 bits, the lower number in its upper 32
+    # bits: `np.unique` is much faster on integers than on rows.
+    keys, sides = np.unique((lower << 32) | higher, return_inverse=True)
+    edges = np.stack([keys >> 32, keys & (2**32 - 1)], axis=1)
+    return edges, sides.reshape(len(triangles), 3)
 
 
 def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:

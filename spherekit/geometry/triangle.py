@@ -99,32 +99,59 @@ def vertex_angles(
         second end.
     slack
         Error (rad) of the sides that is accepted, (n,) or the same for all.
-
-    Notes
-    -----
-    The half-angle formula tan^2(A / 2) = sin(s - b) sin(s - c) / (sin s sin(s - a)), where
-    s is half the perimeter, has no cancellation for small sides.
     """
     # The triangle inequalities: none of these differences is negative.
     half_perimeter = 0.5 * (base + first_side + second_side)
-    differences = np.stack(
-        [
-            half_perimeter - base,
-            half_perimeter - first_side,
-            half_perimeter - second_side,
-            np.pi - half_perimeter,
-        ]
-    )
+    less_base = half_perimeter - base
+    less_first = half_perimeter - first_side
+    less_second = half_perimeter - second_side
+    supplement = np.pi - half_perimeter
+    differences = np.stack([less_base, less_first, less_second, supplement])
     closes = np.all(differences >= -slack, axis=0)
-    # The sine of pi - s is that of s. Differences within the slack count as zero.
-    sin_s_base, sin_s_first, sin_s_second, sin_s = np.sin(np.clip(differences, 0.0, np.pi))
-    at_first = 2 * np.arctan2(
-        np.sqrt(sin_s_first * sin_s_base), np.sqrt(sin_s * sin_s_second)
+
+    # Sines of half the perimeter less each side. Differences within the slack count as
+    # zero. The sine of the supplement is that of half the perimeter itself.
+    sines = np.sin(np.clip(differences, 0.0, np.pi))
+    sine_less_base, sine_less_first, sine_less_second, sine_half_perimeter = sines
+    # The angle at the first end is between the first side and the base, and opposite to the
+    # second side.
+    at_first = _half_angle_formula(
+        sine_less_first, sine_less_base, sine_less_second, sine_half_perimeter
     )
-    at_second = 2 * np.arctan2(
-        np.sqrt(sin_s_second * sin_s_base), np.sqrt(sin_s * sin_s_first)
+    at_second = _half_angle_formula(
+        sine_less_second, sine_less_base, sine_less_first, sine_half_perimeter
     )
     return TriangleAngles(at_first, at_second, closes)
+
+
+def _half_angle_formula(
+    sine_less_side: Floats,
+    sine_less_base: Floats,
+    sine_less_opposite: Floats,
+    sine_half_perimeter: Floats,
+) -> Floats:
+    """Return the angle between a side and the base of spherical triangles, 0 to pi.
+
+    The half-angle formula tan^2(A / 2) = sin(s - b) sin(s - c) / (sin s sin(s - a)), with
+    half the perimeter s, has no cancellation for small sides. The angle A is between the
+    sides b and c, and opposite to the side a.
+
+    Parameters
+    ----------
+    sine_less_side, sine_less_base
+        (n,) sin(s - b) and sin(s - c) for the sides at the angle.
+    sine_less_opposite
+        (n,) sin(s - a) for the opposite side.
+    sine_half_perimeter
+        (n,) sin(s).
+
+    Returns
+    -------
+    (n,) angles (rad).
+    """
+    numerator = np.sqrt(sine_less_side * sine_less_base)
+    denominator = np.sqrt(sine_half_perimeter * sine_less_opposite)
+    return 2 * np.arctan2(numerator, denominator)
 
 
 @dataclass(frozen=True)
