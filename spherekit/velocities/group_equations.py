@@ -74,27 +74,61 @@ class EquationChoice(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LoopEquation:
-    """One scalar velocity equation of a loop: direction . (sum of a_v x_v + c) = 0.
+class LoopVectorEquation:
+    """The velocity equation of a loop: sum of a_v x_v + c = 0, which has three components.
 
     The angular velocities of the pairs of a loop add up to zero. x_v are the unknown rates
     of the variables v.
 
     Attributes
     ----------
-    direction
-        (3,) direction along which the component of the vector equation is taken.
     vectors
         (3,) vector a_v of each unknown variable v: the relative angular velocity of the
         links of its pair at unit rate. It has the sign +1 if the loop passes the pair from
         its first link to its second, and -1 in the opposite sense.
     known_part
         (3,) the vector c, the sum over all pairs with known rates.
+    private
+        The two private variables of the loop, which occur in no other loop, or none.
+    """
+
+    vectors: dict[int, Exprs]
+    known_part: Exprs
+    private: Sequence[int]
+
+    def normal_to_private(self) -> Exprs:
+        """Return the direction perpendicular to the vectors of both private variables.
+
+        The component of the equation along it does not contain the private variables.
+        """
+        first, second = self.private
+        return cross(self.vectors[first], self.vectors[second])
+
+
+@dataclass(frozen=True)
+class ScalarEquation:
+    """One component of the velocity equation of a loop: direction . (sum a_v x_v + c) = 0.
+
+    Attributes
+    ----------
+    direction
+        (3,) direction along which the component of the vector equation is taken.
+    loop
+        The vector equation.
     """
 
     direction: Exprs
-    vectors: dict[int, Exprs]
-    known_part: Exprs
+    loop: LoopVectorEquation
+
+    def coefficient(self, variable: int) -> Expr:
+        """Return the factor of the rate of a variable; 0 if it is not in the loop."""
+        if variable not in self.loop.vectors:
+            return 0.0
+        return dot(self.direction, self.loop.vectors[variable])
+
+    def known_term(self) -> Expr:
+        """Return the term without unknown rates, direction . c."""
+        return dot(self.direction, self.loop.known_part)
 
 
 class GroupEquations:
@@ -333,105 +367,78 @@ class GroupEquations:
         scale
             The determinant D.
         """
-        # For each loop the vectors a_v, by variable, and the vector c.
-        loop_vectors: list[dict[int, Exprs]] = []
-        known_parts: list[Exprs] = []
-        for loop in self.loops:
-            by_variable: dict[int, Exprs] = {}
-            for pair, sense in loop:
-                if pair in self.pairs:
-                    for v in self._variables_of(pair):
-                        by_variable[v] = vectors[v] * float(sense)
-            loop_vectors.append(by_variable)
-            known_parts.append(
-                vector_sum(known_velocities[pair] * float(sense) for pair, sense in loop)
-            )
-        equations = self._collect_equations(vectors, loop_vectors, known_parts)
-
-        # The coefficients of the unknowns in the scalar equations, one row per equation.
-        matrix: list[list[Expr]] = []
-        for equation in equations:
-            row: list[Expr] = []
-            for v in self.unknowns:
-                is_contained = v in equation.vectors
-                row.append(
-                    dot(equation.direction, equation.vectors[v]) if is_contained else 0.0
-                )
-            matrix.append(row)
-        right_side = [
-            dot(equation.direction, equation.known_part) for equation in equations
-        ]
+        loops = self._loop_equations(vectors, known_velocities)
+        equations = self._scalar_equations(vectors, loops)
+        matrix = [[x.coefficient(v) for v in self.unknowns] for x in equations]
+        known_terms = [equation.known_term() for equation in equations]
         scale = determinant(matrix)
         matrix_cofactors = cofactors(matrix)
         rates: dict[int, Expr] = {}
         for k, variable in enumerate(self.unknowns):
             column = [row[k] for row in matrix_cofactors]
-            rates[variable] = -1.0 * dot(right_side, column)
-        # The variables that were eliminated from the equations of their loop.
-        for private, by_variable, known_part in zip(
-            self.private_variables, loop_vectors, known_parts, strict=True
-        ):
-            if private:
-                private_rates = _solve_private_rates(
-                    private, by_variable, known_part, scale, rates
+            rates[variable] = -1.0 * dot(known_terms, column)
+        # A dyad has one loop with three unknown variables, of which two are private.
+        is_dyad = len(loops) == 1 and len(self.unknowns) == 1
+        for loop in loops:
+            if loop.private:
+                rates |= (
+                    _solve_private_rates_of_dyad(loop, self.unknowns[0])
+                    if is_dyad
+                    else _solve_private_rates(loop, scale, rates)
                 )
-                rates |= zip(private, private_rates, strict=True)
         return rates, scale
 
-    def _collect_equations(
-        self,
-        vectors: Sequence[Exprs],
-        loop_vectors: Sequence[dict[int, Exprs]],
-        known_parts: Sequence[Exprs],
-    ) -> list[LoopEquation]:
-        """Return the scalar equations for the unknowns.
+    def _loop_equations(
+        self, vectors: Sequence[Exprs], known_velocities: Sequence[Exprs]
+    ) -> list[LoopVectorEquation]:
+        """Return the vector equation of each loop. Parameters as in `solve_rates`."""
+        equations: list[LoopVectorEquation] = []
+        for loop, private in zip(self.loops, self.private_variables, strict=True):
+            vector_by_variable: dict[int, Exprs] = {}
+            for pair, sense in loop:
+                if pair in self.pairs:
+                    for v in self._variables_of(pair):
+                        vector_by_variable[v] = vectors[v] * float(sense)
+            known_part = vector_sum(
+                known_velocities[pair] * float(sense) for pair, sense in loop
+            )
+            equations.append(LoopVectorEquation(vector_by_variable, known_part, private))
+        return equations
 
-        The vector equation of a loop is sum of a_v x_v + c = 0, with the vectors a_v and
-        the rates x_v of its unknown variables v. A scalar equation is its component along a
-        direction. There are three kinds of directions:
+    def _scalar_equations(
+        self, vectors: Sequence[Exprs], loops: Sequence[LoopVectorEquation]
+    ) -> list[ScalarEquation]:
+        """Return the scalar equations for the unknowns, components of those of the loops.
 
-        - A loop may have two private variables, which occur in no other loop. The direction
-          is perpendicular to both of their vectors, so that the equation is free of them.
-        - A loop without private variables gives three equations, along the ground axes.
-        - If some equations repeat others, the constructor has chosen independent ones. They
-          are components of the first kind, or along the vector of a variable of the loop.
+        - A loop with private variables gives one equation, which is free of them.
+        - A loop without them gives three equations, along the ground axes.
+        - If some equations repeat others, the constructor has chosen independent ones
+          (`EquationChoice`), and only these are returned.
 
         Parameters
         ----------
         vectors
             (3,) vectors of all variables of the mechanism: the relative angular velocity of
             the links of a pair at unit rate.
-        loop_vectors
-            For each loop the vectors (3,) of its unknown variables, times +1 or -1, the
-            sense in which the loop passes the pair.
-        known_parts
-            For each loop the known vector c (3,).
+        loops
+            The vector equations of all loops.
         """
-
-        def normal_to_private(loop_index: int) -> Exprs:
-            """Return the direction perpendicular to both private vectors of a loop."""
-            first, second = self.private_variables[loop_index]
-            by_variable = loop_vectors[loop_index]
-            return cross(by_variable[first], by_variable[second])
-
-        # The index of the loop and the direction of each equation.
-        directions: list[tuple[int, Exprs]] = []
-        if self.chosen_equations is None:
-            for loop_index, private in enumerate(self.private_variables):
-                if private:
-                    directions.append((loop_index, normal_to_private(loop_index)))
-                else:
-                    directions += [(loop_index, axis) for axis in GROUND_DIRECTIONS]
-        else:
+        equations: list[ScalarEquation] = []
+        if self.chosen_equations is not None:
             for loop_index, variable in self.chosen_equations:
+                loop = loops[loop_index]
                 if variable is None:
-                    directions.append((loop_index, normal_to_private(loop_index)))
+                    direction = loop.normal_to_private()
                 else:
-                    directions.append((loop_index, vectors[variable]))
-        return [
-            LoopEquation(direction, loop_vectors[loop_index], known_parts[loop_index])
-            for loop_index, direction in directions
-        ]
+                    direction = vectors[variable]
+                equations.append(ScalarEquation(direction, loop))
+            return equations
+        for loop in loops:
+            if loop.private:
+                equations.append(ScalarEquation(loop.normal_to_private(), loop))
+            else:
+                equations += [ScalarEquation(axis, loop) for axis in GROUND_DIRECTIONS]
+        return equations
 
 
 def _is_rounding_error(coefficients: Floats, direction: Floats) -> bool:
@@ -454,82 +461,79 @@ def _is_rounding_error(coefficients: Floats, direction: Floats) -> bool:
 
 
 def _solve_private_rates(
-    private: Sequence[int],
-    vectors: dict[int, Exprs],
-    known_part: Exprs,
-    scale: Expr,
-    rates: Mapping[int, Expr],
-) -> tuple[Expr, Expr]:
-    """Return the rates x and y, times D, of the private variables of a loop.
+    loop: LoopVectorEquation, scale: Expr, rates: Mapping[int, Expr]
+) -> dict[int, Expr]:
+    """Return the rates of the private variables of a loop, times the determinant D.
 
-    Private variables occur in no other loop. The rates of the other variables of the group
-    are solved already, times the determinant D of its equations. The private rates satisfy
-    the vector equation of the loop,
+    The other rates of the loop are known, times D. The equation of the loop is therefore
+    multiplied by D, which gives
 
-        x a + y b + s = 0,
+        x a + y b + s = 0.
 
-    with the vectors a and b of the private variables. s is D times the known vector c, plus
-    the sum of vector times rate of all other unknown variables of the loop. The component
-    of the equation along a x b contains neither x nor y. It was used to solve the other
-    rates, so s is in the plane of a and b. Two components remain, which give x and y.
+    x and y are D times the private rates, with their vectors a and b. The known vector is
+    s = D c + the sum of a_v (D x_v) over the other variables v. It is in the plane of a and
+    b, because the component along n = a x b was one of the equations for the other rates.
+    The scalar products with n x b, which is perpendicular to b, and with a x n, which is
+    perpendicular to a, give
+
+        x = (n x b) . s / |n|^2,   y = (a x n) . s / |n|^2.
 
     Parameters
     ----------
-    private
-        Numbers of the two private variables.
-    vectors
-        (3,) vectors of the unknown variables of the loop, times +1 or -1, the sense in
-        which the loop passes the pair.
-    known_part
-        (3,) the known vector c of the loop.
+    loop
+        The equation of the loop.
     scale
         The determinant D.
     rates
-        Rates times D of the variables that are solved already, by variable.
+        Rates times D of the other variables, by variable.
+
+    Returns
+    -------
+    x and y by the number of their variable.
     """
-    a, b = (vectors[v] for v in private)
-    other_variables = [v for v in vectors if v not in private]
-    # A group with a single loop of three unknown variables is a dyad. Two of them are
-    # private, so only one rate of the group is solved already, and it is of this loop.
-    is_dyad = len(rates) == 1 and len(other_variables) == 1
-    if is_dyad:
-        (third_variable,) = other_variables
-        return _solve_private_rates_of_dyad(a, b, vectors[third_variable], known_part)
-    # The vector s.
-    other_terms = known_part * scale
-    for variable in other_variables:
-        other_terms = other_terms + vectors[variable] * rates[variable]
-    # With n = a x b, the vectors n x b and a x n are at right angles to b and to a. So the
-    # scalar products of x a + y b + s = 0 with these give x = (n x b) . s / |n|^2 and
-    # y = (a x n) . s / |n|^2.
-    # The quotients with vectors are formed first, since they depend on a and b alone. This
-    # function is called again with another s for each input and for accelerations. All
-    # calls then share the expressions of the quotients.
-    normal = cross(a, b)
-    inverse_square = 1.0 / dot(normal, normal)
-    return (
-        dot(cross(normal, b) * inverse_square, other_terms),
-        dot(cross(a, normal) * inverse_square, other_terms),
-    )
+    first, second = loop.private
+    a = loop.vectors[first]
+    b = loop.vectors[second]
+    s = loop.known_part * scale
+    for variable, vector in loop.vectors.items():
+        if variable not in loop.private:
+            s = s + vector * rates[variable]
+    n = cross(a, b)
+    inverse_square = 1.0 / dot(n, n)
+    # The quotients with vectors are formed before the products with s, since they depend on
+    # a and b alone. This function is called again with another s for each input and for
+    # accelerations. All calls then share the expressions of the quotients.
+    return {
+        first: dot(cross(n, b) * inverse_square, s),
+        second: dot(cross(a, n) * inverse_square, s),
+    }
 
 
-def _solve_private_rates_of_dyad(
-    a: Exprs, b: Exprs, d: Exprs, known_part: Exprs
-) -> tuple[Expr, Expr]:
-    """Return the rates x and y, times D, of the private variables of a dyad.
+def _solve_private_rates_of_dyad(loop: LoopVectorEquation, third: int) -> dict[int, Expr]:
+    """Return the rates of the private variables of a dyad, times its determinant D.
 
     A dyad has one loop with three unknown rates: x a + y b + z d + c = 0. Its component
     along a x b is the equation (a x b) . d z + (a x b) . c = 0, whose determinant is
-    D = (a x b) . d. By Cramer's rule D x = b . (c x d) and D y = -a . (c x d). These
-    formulas need no division and not the rate z. They keep all digits, whereas digits may
-    cancel in the sum z d + c.
+    D = (a x b) . d. By Cramer's rule
+
+        D x = b . (c x d),   D y = -a . (c x d).
+
+    These formulas do not need the rate z. They keep all digits, whereas digits may cancel
+    in the sum z d + c.
 
     Parameters
     ----------
-    a, b, d
-        (3,) vectors of the two private variables and of the third variable.
-    known_part
-        (3,) the known vector c.
+    loop
+        The equation of the loop.
+    third
+        The variable that is not private, with the vector d.
+
+    Returns
+    -------
+    D x and D y by the number of their variable.
     """
-    normal = cross(known_part, d)
-    return dot(b, normal), -1.0 * dot(a, normal)
+    first, second = loop.private
+    a = loop.vectors[first]
+    b = loop.vectors[second]
+    c_cross_d = cross(loop.known_part, loop.vectors[third])
+    return {first: dot(b, c_cross_d), second: -1.0 * dot(a, c_cross_d)}

@@ -51,6 +51,27 @@ class MovingLink:
     velocities: list[Exprs]
     momenta: list[Exprs]
 
+    def momentum(self, scaled_speeds: Sequence[Expr]) -> Exprs:
+        """Return the angular momentum h = sum of s_k I y_k while all inputs move.
+
+        `scaled_speeds` are s_k, the rates of the inputs divided by D.
+        """
+        return np.asarray(dot(self.momenta, scaled_speeds))
+
+    def acceleration_moment(self, i: int, acceleration: Exprs) -> Expr:
+        """Return y_i . I b, the moment at input i, times D, of an angular acceleration b.
+
+        `acceleration` are the components (3,) of b along the basis of the link.
+        """
+        return dot(self.momenta[i], acceleration)
+
+    def gyroscopic_product(self, i: int, k: int, momentum: Exprs) -> Expr:
+        """Return h . (y_i x y_k), with the angular momentum h (3,) of the link.
+
+        It changes its sign if the inputs i and k are exchanged.
+        """
+        return dot(cross(self.velocities[i], self.velocities[k]), momentum)
+
 
 class InputMoments:
     """Inertia matrix at the inputs, and the input torques due to inertia, as expressions.
@@ -144,23 +165,19 @@ class InputMoments:
     ) -> list[Expr]:
         """Return the inertia moments, times D, at inputs that move without accelerating.
 
-        A link has the inertia tensor I, the angular acceleration b, and the angular
-        velocity
+        Each link adds two parts to the moment at input i:
 
-            w = sum over k of u_k w_k = sum over k of s_k y_k,   y_k = D w_k,   s_k = u_k /
-            D,
+        1. y_i . I b, which its angular acceleration b requires,
+        2. y_i . (w x h), the gyroscopic moment of its angular momentum h = I w.
 
-        with the rates u_k of the inputs, the angular velocities w_k per unit rate of each
-        input, and the determinant D of the velocity equations. The expressions of y_k
-        contain no division. The angular momentum is h = I w. All vectors of a link have
-        components along the basis of the link. Its contribution to moment i times D has two
-        parts:
+        y_i is the velocity of the link by input i, times the determinant D of the velocity
+        equations (`MovingLink`). Its velocity while all inputs move is w = sum of s_k y_k,
+        where s_k are the rates of the inputs divided by D. The second part is therefore the
+        sum of s_k g_ik over k, with the products
 
-            y_i . I b = I y_i . b,
-            y_i . (w x h) = sum over k of s_k h . (y_i x y_k).
+            g_ik = h . (y_i x y_k) = -g_ki.
 
-        The last product changes its sign if i and k are exchanged. So it is computed once
-        for both moments, and is zero for i = k.
+        So each pair of inputs needs one product.
 
         Parameters
         ----------
@@ -169,25 +186,23 @@ class InputMoments:
         scaled_speeds
             s_i of each input.
         """
-        input_indices = range(len(scaled_speeds))
-        moments: list[Expr] = [0.0 for _ in input_indices]
-        # By (k, i) with k < i: sum over the links of h . (y_i x y_k). Multiplied by s_k it
-        # is a part of moment i, and multiplied by -s_i a part of moment k.
-        gyroscopic: dict[tuple[int, int], Expr] = dict.fromkeys(
-            combinations(input_indices, 2), 0.0
+        inputs = range(len(scaled_speeds))
+        moments: list[Expr] = [0.0 for _ in inputs]
+        # Sums of g_ik over the links, by (k, i) with k < i.
+        gyroscopic_sums: dict[tuple[int, int], Expr] = dict.fromkeys(
+            combinations(inputs, 2), 0.0
         )
         for link in self._links:
             acceleration = link.orientation.components(bias_accelerations[link.link])
-            # h = I w is the sum of s_k I y_k; `link.momenta` are I y_k.
-            momentum = dot(link.momenta, scaled_speeds)
-            for i in input_indices:
-                moments[i] = moments[i] + dot(link.momenta[i], acceleration)
-            for k, i in gyroscopic:
-                normal = cross(link.velocities[i], link.velocities[k])
-                gyroscopic[k, i] = gyroscopic[k, i] + dot(normal, momentum)
-        for (k, i), part in gyroscopic.items():
-            moments[i] = moments[i] + scaled_speeds[k] * part
-            moments[k] = moments[k] - scaled_speeds[i] * part
+            momentum = link.momentum(scaled_speeds)
+            for i in inputs:
+                moments[i] = moments[i] + link.acceleration_moment(i, acceleration)
+            for (k, i), previous_sum in gyroscopic_sums.items():
+                product = link.gyroscopic_product(i, k, momentum)
+                gyroscopic_sums[k, i] = previous_sum + product
+        for (k, i), gyroscopic_sum in gyroscopic_sums.items():
+            moments[i] = moments[i] + scaled_speeds[k] * gyroscopic_sum
+            moments[k] = moments[k] - scaled_speeds[i] * gyroscopic_sum
         return moments
 
     def inertia_torque(
@@ -209,15 +224,17 @@ class InputMoments:
         speeds, accelerations
             Rates and accelerations of all inputs.
         """
-        # `matrix` and `velocity_moments` contain no division by the determinant D of the
-        # velocity equations: they are M D^2 and h D, per `unit` of inertia. The moment is
-        # therefore (M D^2 (q'' / D) + h D) / D, times the unit.
-        velocity_moment = self._velocity_moments_at(speeds)[input_index]
+        # D is the determinant of the velocity equations. Everything is computed in terms
+        # without a division by D, and divided at the end:
+        # moment_i = (sum over k of (D^2 M_ik) (q''_k / D) + D h_i) / D.
+        velocity_moment_times_d = self._velocity_moments_at(speeds)[input_index]
         inverse_determinant = 1.0 / self._coordinate_rates.scale
-        scaled_accelerations = [x * inverse_determinant for x in accelerations]  # q'' / D
-        acceleration_moment = dot(self.matrix[input_index], scaled_accelerations)
-        scaled_moment = acceleration_moment + velocity_moment
-        return scaled_moment * inverse_determinant * self.unit
+        accelerations_by_d = [x * inverse_determinant for x in accelerations]
+        matrix_row_times_d2 = self.matrix[input_index]
+        acceleration_moment_times_d = dot(matrix_row_times_d2, accelerations_by_d)
+        moment_times_d = acceleration_moment_times_d + velocity_moment_times_d
+        # The matrix and the moments are computed per unit of inertia.
+        return moment_times_d * inverse_determinant * self.unit
 
     def _velocity_moments_at(self, speeds: Sequence[Expr]) -> list[Expr]:
         """Return the inertia moments of all inputs, times D, at constant rates of them."""

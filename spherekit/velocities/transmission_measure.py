@@ -167,13 +167,12 @@ class Transmission:
         path = self._path_currents
         for start in range(0, len(all_rows), TRANSMISSION_BATCH_ROWS):
             rows = all_rows[start : start + TRANSMISSION_BATCH_ROWS]
-            # J, and the vectors of the passive variables.
-            columns, loops = passive_equations(self.tree, self.driven, vectors[rows])
+            equations = passive_equations(self.tree, self.driven, vectors[rows])
             # Rows of zeros make J square if there are fewer equations than unknowns.
-            missing = max(0, len(passive_pairs) - loops.shape[1])
-            loops = np.pad(loops, ((0, 0), (0, missing), (0, 0)))
+            missing = max(0, len(passive_pairs) - equations.matrix.shape[1])
+            loops = np.pad(equations.matrix, ((0, 0), (0, missing), (0, 0)))
             # A: the motion of the output per unit rate of each passive variable.
-            output_motion = path[passive_pairs] * columns
+            output_motion = path[passive_pairs] * equations.unit_vectors
             # A rotation about the direction of the output does not count.
             if directions is not None:
                 axes = directions[rows][:, :, None]
@@ -209,53 +208,58 @@ def passive_variables(tree: LoopTree, driven: Sequence[int]) -> list[int]:
     return [v for v in range(len(tree.pair_of_variable)) if v not in driven]
 
 
+@dataclass(frozen=True)
+class PassiveEquations:
+    """The loop equations J x = 0 of the passive pairs, in units that suit a measure.
+
+    Passive pairs are those that no input locks. The velocities that a pair allows are
+    described along orthonormal vectors, one for each of its variables, and x are the rates
+    along these vectors. The loops are combined such that they are orthonormal, too. The
+    singular values of J are then between 0 and 1. They do not depend on the units of the
+    variables or on the choice of the loops.
+
+    Attributes
+    ----------
+    unit_vectors
+        (n, 3, passive) the orthonormal vectors, one for each passive variable.
+    matrix
+        (n, 3 loops, passive) the matrix J. Its rows are the three components of the
+        equation of the first loop, then those of the second, and so on. J x is the opening
+        of the loops: the sums of the angular velocities of the pairs around them.
+    """
+
+    unit_vectors: Floats
+    matrix: Floats
+
+
 def passive_equations(
     tree: LoopTree, driven: Sequence[int], vectors: Floats
-) -> tuple[Floats, Floats]:
-    """Return the loop equations of the passive variables, on orthonormal bases.
+) -> PassiveEquations:
+    """Return the loop equations of the variables that no input locks.
 
-    Passive variables are those that no input locks. A vector of a variable is the relative
-    angular velocity of the links of its pair per unit rate of the variable.
-
-    The matrix of the equations is a product C P of two matrices. The relative velocities in
-    all pairs are a vector of 3 components for each pair.
-
-    - The columns of P are an orthonormal basis of the relative velocities that the passive
-      pairs allow.
-    - The rows of C are an orthonormal basis of the cycles of the graph of links and pairs.
-      C times relative velocities is 0 if these add up to 0 around each loop, which is true
-      for the velocities of moving bodies and for no others.
-
-    C P maps velocities that the pairs allow to the openings of the loops that they would
-    cause. If it is 0 for some rates, the passive pairs allow a motion of the bodies.
-    Because both bases are orthonormal, the singular values of C P have a meaning: they are
-    the sines of the angles between the space of the velocities that the pairs allow and the
-    space of those that keep all loops closed.
+    The coefficient of a variable in the vector equation of a loop is the unit vector of the
+    variable, times the coefficient of its pair in the loop.
 
     Parameters
     ----------
     tree, driven
         The loops, and the variables that inputs lock.
     vectors
-        (n, variables, 3) vectors of the variables, in one frame.
-
-    Returns
-    -------
-    columns
-        (n, 3, passive) orthonormal vectors of the variables of each pair.
-    loops
-        (n, 3 loops, passive) coefficients of the rates along these vectors. The three
-        components of the equation of each loop are next to each other.
+        (n, variables, 3) vectors of the variables in one frame: the relative angular
+        velocity of the links of a pair per unit rate of the variable.
     """
     passive = passive_variables(tree, driven)
-    columns = np.swapaxes(_orthonormal_vectors(tree, vectors)[:, passive], 1, 2)
-    # (loops, passive) coefficient of each variable's pair in each cycle. `tree.cycles`
-    # (loops, pairs) has orthonormal rows.
-    cycles = tree.cycles[:, [tree.pair_of_variable[v] for v in passive]]
-    # (n, loops, 3, passive) C P: a column of P is zero except for the vector of its
-    # variable in the components of its pair, so each entry is one product.
-    loops = cycles[:, None] * columns[:, None]
-    return columns, loops.reshape(len(vectors), 3 * len(cycles), len(passive))
+    unit_vectors = np.swapaxes(_orthonormal_vectors(tree, vectors)[:, passive], 1, 2)
+    # (loops, passive) coefficient of the pair of each variable in each combined loop. The
+    # rows of `tree.cycles` (loops, pairs) are orthonormal.
+    coefficients = tree.cycles[:, [tree.pair_of_variable[v] for v in passive]]
+    equations = np.zeros((len(vectors), len(coefficients), 3, len(passive)))
+    for loop, loop_coefficients in enumerate(coefficients):
+        equations[:, loop] = loop_coefficients * unit_vectors
+    return PassiveEquations(
+        unit_vectors=unit_vectors,
+        matrix=equations.reshape(len(vectors), 3 * len(coefficients), len(passive)),
+    )
 
 
 def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> Floats:
@@ -281,7 +285,7 @@ def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> F
     """
     authority = nans((2, len(vectors)))
     is_finite = all_finite(vectors, (1, 2))
-    _, loops = passive_equations(tree, driven, vectors[is_finite])
+    loops = passive_equations(tree, driven, vectors[is_finite]).matrix
     equation_count, passive_count = loops.shape[1:]
     if not passive_count:
         authority[:, is_finite] = 1.0
@@ -322,41 +326,37 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
 def _output_motion_per_opening(output_motion: Floats, loop_equations: Floats) -> Floats:
     """Return how much the output moves per unit opening of the loops, near a singularity.
 
-    The inputs are locked, but the pairs have play. So the loops can open a little: the
-    relative angular velocities of their pairs do not add up to 0. The passive pairs can
-    then move, and the output moves with them. Locked inputs hold the output firmly if it
-    moves little per opening.
+    The result is A J^+, where A x is the motion of the output and J x the opening of the
+    loops while the passive pairs move at the rates x. Near a singularity the inverse J^+ is
+    computed from rounding errors. J is therefore split by its singular value decomposition
+    J = U diag(s) V^T, which gives
 
-    The result is the product of two matrices: the motion of the output, and the inverse of
-    the loop equations. Near a singularity the inverse hardly exists. The singular value
-    decomposition therefore splits the motion of the passive pairs into independent motions.
-    Each opens the loops by its singular value, and is inverted separately.
+        A J^+ = (A V) diag(1 / s) U^T.
+
+    A column of V is a motion of the passive pairs that opens the loops by s, in the
+    direction of the same column of U. If it opens no loop (s near 0) and does not move the
+    output either, it gets 0 in place of 1 / s.
 
     Parameters
     ----------
     output_motion
-        (n, 3, passive) angular velocity of the output per unit rate of each passive
-        variable.
+        (n, 3, passive) the matrix A: angular velocity of the output per unit rate of each
+        passive variable.
     loop_equations
-        (n, equations, passive) opening rates of the loops per unit rate of each passive
-        variable.
+        (n, equations, passive) the matrix J: opening rates of the loops per unit rate of
+        each passive variable.
 
     Returns
     -------
     (n, 3, equations) angular velocity of the output per unit opening rate.
     """
-    # Row i of `passive_motions` is a motion that opens the loops by `openings[i]`, in the
-    # direction of column i of `opening_directions`.
-    opening_directions, openings, passive_motions = np.linalg.svd(
-        loop_equations, full_matrices=False
-    )
-    # (n, 3, motions) angular velocity of the output in each independent motion.
-    output_in_motions = output_motion @ np.swapaxes(passive_motions, 1, 2)
+    u, openings, v_transposed = np.linalg.svd(loop_equations, full_matrices=False)
+    # (n, 3, motions) angular velocity of the output in each motion of the passive pairs.
+    output_in_motions = output_motion @ np.swapaxes(v_transposed, 1, 2)
     output_speeds = np.linalg.norm(output_in_motions, axis=1)
     inverse_openings = _invert_openings(openings, output_speeds)
     output_per_opening = output_in_motions * inverse_openings[:, None]
-    # From the opening directions of the motions to the equations of the loops.
-    return output_per_opening @ np.swapaxes(opening_directions, 1, 2)
+    return output_per_opening @ np.swapaxes(u, 1, 2)
 
 
 def _invert_openings(openings: Floats, output_speeds: Floats) -> Floats:
