@@ -58,10 +58,14 @@ def jet_product(
 ) -> Jet:
     """Return the jet of a bilinear product by the product rule.
 
-    A jet is a mapping with an array of balls and its derivatives by the variables. The key
-    () has the array, (j,) its derivative by variable j, and (j, l) with j <= l the second
-    derivative by the variables j and l. A missing key means 0. A ball is a number with a
-    bound of its error.
+    A jet is a mapping with an array of balls and its derivatives by the variables. A
+    missing key means 0. A ball is a number with a bound of its error. With the factors f
+    and g, and derivatives by variables as indices, the keys of the result have the values
+
+        ()              f g
+        (j,)            f_j g + f g_j
+        (j, l), j < l   f_jl g + f_j g_l + f_l g_j + f g_jl
+        (j, j)          f_jj g + 2 f_j g_j + f g_jj
 
     Parameters
     ----------
@@ -79,13 +83,12 @@ def jet_product(
         for second_key, second_array in second.items():
             if len(first_key) + len(second_key) > order:
                 continue
-            # The product of a derivative of each factor is a term of this derivative.
+            # Each pair of keys gives one term of the table above.
             key = tuple(sorted(first_key + second_key))
             term = multiply(first_array, second_array)
-            # (f g)'' = f'' g + 2 f' g' + f g'': if both keys are the same variable, the
-            # mixed term counts twice. For two variables it occurs twice in these loops.
-            if first_key and first_key == second_key:
-                term = term + term
+            is_mixed_term_of_one_variable = first_key == second_key and first_key != ()
+            if is_mixed_term_of_one_variable:
+                term = term + term  # 2 f_j g_j
             result[key] = result[key] + term if key in result else term
     return result
 
@@ -209,20 +212,13 @@ class ArcEquations:
         """
         (pair,) = step.pairs
         terms = revolute_rotation_terms(*self.pair_frames[pair])
-        if self.decimal_mechanism.structure.ends[pair][0] not in step.parents:
-            # Against the direction of the pair the rotation is the transpose.
+        first_link, _second_link = self.decimal_mechanism.structure.ends[pair]
+        if first_link not in step.parents:
+            # The link is the first one of the pair, and its parent the second. The rotation
+            # from the first to the second link is the transpose.
             terms = terms.swapaxes(1, 2)
         if pair in self.follower_offsets:
-            # The cosine and sine of x + offset are expanded, so that T belongs to x.
-            sine, cosine = self.follower_offsets[pair].sin_cos()
-            constant, cosine_term, sine_term = terms
-            terms = np.array(
-                [
-                    constant,
-                    cosine_term * cosine + sine_term * sine,
-                    sine_term * cosine - cosine_term * sine,
-                ]
-            )
+            terms = _shift_angle(terms, self.follower_offsets[pair])
         return terms
 
     def _place_closing_link(self, step: PlacementStep) -> ClosingLinkPlacement:
@@ -241,10 +237,7 @@ class ArcEquations:
         )
         normal = np.cross(first_axis, second_axis)
         sine_squared = normal @ normal
-        # A float64 lower bound of the sine. `lower_magnitude` is a lower bound of the ball.
-        # The square root and the product each have a relative error of at most one unit
-        # roundoff, which the factor covers several times.
-        arc_sine = np.sqrt(lower_magnitude(sine_squared)) * (1 - 8 * UNIT_ROUNDOFF)
+        arc_sine = _lower_sine_bound(sine_squared)
         if not arc_sine > MIN_PROOF_ARC_SINE:
             structure = self.decimal_mechanism.structure
             raise PlanError(
@@ -255,13 +248,11 @@ class ArcEquations:
         # Dual basis a, b, n of the two axes and their cross product: each row has the
         # product 1 with its own vector, and 0 with the other two.
         dual_rows = [
-            row / sine_squared
-            for row in (
-                np.cross(second_axis, normal),
-                np.cross(normal, first_axis),
-                normal,
-            )
+            np.cross(second_axis, normal) / sine_squared,
+            np.cross(normal, first_axis) / sine_squared,
+            normal / sine_squared,
         ]
+        # The axis of each pair in the parent, the other link of the pair.
         parent_axes = [
             self.pair_frame(pair, parent)[2]
             for pair, parent in zip(step.pairs, step.parents, strict=True)
@@ -449,25 +440,58 @@ class ArcEquations:
         # with norm 1. So have its derivatives by the angle of the pair.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
         bounds = []
+        # The steps are in the order of placing. Links on the paths of a step are placed
+        # before it, so their norms are known.
         for step in self.construction.equation_steps:
-            # The norms of U and W: products over the links of the paths.
             paths = self.construction.parent_paths(step)
-            first_norm = prod(norms[link] for link in paths.first)
-            second_norm = prod(norms[link] for link in paths.second)
-            bounds.append(first_norm * second_norm)
+            norm_of_U = prod(norms[link] for link in paths.first)
+            norm_of_W = prod(norms[link] for link in paths.second)
+            bounds.append(norm_of_U * norm_of_W)
             # The link of this step is put on the axes U and W. Its orientation may be a
             # factor in equations of later steps.
             placement = self._closing_link_placements[step.link]
             norms[step.link] = _bound_closing_link_norm(
-                first_norm, second_norm, placement.arc_sine
+                norm_of_U, norm_of_W, placement.arc_sine
             )
-        # 64 covers the rounding of the last product, and of this one.
+        # Each norm covers its rounding and one product. 64 covers the rounding of the last
+        # product, norm_of_U * norm_of_W, and of this one.
         return np.array(bounds) * (1 + 64 * UNIT_ROUNDOFF)
 
     @cached_property
     def harmonics(self) -> Harmonics:
         """The same equations at real angles by their Fourier coefficients, in float64."""
         return Harmonics(self.degrees, lambda angles: self.evaluate(angles, 0)[0])
+
+
+def _shift_angle(terms: Array, offset: Ball) -> Array:
+    """Return the terms of a rotation whose angle is x + offset as terms of x.
+
+    The addition theorems are cos(x + o) = cos(x) cos(o) - sin(x) sin(o) and
+    sin(x + o) = sin(x) cos(o) + cos(x) sin(o).
+
+    Parameters
+    ----------
+    terms
+        (3, 3, 3) factors of 1, cos(x + offset) and sin(x + offset).
+    offset
+        Constant angle (rad).
+
+    Returns
+    -------
+    (3, 3, 3) factors of 1, cos(x) and sin(x).
+    """
+    sine, cosine = offset.sin_cos()
+    constant, cosine_term, sine_term = terms
+    shifted_cosine_term = cosine_term * cosine + sine_term * sine
+    shifted_sine_term = sine_term * cosine - cosine_term * sine
+    return np.array([constant, shifted_cosine_term, shifted_sine_term])
+
+
+def _lower_sine_bound(sine_squared: Ball) -> float:
+    """Return a lower bound, in float64, of a positive sine from its square as a ball."""
+    # The square root and the product each have a relative error of at most one unit
+    # roundoff, which the factor covers several times.
+    return np.sqrt(lower_magnitude(sine_squared)) * (1 - 8 * UNIT_ROUNDOFF)
 
 
 def _follower_offsets(

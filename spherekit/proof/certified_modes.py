@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Bools, Complexes, Floats
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.conventions import TURN
 from spherekit.proof.arc_equations import ArcEquations
@@ -245,9 +245,11 @@ def certify_modes(
             search = _RootSearch(decimal_mechanism, construction, inputs)
             for approximation in approximations:
                 search.add_root(approximation)
-            # Homotopies run once. They extend the list of approximations.
+            # Homotopies run once. They give the approximations.
             if bits == MODE_PRECISIONS_BITS[0]:
-                systems = search.search_by_homotopies(approximations)
+                result = search.search_by_homotopies()
+                approximations = result.approximations
+                systems = result.systems
         is_proven = len(search.roots) >= construction.mode_bound or bool(systems)
         if is_proven:
             break
@@ -323,6 +325,22 @@ def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     return list(zip(0.5 * (lows + highs), 0.5 * (highs - lows), strict=True))
 
 
+@dataclass(frozen=True)
+class _HomotopyResult:
+    """What homotopies, which follow roots from known equations, have given.
+
+    Attributes
+    ----------
+    approximations
+        The approximate roots, each with the complex angles (rad) of all unknowns.
+    systems
+        The systems that have proven the real roots complete; none if they have not.
+    """
+
+    approximations: list[Sequence[complex]]
+    systems: Sequence[EquationSystem]
+
+
 class _RootSearch:
     """The roots at given inputs that are proven with one precision.
 
@@ -362,9 +380,7 @@ class _RootSearch:
         """The roots that are real."""
         return [root for root in self.roots if root.real]
 
-    def search_by_homotopies(
-        self, approximations: list[Sequence[complex]]
-    ) -> Sequence[EquationSystem]:
+    def search_by_homotopies(self) -> _HomotopyResult:
         """Try to prove the roots that homotopies find.
 
         A root consists of values of the unknown angles, real or complex, that solve the
@@ -377,46 +393,50 @@ class _RootSearch:
            find no others, but the caller may prove these with more bits.
         3. The real roots are proven to be complete.
 
-        For the third case the equations are divided into small systems, which are solved
-        one after another (`spherekit.proof.modes_over_boxes.count_modes`). If this proves
-        the number of real roots, and as many real roots are proven here, none is missing.
-
-        Parameters
-        ----------
-        approximations
-            Receives all approximations that were tried, with their complex conjugates.
-
         Returns
         -------
-        The systems if they have proven the real roots complete. Otherwise an empty tuple:
-        the caller then counts the proven roots.
+        All approximations that were tried, with their complex conjugates. In case 3 also
+        the systems that prove the real roots; otherwise the caller counts the proven roots.
+        """
+        approximations: list[Sequence[complex]] = []
+        for seed in range(HOMOTOPY_SEEDS):
+            # (roots, unknowns) complex angles (rad).
+            roots = approximate_modes(self.equations, self.circle_points, seed)
+            for root in roots:
+                # The conjugate of a root is a root. A root that is proven already, such as
+                # the conjugate of a real one, is not added again.
+                for angles in (root.tolist(), root.conj().tolist()):
+                    self.add_root(angles)
+                    approximations.append(angles)
+            if self._is_complete(roots):
+                break
+            # The systems take time, so they are left out after a homotopy that has failed.
+            systems = self._find_complete_systems() if len(roots) else ()
+            if systems:
+                return _HomotopyResult(approximations, systems)
+        return _HomotopyResult(approximations, systems=())
+
+    def _is_complete(self, roots: Complexes) -> bool:
+        """Return whether as many roots are proven, or approximated, as there can be.
+
+        `roots` (roots, unknowns) are the approximations (rad) of one homotopy.
         """
         # The largest possible number of complex roots, by the degrees of the equations.
         bound = self.equations.construction.mode_bound
-        for seed in range(HOMOTOPY_SEEDS):
-            # (roots, unknowns) complex angles (rad). `circle_points` are the cosines and
-            # sines of the known angles.
-            roots = approximate_modes(self.equations, self.circle_points, seed)
-            # The conjugate of a root is a root.
-            candidates = [
-                angles.tolist() for root in roots for angles in (root, root.conj())
-            ]
-            for candidate in candidates:
-                self.add_root(candidate)
-            approximations += candidates
-            # At a root at infinity e^(i angle) is 0 or infinite, so the imaginary part of
-            # the angle is infinite. It is above this limit in approximations of such roots.
-            is_finite = np.all(np.abs(roots.imag) < FINITE_ROOT_IMAGINARY_RAD, axis=1)
-            # Cases 1 and 2.
-            if len(self.roots) >= bound or np.sum(is_finite) >= bound:
-                return ()
-            # Case 3. It is left out after a homotopy that has failed, because the systems
-            # take time. They are computed at the first access only.
-            if len(roots):
-                real_count, systems = self.real_roots_by_systems
-                if real_count == len(self.real):
-                    return systems
-        return ()
+        # At a root at infinity e^(i angle) is 0 or infinite, so the imaginary part of the
+        # angle is infinite. It is above this limit in approximations of such roots.
+        is_finite = np.all(np.abs(roots.imag) < FINITE_ROOT_IMAGINARY_RAD, axis=1)
+        return bool(len(self.roots) >= bound or np.sum(is_finite) >= bound)
+
+    def _find_complete_systems(self) -> Sequence[EquationSystem]:
+        """Return the systems if they prove that no real root is missing, else none.
+
+        The equations are divided into small systems, which are solved one after another
+        (`spherekit.proof.modes_over_boxes.count_modes`). If this proves the number of real
+        roots, and as many real roots are proven here, none is missing.
+        """
+        real_count, systems = self.real_roots_by_systems
+        return systems if real_count == len(self.real) else ()
 
     @cached_property
     def real_roots_by_systems(self) -> tuple[int | None, Sequence[EquationSystem]]:

@@ -290,12 +290,13 @@ def _find_smallest_system(
 def _place_on_two_axes(
     placements: Mapping[int, LinkPlacement], step: PlacementStep
 ) -> LinkPlacement:
-    """Return the placement of a closing link, which is put on two axes U and W.
+    """Return the degrees of the orientation of a link that is put on two axes U and W.
 
-    Each axis is fixed in one of two parents, which are links placed before. The orientation
-    of the closing link is U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n.
-    The degrees of a product are the sums of those of its factors. The product U x W
-    therefore has the degrees of U plus those of W, and no other term has more.
+    Only degrees in the variables are computed, and no orientation. Each axis is fixed in
+    one of two parents, which are links placed before. The orientation of the link is
+    U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. The degrees of a product
+    are the sums of those of its factors. The product U x W therefore has the degrees of U
+    plus those of W, and no other term has more.
 
     Parameters
     ----------
@@ -304,10 +305,11 @@ def _place_on_two_axes(
     step
         The step that places the closing link.
     """
-    # U and W are expressed in the axes of the first link that both parents' paths share.
+    # U and W are expressed in the axes of the first link that the paths of both parents
+    # share. An axis is then the product of the orientations of the links on its path, up to
+    # this link, and of a constant vector.
     paths = _find_parent_paths(placements, *step.parents)
     reference = paths.shared_link
-    # An axis is multiplied by the rotation of each link on its path.
     no_degrees = np.zeros_like(placements[reference].degrees)
     degrees_of_U = sum((placements[link].degrees for link in paths.first), no_degrees)
     degrees_of_W = sum((placements[link].degrees for link in paths.second), no_degrees)
@@ -462,8 +464,24 @@ class PairGraph:
         }
 
 
-PlacingOrder = tuple[tuple[int, ...], ...]
-"""For each body in order: the body, then the one or two pairs by which it is placed."""
+@dataclass(frozen=True)
+class BodyPlacement:
+    """A body, and the pairs by which it is placed.
+
+    Attributes
+    ----------
+    body
+        Number of the body.
+    pairs
+        The one or two pairs that join it to bodies placed before; none for the root.
+    """
+
+    body: int
+    pairs: tuple[int, ...]
+
+
+PlacingOrder = tuple[BodyPlacement, ...]
+"""The bodies other than the root, in the order in which they are placed."""
 
 
 @lru_cache(MAX_CACHED_STRUCTURES)
@@ -548,10 +566,13 @@ def placing_orders(
 ) -> Iterator[PlacingOrder]:
     """Yield all orders in which one or two pairs join each body to bodies before it.
 
-    An order lists for each body except the root a tuple: the number of the body, then the
-    one or two pairs by which it is placed. Two orders that place every body by the same
-    pairs are equivalent, and only one of them is yielded. The search runs backwards: it
-    removes bodies with at most two pairs one after another until only the root remains.
+    The search runs backwards. It removes a body that one or two pairs join to the other
+    bodies, then another one, until only the root remains. The order of placing is the
+    reverse. For example, four bodies 0, 1, 2 and 3 in a ring with the root 0 can be removed
+    in the sequence 2 (joined to 1 and 3), 1 (joined to 0), 3 (joined to 0).
+
+    Two orders that place every body by the same pairs are equivalent, such as that with 3
+    before 1 in the example. Only one of them is yielded.
 
     Parameters
     ----------
@@ -563,7 +584,7 @@ def placing_orders(
         The body that is placed first.
     """
     # Sets of removed bodies with their pairs that the search has reached.
-    reached_placements: set[frozenset[tuple[int, ...]]] = set()
+    reached_placements: set[frozenset[BodyPlacement]] = set()
 
     def remove_bodies(
         remaining: frozenset[int], order: PlacingOrder
@@ -588,19 +609,39 @@ def placing_orders(
         if remaining == {root}:
             yield order
             return
-        for body in sorted(remaining - {root}):
-            joining_pairs = tuple(
-                pair
-                for pair, two_bodies in joined_bodies.items()
-                if body in two_bodies and set(two_bodies) <= remaining
-            )
-            # A body is placed by rotation about one pair axis, or by putting it on two. It
-            # has no freedom to be put on a third one.
-            if 1 <= len(joining_pairs) <= 2:
-                extended_order = ((body, *joining_pairs), *order)
-                yield from remove_bodies(remaining - {body}, extended_order)
+        for placement in _list_removable_bodies(joined_bodies, remaining, root):
+            yield from remove_bodies(remaining - {placement.body}, (placement, *order))
 
     yield from remove_bodies(bodies, ())
+
+
+def _list_removable_bodies(
+    joined_bodies: Mapping[int, tuple[int, int]], remaining: frozenset[int], root: int
+) -> list[BodyPlacement]:
+    """Return the bodies that one or two pairs join to the other remaining bodies.
+
+    A body is placed by rotation about one pair axis, or by putting it on two. It has no
+    freedom to be put on a third one.
+
+    Parameters
+    ----------
+    joined_bodies
+        For each pair the two bodies that it joins.
+    remaining
+        The bodies among which pairs are counted.
+    root
+        The body that is placed first, which is never removed.
+    """
+    removable_bodies = []
+    for body in sorted(remaining - {root}):
+        pairs_to_remaining_bodies = tuple(
+            pair
+            for pair, two_bodies in joined_bodies.items()
+            if body in two_bodies and remaining.issuperset(two_bodies)
+        )
+        if 1 <= len(pairs_to_remaining_bodies) <= 2:
+            removable_bodies.append(BodyPlacement(body, pairs_to_remaining_bodies))
+    return removable_bodies
 
 
 def _make_construction(
@@ -628,13 +669,15 @@ def _make_construction(
     root
         The body that is placed first; its number is also that of its first link.
     order
-        For each other body in order: its number, then the pairs by which it is placed.
+        The other bodies in order, with the pairs by which they are placed.
     """
-    unknown_pairs = [pairs[0] for _, *pairs in order if len(pairs) == 1]
+    unknown_pairs = [placement.pairs[0] for placement in order if len(placement.pairs) == 1]
     # The position of a pair in this tuple is the number of its variable.
     variable_pairs = (*unknown_pairs, *graph.given_pairs)
     steps: list[PlacementStep] = []
-    for body, *joining_pairs in ((root,), *order):
+    for placement in (BodyPlacement(root, ()), *order):
+        body = placement.body
+        joining_pairs = placement.pairs
         # For each pair: its link on this body, and its link on a body placed before (the
         # parent).
         links = [
@@ -655,7 +698,7 @@ def _make_construction(
                 PlacementStep(
                     link=links[0],
                     parents=parents,
-                    pairs=tuple(joining_pairs),
+                    pairs=joining_pairs,
                     variable=variable,
                 )
             )
