@@ -71,6 +71,46 @@ def test_the_checker_widens_radii_of_all_circles_by_the_tolerance(link):
         assert not radius.contains(exact + sign * 1.001 * tolerance)
 
 
+TOUCHING_CONES = """
+format = 1
+name = "cones"
+angle_unit = "deg"
+ground = "base"
+[links]
+base = {{ axes = ["first", "second"], arcs = [{arc}] }}
+small = {{ axes = ["first"] }}
+large = {{ axes = ["second"] }}
+[pairs]
+first = {{ type = "R", links = ["base", "small"] }}
+second = {{ type = "R", links = ["base", "large"] }}
+[pairs.mesh]
+type = "Cr"
+links = ["small", "large"]
+axes = ["first", "second"]
+contact = "{contact}"
+half_angles = [20, 50]
+[inputs.first]
+from = 0
+to = 360
+"""
+"""Two cones with half angles of 20 and 50 deg, whose axes are `arc` (deg) apart."""
+
+
+@pytest.mark.parametrize(("contact", "arc"), [("external", 20 + 50), ("internal", 50 - 20)])
+def test_the_checker_reads_half_angles_of_cones(contact, arc):
+    """The stated ratio is that of the sines of both half angles.
+
+    Certificates of spherekit contain the circles of the cones in place of the half angles.
+    Here the text of the original file is put into the certificate.
+    """
+    text = TOUCHING_CONES.format(contact=contact, arc=arc)
+    exact_mechanism = decimal_mechanism(text)
+    with working_precision(80):  # decimal digits
+        ratios = exact_mechanism.follower_ratios()
+        certificate = recorded(wheels_certificate(exact_mechanism, ratios))
+    check({**certificate, "mechanism": text})
+
+
 @pytest.mark.parametrize("name", ["bevel_pair", "planetary_bevel", "bevel_differential"])
 def test_the_checker_accepts_ratios_of_wheels_and_refuses_changed_ones(name):
     """The checker recomputes ratios from the condition of rolling, without spherekit.
