@@ -299,7 +299,9 @@ def _find_constants_of_least_rolling(
     """Return the constants of the assembly in which wheels have rolled least.
 
     Wheels can be put together with different teeth in contact. Of all assemblies, the one
-    with the smallest rolled lengths at inputs of zero is chosen.
+    with the smallest rolled lengths at inputs of zero is chosen. The independent contacts
+    determine the angles of all followers, so their turns are chosen first. The wheels of
+    the other contacts then have to fit to these angles.
 
     Parameters
     ----------
@@ -318,38 +320,109 @@ def _find_constants_of_least_rolling(
     The constants. None if too many whole turns would have to be tried, or if the teeth of a
     contact that is not independent do not fit.
     """
-    follower_factors = relations.factors[:, relations.followers]
-    first_slopes = relations.first_factors[:, relations.followers]
-    matrix = follower_factors[independent]
+    # (contacts, 2) each: arc lengths along the circles of both wheels.
     wheel_lengths = np.array(
         [_contact_lengths_at_zero(contact, joints) for contact in contacts]
     )
-    radii = [[wheel.radius for wheel in contact.wheels] for contact in contacts]
-    circumferences = TURN * np.abs(np.sin(radii))
+    circumferences = _wheel_circumferences(contacts)
+    follower_factors = relations.factors[:, relations.followers]
+    # The followers' part of sin(r) f: a rolled length is the length of the first wheel
+    # less this part.
+    first_slopes = relations.first_factors[:, relations.followers]
+
+    # 1. Whole turns of the independent contacts.
     turns = find_least_rolled_turns(
         wheel_lengths[independent],
         circumferences[independent],
         first_slopes[independent],
-        matrix,
+        follower_factors[independent],
     )
     if turns is None:
         return None
     wheel_lengths[independent] += turns * circumferences[independent]
-    # The angles of the followers are those at which both wheels of each contact have rolled
-    # by the same length.
-    differences = wheel_lengths[independent, 0] - wheel_lengths[independent, 1]
-    offsets = np.linalg.solve(matrix, differences)
-    # Contacts that are not independent have to fit to these angles.
-    for k in set(range(len(contacts))) - set(independent):
-        fitting = _find_fitting_lengths(
-            wheel_lengths[k], circumferences[k], follower_factors[k] @ offsets
+
+    # 2. The angles of the followers.
+    offsets = _solve_angles_of_equal_lengths(
+        wheel_lengths[independent], follower_factors[independent]
+    )
+
+    # 3. Whole turns of the other contacts.
+    for k in range(len(contacts)):
+        if k in independent:
+            continue
+        fitting_lengths = _fit_contact_to_angles(
+            wheel_lengths[k],
+            circumferences[k],
+            difference=follower_factors[k] @ offsets,
+            first_angle_length=first_slopes[k] @ offsets,
         )
-        if not len(fitting):
+        if fitting_lengths is None:
             return None
-        rolled_lengths = fitting[:, :1] - first_slopes[k] @ offsets
-        wheel_lengths[k] = fitting[index_of_least_rolled(rolled_lengths)]
+        wheel_lengths[k] = fitting_lengths
+
     lengths = wheel_lengths[:, 0] - first_slopes @ offsets
     return TrainConstants(offsets, lengths, wheel_lengths)
+
+
+def _wheel_circumferences(contacts: Sequence[CarriedContact]) -> Floats:
+    """Return the arc lengths (contacts, 2) of a whole turn along both circles (rad)."""
+    radii = [[wheel.radius for wheel in contact.wheels] for contact in contacts]
+    return TURN * np.abs(np.sin(radii))
+
+
+def _solve_angles_of_equal_lengths(
+    wheel_lengths: Floats, follower_factors: Floats
+) -> Floats:
+    """Return the follower angles at which both wheels of each contact have rolled equally.
+
+    In the position with all angles zero, the lengths of both wheels differ. Angles a of the
+    followers change the difference by sin(s) g - sin(r) f, which is -F a with the factors F
+    (`_Relations`). The difference becomes zero if F a is equal to it.
+
+    Parameters
+    ----------
+    wheel_lengths
+        (m, 2) arc lengths (rad) of both wheels of m independent contacts at angles of zero.
+    follower_factors
+        (m, m) factors F of the angles of m followers in the relations.
+    """
+    differences = wheel_lengths[:, 0] - wheel_lengths[:, 1]
+    return np.linalg.solve(follower_factors, differences)
+
+
+def _fit_contact_to_angles(
+    wheel_lengths: Floats,
+    circumferences: Floats,
+    difference: float,
+    first_angle_length: float,
+) -> Floats | None:
+    """Return the lengths of both wheels of a contact whose wheel angles are known.
+
+    The angles follow from other contacts. Of all whole turns that fit to them, those with
+    the smallest rolled length are chosen.
+
+    Parameters
+    ----------
+    wheel_lengths
+        (2,) arc lengths (rad) of both wheels at angles of zero, without turns.
+    circumferences
+        (2,) arc lengths of whole turns.
+    difference
+        Required first length minus the second.
+    first_angle_length
+        Length sin(r) f (rad) that belongs to the angle f of the first wheel, of the radius
+        r. The rolled length is the first length minus this.
+
+    Returns
+    -------
+    (2,) the lengths with whole turns; None if no turns fit.
+    """
+    fitting_lengths = _find_fitting_lengths(wheel_lengths, circumferences, difference)
+    if not len(fitting_lengths):
+        return None
+    # (n, 1) for n combinations of turns and this one contact.
+    rolled_lengths = fitting_lengths[:, :1] - first_angle_length
+    return fitting_lengths[index_of_least_rolled(rolled_lengths)]
 
 
 def _choose_independent_contacts(relations: _Relations) -> list[int]:

@@ -66,38 +66,86 @@ def find_least_rolled_turns(
     try all combinations.
     """
     inverse = np.linalg.inv(matrix)
-    rolled = lengths[:, 0] - first_slopes @ inverse @ (lengths[:, 0] - lengths[:, 1])
+    rolled_without_turns = lengths[:, 0] - first_slopes @ inverse @ (
+        lengths[:, 0] - lengths[:, 1]
+    )
+    changes_by_circle = _find_changes_by_turns(circumferences, first_slopes, inverse)
+    turn_counts = _list_turn_counts(len(changes_by_circle))
+    if turn_counts is None:
+        return None
+    # (combinations, contacts) rolled lengths.
+    changes = turn_counts @ np.array(list(changes_by_circle.values()))
+    best = index_of_least_rolled(rolled_without_turns + changes)
+    turns = np.zeros(circumferences.shape, dtype=np.int64)
+    for circle, turn_count in zip(changes_by_circle, turn_counts[best], strict=True):
+        turns[circle] = turn_count
+    return turns
 
-    # `changes` has the changes (m,) of all rolled lengths by one turn along each circle of
-    # `circles`. `side` is 0 for the circle of the first wheel of a contact, and 1 for that
-    # of the second wheel. A circle is left out if its turn changes nothing, or changes the
-    # same as that of an earlier circle apart from the sign.
-    changes: list[Floats] = []
-    circles = []
+
+def _find_changes_by_turns(
+    circumferences: Floats, first_slopes: Floats, inverse: Floats
+) -> dict[tuple[int, int], Floats]:
+    """Return how one turn along each circle changes the rolled lengths of all m contacts.
+
+    A circle is left out if its turn changes nothing, or changes the same as that of an
+    earlier circle apart from the sign. Its turns would give no other assemblies.
+
+    Parameters
+    ----------
+    circumferences, first_slopes
+        See `find_least_rolled_turns`.
+    inverse
+        (m, m) inverse of the matrix of the equations for the angles.
+
+    Returns
+    -------
+    The changes (m,) (rad) by circle. A circle is the index of its contact, and 0 for the
+    first wheel or 1 for the second one.
+    """
+    changes: dict[tuple[int, int], Floats] = {}
     for contact, side in np.ndindex(*circumferences.shape):
-        change = first_slopes @ inverse[:, contact] * (2 * side - 1)
-        change[contact] += 1 - side
+        # A longer first length of this contact, or a shorter second one, changes the right
+        # side of the equations for the angles, and so all rolled lengths.
+        sign = 2 * side - 1
+        change = first_slopes @ inverse[:, contact] * sign
+        if side == 0:
+            # The first length itself is a part of the rolled length.
+            change[contact] += 1
         change *= circumferences[contact, side]
-        is_new = True
-        for earlier_change in (*changes, np.zeros_like(change)):
-            for sense in (1, -1):
-                difference = max_abs(change - sense * earlier_change)
-                is_new &= bool(difference > SAME_ROLLED_LENGTH_RAD)
-        if is_new:
-            changes.append(change)
-            circles.append((contact, side))
+        no_change = np.zeros_like(change)
+        if not any(
+            _are_equal_up_to_sign(change, earlier_change)
+            for earlier_change in (*changes.values(), no_change)
+        ):
+            changes[contact, side] = change
+    return changes
 
-    # Try all combinations of whole turns of these circles, from -max_turns to max_turns.
-    turns_within_limit = 0.5 * (MAX_TURN_COMBINATIONS ** (1.0 / len(changes)) - 1.0)
+
+def _are_equal_up_to_sign(change: Floats, other_change: Floats) -> bool:
+    """Return whether changes (m,) of rolled lengths are equal or opposite."""
+    return bool(
+        max_abs(change - other_change) <= SAME_ROLLED_LENGTH_RAD
+        or max_abs(change + other_change) <= SAME_ROLLED_LENGTH_RAD
+    )
+
+
+def _list_turn_counts(circle_count: int) -> Integers | None:
+    """Return all combinations of whole turns of some circles, in both senses.
+
+    The largest number of turns is `MAX_TRIED_TURNS`, or less if there would be more than
+    `MAX_TURN_COMBINATIONS` combinations.
+
+    Returns
+    -------
+    (combinations, circles) numbers of turns. None if not even one turn could be tried.
+    """
+    turns_within_limit = 0.5 * (MAX_TURN_COMBINATIONS ** (1.0 / circle_count) - 1.0)
     max_turns = min(MAX_TRIED_TURNS, int(turns_within_limit))
     if max_turns < 1:
         return None
-    counts = np.indices((2 * max_turns + 1,) * len(changes)).reshape(len(changes), -1).T
-    counts = counts - max_turns
-    turns = np.zeros(circumferences.shape, dtype=np.int64)
-    best = index_of_least_rolled(rolled + counts @ np.array(changes))
-    turns[*np.transpose(circles)] = counts[best]
-    return turns
+    tried_numbers = 2 * max_turns + 1
+    grid = np.indices((tried_numbers,) * circle_count)
+    return grid.reshape(circle_count, -1).T - max_turns
 
 
 def index_of_least_rolled(rolled: Floats) -> Indices:

@@ -316,8 +316,8 @@ def _evaluate_homotopy(
     """
     # (n, k, 2) values and (n, k, k, 2) derivatives by z of both systems. The last axis has
     # the start system, then the goal.
-    values_of_systems = points.derivatives(start_and_goal, 0)
-    slopes_of_systems = points.derivatives(start_and_goal, 1)
+    values_of_systems = points.evaluate(start_and_goal)
+    slopes_of_systems = points.first_derivatives(start_and_goal)
     start_values = values_of_systems[..., 0]
     goal_values = values_of_systems[..., 1]
     weights = np.stack([1.0 - t, t], axis=1)

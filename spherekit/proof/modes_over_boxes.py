@@ -578,7 +578,7 @@ def _bound_angle_deviation(
     # 2. The logarithm is not linear. `reach` is the largest change of z over the box, and w
     # the largest relative change. The logarithm of 1 + w differs from the linear term w by
     # at most w^2 / 2 / (1 - w).
-    w = tubes.reach / magnitude
+    w = tubes.displacement / magnitude
     logarithm_deviation = 0.5 * w**2 / (1.0 - w)
     # 3. The approximation of a real root may not have the magnitude 1.
     magnitude_error = np.abs(magnitude - 1.0)

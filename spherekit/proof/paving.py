@@ -74,11 +74,13 @@ def are_excluded(
 ) -> Bools:
     """Return which boxes are proven to contain no common zero of all equations, (n,).
 
-    Weighted sums of the equations are tried. If the value of a sum at the centre is larger
-    than its largest possible change over the box, the sum does not vanish in the box, so
-    the equations have no common zero there. The weights are rows of the pseudo-inverse of
-    the slopes: in each such sum the slope by one variable dominates. The proof is valid for
-    any weights, so their rounding errors do not matter.
+    Weighted sums of the equations are tried. Let w be the weights of a sum, F(c) the
+    equations at the centre c of the box, and x - c the way from the centre to a point of
+    the box. The sum does not vanish in the box if
+
+        |w . F(c)|  >  largest |w . (F(x) - F(c))| in the box.
+
+    The equations then have no common zero in it.
 
     Parameters
     ----------
@@ -92,22 +94,54 @@ def are_excluded(
         (n, k) bounds of the difference of the equations from their linear parts over the
         boxes, errors included.
     """
+    weights = _choose_weights(slopes)
+    rounding = _bound_rounding_of_sums(values, slopes, radii)
+    # Indices of `einsum`: n box, w weighted sum, k equation, v variable.
+    sums_at_centre = np.abs(np.einsum("nwk,nk->nw", weights, values))
+    linear_change = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
+    other_change = np.einsum("nwk,nk->nw", np.abs(weights), remainders + rounding)
+    # ROUND_UP covers the rounding of this sum itself.
+    largest_change = (linear_change + other_change) * ROUND_UP
+    return np.any(sums_at_centre > largest_change, axis=1)
+
+
+def _choose_weights(slopes: Floats) -> Floats:
+    """Return weights (n, v, k) of v weighted sums of k equations, for each of n boxes.
+
+    The weights are the pseudo-inverse F'^T (F' F'^T)^-1 of the slopes F' (k, v). In the sum
+    with the weights in row v, the slope by variable v dominates. Proofs are valid for any
+    weights, so their rounding errors do not matter.
+
+    Parameters
+    ----------
+    slopes
+        (n, k, v) derivatives of the equations at the centres of the boxes.
+    """
+    equation_count = slopes.shape[1]
     transposed = slopes.swapaxes(1, 2)
     # Added to the diagonal, so that the inverse is finite if slopes depend on each other.
-    regularisation = WEIGHT_REGULARISATION * np.eye(values.shape[1])
-    # (n, v, k): row v is the combination in which the slope by variable v dominates.
-    weights = transposed @ np.linalg.inv(slopes @ transposed + regularisation)
-    magnitudes = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(slopes), radii)
-    # (n, w) largest change of each of w weighted sums over the box. It consists of the
-    # linear part, the remainders, and the rounding of the weighted values and slopes, which
-    # is a part (PRODUCT_ROUNDING) of their magnitudes. ROUND_UP below covers the rounding
-    # of this sum itself.
-    reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
-    reach += np.einsum(
-        "nwk,nk->nw", np.abs(weights), remainders + PRODUCT_ROUNDING * magnitudes
-    )
-    combined_values = np.abs(np.einsum("nwk,nk->nw", weights, values))
-    return np.any(combined_values > reach * ROUND_UP, axis=1)
+    regularisation = WEIGHT_REGULARISATION * np.eye(equation_count)
+    return transposed @ np.linalg.inv(slopes @ transposed + regularisation)
+
+
+def _bound_rounding_of_sums(values: Floats, slopes: Floats, radii: Floats) -> Floats:
+    """Return what each equation adds to the rounding of a weighted sum, (n, k).
+
+    The product of the result and the magnitude of the weight is the addition. It bounds the
+    rounding of the weighted value at the centre of a box, and of the weighted slopes times
+    the half widths of the box: a part (PRODUCT_ROUNDING) of their magnitudes.
+
+    Parameters
+    ----------
+    values
+        (n, k) equations at the centres of the boxes.
+    slopes
+        (n, k, v) derivatives of the equations at the centres.
+    radii
+        (n, v) half widths of the boxes (rad).
+    """
+    largest_linear_changes = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
+    return PRODUCT_ROUNDING * (np.abs(values) + largest_linear_changes)
 
 
 class VariableRanges:

@@ -13,7 +13,7 @@ Everything is computed in balls.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -393,13 +393,15 @@ class ReducedEquation:
 
 
 @dataclass(frozen=True)
-class SaddleEquation(ReducedEquation):
-    """The reduced equation g(u, v) = 0 about a saddle point of g.
+class SaddleReduction:
+    """The reduced equation g(u, v) = 0 about a saddle point of g, with its curvatures.
 
     u and v are along the principal curvatures of g, which is convex in u and concave in v.
 
     Attributes
     ----------
+    reduced_equation
+        The reduced equation. Its centre is the saddle point.
     units
         (2,) lengths of u and v, the larger one 1. In these units the two curves of a
         crossing are the diagonals of a square.
@@ -409,6 +411,7 @@ class SaddleEquation(ReducedEquation):
         of u and v.
     """
 
+    reduced_equation: ReducedEquation
     units: Floats
     other_curvatures: Floats
 
@@ -426,7 +429,7 @@ def _name_derivatives(solution: Array) -> SurfaceDerivatives:
     )
 
 
-def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleEquation:
+def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleReduction:
     """Return the reduced equation about the saddle point of g near a position.
 
     Near a position where the derivatives F' of the equations lose a rank, configurations
@@ -482,11 +485,8 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleEquatio
     # coordinates of the frame other than u and v (n - 2, 2, 2).
     principal_curvatures = principal.T @ variable_curvatures @ principal
     other_curvatures = np.tensordot(frame[:, 2:].T, principal_curvatures, 1)
-    return SaddleEquation(
-        equations=equations,
-        centre=centre,
-        frame=frame,
-        left_null_vector=reduced_equation.left_null_vector,
+    return SaddleReduction(
+        reduced_equation=replace(reduced_equation, frame=frame),
         units=units / np.max(units),
         other_curvatures=np.abs(other_curvatures),
     )

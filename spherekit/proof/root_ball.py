@@ -8,12 +8,11 @@ inside, at a zero whose distance from the centre has the same bound.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Array
+from spherekit.arrays import Array, Floats
 from spherekit.numerics.angles import wrap
 from spherekit.proof.arc_equations import ArcEquations
 from spherekit.proof.ball_frames import exact_balls
@@ -116,10 +115,9 @@ def find_root(
 ) -> CertifiedRoot | None:
     """Return the solution near an approximation, None if none is proven.
 
-    Newton's method improves the approximation, until its steps are negligible or their
-    number is `MAX_ROOT_STEPS`. A ball about the result is then proven to contain exactly
-    one solution, or the result is None. A ball is a number, here a complex angle, with a
-    bound of its error.
+    Newton's method improves the approximation. A ball about the result is then proven to
+    contain exactly one solution. A ball is a number, here a complex angle, with a bound of
+    its error.
 
     Parameters
     ----------
@@ -130,28 +128,59 @@ def find_root(
     approximation
         The unknown angles (rad).
     """
-    x = np.array([complex_ball(angle) for angle in approximation])
-    with suppress(ZeroDivisionError):
-        for _ in range(MAX_ROOT_STEPS):
-            values, slopes = _evaluate(equations, x, known_angles)
-            change = _approximate_inverse(slopes) @ values
-            x = exact_centres(x - change)
-            step_size = max(map(upper_magnitude, change))
-            # Newton's method doubles the digits: after this step all are correct.
-            if step_size < 2.0 ** (-precision_bits() / 2):
-                break
-            # A long step shows that the iteration has diverged. The negated comparison is
-            # also true for NaN.
-            if not step_size < MAX_ROOT_STEP_RAD:
-                return None
+    start = np.array([complex_ball(angle) for angle in approximation])
+    # A division by a ball that contains 0 raises the error. Nothing is proven then.
+    try:
+        x = _improve_root(equations, known_angles, start)
+        if x is None:
+            return None
         # If all imaginary parts are nearly 0, a real solution is tried first.
         largest_imaginary = max(upper_magnitude(angle.imag) for angle in x)
         if largest_imaginary < REAL_TRIAL_IMAGINARY_RAD:
             real_parts = np.array([angle.real for angle in x])
-            if root := _certify_root(equations, known_angles, real_parts, real=True):
-                return root
+            real_root = _certify_root(equations, known_angles, real_parts, real=True)
+            if real_root is not None:
+                return real_root
         return _certify_root(equations, known_angles, x, real=False)
-    return None
+    except ZeroDivisionError:
+        return None
+
+
+def _improve_root(
+    equations: ArcEquations, known_angles: Sequence[Ball], start: Array
+) -> Array | None:
+    """Return an approximate solution by Newton's method, None if it diverges.
+
+    It ends if a step is negligible, or after `MAX_ROOT_STEPS` steps.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    known_angles
+        Balls (rad) of all variables that are not unknown.
+    start
+        (k,) balls of radius 0: the unknown angles (rad), complex.
+
+    Returns
+    -------
+    (k,) balls of radius 0.
+    """
+    # Newton's method doubles the correct digits. After a step smaller than this, all digits
+    # are correct.
+    last_step_rad = 2.0 ** (-precision_bits() / 2)
+    x = start
+    for _ in range(MAX_ROOT_STEPS):
+        values, slopes = _evaluate(equations, x, known_angles)
+        change = _approximate_inverse(slopes) @ values
+        x = exact_centres(x - change)
+        step_size = max(map(upper_magnitude, change))
+        if step_size < last_step_rad:
+            break
+        # The negated comparison is also true for NaN.
+        if not step_size < MAX_ROOT_STEP_RAD:
+            return None
+    return x
 
 
 def _evaluate(
@@ -170,14 +199,9 @@ def _certify_root(
 ) -> CertifiedRoot | None:
     """Return the solution near an approximation x, None if it is not proven.
 
-    F are the equations and F' their derivatives by the unknown angles. The proof has three
-    steps:
-
-    1. Choose the radius ``unique`` of a ball about x, so small that F' should change by at
-       most a fifth in it: |F'(x)^-1 (F'(z) - F'(x))| <= 1/5. The proof does not rely on
-       this.
-    2. Evaluate F' in the whole ball. This bounds the ``distance`` of a solution from x.
-    3. If the distance is less than ``unique``, the ball contains exactly one solution.
+    A ball about x is chosen. The derivatives in the whole ball give a bound of the distance
+    of a solution from x. If it is less than the radius of the ball, the ball contains
+    exactly one solution (interval Newton method).
 
     Parameters
     ----------
@@ -191,30 +215,69 @@ def _certify_root(
         Whether x is real. The solution is then real as well: its conjugate is a solution in
         the same ball, which has one solution only. If x is not real, the result has to be
         proven not to be real: some angle must have an imaginary part larger than the radius
-        of the ball.
+        of the solution.
     """
     values, slopes = _evaluate(equations, x, known_angles)
-    # 1. An equation is a trigonometric polynomial with a degree in each angle. At real
-    # angles, its second derivative by the angles i and j is at most C d_i d_j, with the
-    # degrees d and a constant C, the derivative bound. The sum of all second derivatives is
-    # at most C (sum of d)^2. Imaginary parts of x increase it exponentially.
-    degrees = equations.degrees[:, : equations.unknown_count]
-    growth = np.exp(degrees @ [upper_magnitude(ball.imag) for ball in x])
-    second_bound = equations.derivative_bound * growth * np.sum(degrees, axis=1) ** 2
-    inverse_size = np.vectorize(upper_magnitude)(_approximate_inverse(slopes))
-    unique = min(MAX_UNIQUENESS_RADIUS_RAD, 0.2 / np.max(inverse_size @ second_bound))
-    # 2. F' in the whole ball, and the bound of the distance.
-    unique_balls = np.array([_widen_angle(angle, unique, real=False) for angle in x])
-    slopes_around = _evaluate(equations, unique_balls, known_angles)[1]
-    distance = bound_zero_distance(values, slopes_around)
-    # 3. The radius that is stated for the solution is `SOLUTION_MARGIN` times the distance,
-    # so that a checking program can repeat the proof if its bounds are a little larger. It
-    # is at least 1e-300, not 0.
-    radius = min(max(SOLUTION_MARGIN * distance, 1e-300), unique)
-    is_decided = real or any(lower_magnitude(ball.imag) > radius for ball in x)
-    if not (distance < unique and is_decided):
+    unique = _choose_uniqueness_radius(equations, x, slopes)
+    balls_about_x = np.array([_widen_angle(angle, unique, real=False) for angle in x])
+    _values, slopes_in_ball = _evaluate(equations, balls_about_x, known_angles)
+    distance = bound_zero_distance(values, slopes_in_ball)
+    if not distance < unique:
+        return None
+    # The margin lets a checking program repeat the proof if its bounds are a little larger.
+    # The radius is at least 1e-300, not 0.
+    with_margin = max(SOLUTION_MARGIN * distance, 1e-300)
+    radius = min(with_margin, unique)
+    is_proven_complex = any(lower_magnitude(ball.imag) > radius for ball in x)
+    if not (real or is_proven_complex):
         return None
     return CertifiedRoot(centre=tuple(x), radius=radius, unique=unique, real=real)
+
+
+def _choose_uniqueness_radius(equations: ArcEquations, x: Array, slopes: Array) -> float:
+    """Return the radius (rad) of a ball about x in which F' should change little.
+
+    F are the equations, F' their derivatives by the unknown angles, and Y is near the
+    inverse of F' at x. Y F' should change by at most 1/5 in the ball of radius r:
+
+        |Y (F'(z) - F'(x))| <= |Y| r (sum of all |F''|) <= 1/5.
+
+    No proof relies on this. A larger ball would make the following proof fail.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    x
+        (k,) balls of radius 0: the centre, real or complex.
+    slopes
+        (k, k) balls: F' at x.
+    """
+    second_derivatives = _bound_sum_of_second_derivatives(equations, x)
+    inverse_size = np.vectorize(upper_magnitude)(_approximate_inverse(slopes))
+    radius = 0.2 / np.max(inverse_size @ second_derivatives)
+    return min(MAX_UNIQUENESS_RADIUS_RAD, radius)
+
+
+def _bound_sum_of_second_derivatives(equations: ArcEquations, x: Array) -> Floats:
+    """Return for each equation a bound (k,) of the sum of its second derivatives at x.
+
+    An equation is a trigonometric polynomial with a degree in each angle. At real angles
+    its second derivative by the angles i and j is at most C d_i d_j, with the degrees d and
+    the constant C (`derivative_bound`). The sum over all i and j is C (sum of d)^2.
+    Imaginary parts of the angles y increase it by the factor exp(sum of d ``|y|``).
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    x
+        (k,) the unknown angles (rad), as balls of radius 0, real or complex.
+    """
+    degrees = equations.degrees[:, : equations.unknown_count]
+    imaginary_sizes = [upper_magnitude(ball.imag) for ball in x]
+    growth = np.exp(degrees @ imaginary_sizes)
+    return equations.derivative_bound * growth * np.sum(degrees, axis=1) ** 2
 
 
 def _widen_angle(angle: Ball, radius: float, real: bool) -> Ball:
@@ -228,10 +291,11 @@ def bound_zero_distance(values: Array, slopes: Array) -> float:
     """Return a bound of the distance of a zero of F from the centre of balls.
 
     By the mean value theorem, a zero z has the distance z - x = -(F')^-1 F(x) from the
-    centre x, for some F' in the balls. The bound is the largest component of
-    (Y F')^-1 Y F(x) for all F' in the balls, where Y is an approximate inverse of F'. If
-    the radii of the balls exceed the bound, the balls contain exactly one zero (interval
-    Newton method, Moore).
+    centre x, where each row of F' is taken at some point of the balls. The result is the
+    largest component of (Y F')^-1 Y F(x) for all F' in the balls. The matrix Y, an
+    approximate inverse of the centre of F', does not change the product, but makes Y F' a
+    small ball about the identity. If the radii of the balls exceed the bound, the balls
+    contain exactly one zero (interval Newton method, Moore).
 
     Parameters
     ----------
@@ -246,8 +310,8 @@ def bound_zero_distance(values: Array, slopes: Array) -> float:
     """
     # A matrix that may be singular raises ZeroDivisionError.
     try:
-        inverse = _approximate_inverse(slopes)
-        steps = solve_balls(inverse @ slopes, inverse @ values[:, None])
+        inverse_of_centre = _approximate_inverse(slopes)
+        steps = solve_balls(inverse_of_centre @ slopes, inverse_of_centre @ values[:, None])
         return max(map(upper_magnitude, steps.flat))
     except ZeroDivisionError:
         return np.inf

@@ -14,7 +14,6 @@ Numbers may be infinite or NaN where a test fails. Callers let NumPy divide by z
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -153,7 +152,7 @@ class ChartRoots:
         systems that were solved before). A coordinate e^(i angle) of a root is written as a
         fraction a / b: as z / 1, or as 1 / z if its inverse z is stored, with b = 0 for
         infinity. |z| is at most 1. Two such coordinates a / b and c / d are equal if
-        |a d - b c| is 0. This number is their gap. It is at most 2, and unlike
+        |a d - c b| is 0. This number is their gap. It is at most 2, and unlike
         |a / b - c / d| it is finite at infinity.
 
         Parameters
@@ -166,26 +165,33 @@ class ChartRoots:
         (m, count, count) for each of m rows, and each first and second root in it, the
         largest gap over the unknowns.
         """
-        shape = -1, count, self.z.shape[1]
+        unknown_count = self.z.shape[1]
+        shape = (-1, count, unknown_count)
         numerators = np.where(self.inverse, 1.0, self.z).reshape(shape)
         denominators = np.where(self.inverse, self.z, 1.0).reshape(shape)
-        # Axes: row, first root (a, b), second root (c, d), unknown. The products are a d,
-        # and with both roots exchanged c b.
-        products = numerators[:, :, None] * denominators[:, None]
-        gaps = np.abs(products - products.swapaxes(1, 2))
+        # Axes of the products: row, first root (a / b), second root (c / d), unknown.
+        a = numerators[:, :, np.newaxis]
+        b = denominators[:, :, np.newaxis]
+        c = numerators[:, np.newaxis, :]
+        d = denominators[:, np.newaxis, :]
+        gaps = np.abs(a * d - c * b)
         return np.max(gaps, axis=3, initial=0.0)
 
     def select_roots(self, chosen: Any) -> "ChartRoots":
         """Return the points that an index, a mask or a slice chooses."""
         return ChartRoots(self.z[chosen], self.inverse[chosen], self.row[chosen])
 
-    def derivatives(self, polynomials: Sequence[Complexes], order: int = 0) -> Complexes:
-        """Return all derivatives of polynomials by the stored z, of one order, at n points.
+    def evaluate(self, polynomials: Sequence[Complexes]) -> Complexes:
+        """Return the values of polynomials in the stored z, at n points.
 
-        The stored z of an unknown is e^(i angle) or its inverse, whichever has a magnitude
-        of at most 1: large numbers and infinity do not occur. If the inverse is stored, the
-        polynomial in e^(i angle) = 1 / z is multiplied by the highest power of z. For
-        example, c_0 + c_1 / z becomes c_0 z + c_1.
+        Let P be a polynomial in x = e^(i angle) of degree s, with the coefficients c_p. The
+        stored z is x or 1 / x, whichever has a magnitude of at most 1, so that large
+        numbers and infinity do not occur. The value at a point is
+
+            P(z) = sum of c_p z^p,                  if z = x is stored,
+            z^s P(1 / z) = sum of c_p z^(s - p),    if z = 1 / x is stored.
+
+        The same is done for each of the k unknowns.
 
         Parameters
         ----------
@@ -195,27 +201,47 @@ class ChartRoots:
             before. Index i of the first axis is set i of their values. The last k axes
             are the powers of z of the k unknowns. The result keeps any axes between them,
             such as one for derivatives of the coefficients by the given variables.
-        order
-            Order of the derivatives: 0, 1 or 2.
 
         Returns
         -------
-        (n, polynomials, ...) values for order 0, (n, polynomials, k, ...) first derivatives
-        and (n, polynomials, k, k, ...) second derivatives. The dots are the kept axes.
+        (n, polynomials, ...), where the dots are the kept axes.
         """
-        n, count = self.z.shape
-        # The unknowns of each derivative. Order 2: (0, 0), (0, 1), and so on. Order 1:
-        # (0,), (1,), and so on. Order 0: one empty tuple.
-        all_unknowns = list(product(range(count), repeat=order))
-        # One array (n, ...) for each polynomial and each derivative.
-        arrays = [
-            self._differentiate(coefficients, unknowns)
-            for coefficients in polynomials
-            for unknowns in all_unknowns
-        ]
-        stacked = np.stack(arrays, axis=1)
-        kept_shape = stacked.shape[2:]
-        return stacked.reshape(n, len(polynomials), *[count] * order, *kept_shape)
+        return np.stack([self._differentiate(P, ()) for P in polynomials], axis=1)
+
+    def first_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
+        """Return the first derivatives of polynomials by the stored z, at n points.
+
+        Polynomials and values are those of `evaluate`.
+
+        Returns
+        -------
+        (n, polynomials, k, ...). The third axis is the unknown of the derivative.
+        """
+        unknowns = range(self.z.shape[1])
+        arrays = []
+        for polynomial in polynomials:
+            gradient = [self._differentiate(polynomial, (u,)) for u in unknowns]
+            arrays.append(np.stack(gradient, axis=1))
+        return np.stack(arrays, axis=1)
+
+    def second_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
+        """Return the second derivatives of polynomials by the stored z, at n points.
+
+        Polynomials and values are those of `evaluate`.
+
+        Returns
+        -------
+        (n, polynomials, k, k, ...). Axes 2 and 3 are the unknowns of the derivative.
+        """
+        unknowns = range(self.z.shape[1])
+        arrays = []
+        for polynomial in polynomials:
+            rows = []
+            for first in unknowns:
+                row = [self._differentiate(polynomial, (first, u)) for u in unknowns]
+                rows.append(np.stack(row, axis=1))
+            arrays.append(np.stack(rows, axis=1))
+        return np.stack(arrays, axis=1)
 
     def _differentiate(
         self, coefficients: Complexes, unknowns: tuple[int, ...]
@@ -268,13 +294,14 @@ class ChartRoots:
         -------
         (n, size) for n points.
         """
+        is_inverse = self.inverse[:, column, np.newaxis]  # (n, 1)
+        z = self.z[:, column, np.newaxis]  # (n, 1)
         ascending = np.arange(size)
-        exponents = np.where(self.inverse[:, column, None], ascending[::-1], ascending)
-        # The first derivative of z^p is p z^(p - 1), the second p (p - 1) z^(p - 2). For
-        # order 0 the product of no factors is 1. If the order exceeds p, the factor is 0;
-        # an exponent of 0 then avoids a division by zero.
-        factor = np.prod([exponents - step for step in range(order)], axis=0)
-        return factor * self.z[:, column, None] ** np.maximum(exponents - order, 0)
+        descending = ascending[::-1]
+        exponents = np.where(is_inverse, descending, ascending)  # (n, size)
+        # Where the order exceeds the exponent, the factor is 0. The exponent 0 in place of
+        # a negative one then avoids a division by zero.
+        return _derivative_factor(exponents, order) * z ** np.maximum(exponents - order, 0)
 
     def with_points(self, z: Complexes) -> "ChartRoots":
         """Return points with new coordinates, inverted where they have become large.
@@ -289,6 +316,17 @@ class ChartRoots:
         """
         is_large = np.abs(z) > CHART_CHANGE_MAGNITUDE
         return ChartRoots(np.where(is_large, 1.0 / z, z), self.inverse ^ is_large, self.row)
+
+
+def _derivative_factor(exponents: Indices, order: int) -> Floats:
+    """Return the factor of z^(p - order) in a derivative of z^p, for exponents p.
+
+    It is 1 for order 0, p for order 1 and p (p - 1) for order 2 (falling factorial).
+    """
+    factor = np.ones(exponents.shape)
+    for step in range(order):
+        factor *= exponents - step
+    return factor
 
 
 @dataclass(frozen=True)
@@ -314,11 +352,11 @@ class PolynomialValues:
 
 def evaluate_polynomials(polynomials: Polynomials, roots: ChartRoots) -> PolynomialValues:
     """Return the polynomials and their first derivatives at points."""
-    by_unknowns = roots.derivatives(polynomials.coefficients, 1)
+    by_unknowns = roots.first_derivatives(polynomials.coefficients)
     return PolynomialValues(
-        values=roots.derivatives(polynomials.coefficients),
+        values=roots.evaluate(polynomials.coefficients),
         by_unknowns=by_unknowns,
-        by_given=roots.derivatives(polynomials.coefficient_derivatives),
+        by_given=roots.evaluate(polynomials.coefficient_derivatives),
     )
 
 
@@ -459,10 +497,10 @@ def _bound_changes(
     # i: equation, j: unknown, g: given variable.
     slope_change_by_given = np.einsum(
         "nijg,ng->nij",
-        np.abs(roots.derivatives(polynomials.coefficient_derivatives, 1)),
+        np.abs(roots.first_derivatives(polynomials.coefficient_derivatives)),
         given_change,
     )
-    second_by_z = np.sum(np.abs(roots.derivatives(polynomials.coefficients, 2)), axis=3)
+    second_by_z = np.sum(np.abs(roots.second_derivatives(polynomials.coefficients)), axis=3)
     slope_change = second_by_z * radius[:, None, None] + slope_change_by_given
     # Second term, without the factor `slope_degrees`: third derivatives times half of the
     # square of the change, and the error of the computed second derivatives.
@@ -543,10 +581,9 @@ class RootTubes:
     a magnitude of at most 1 at the approximate root is used, so that the coordinates of
     roots at infinity are finite, too.
 
-    The root moves with the inputs, which vary over a box. A tube surrounds its motion: the
-    axis is the approximate root at the centre of the box, and moves linearly with the
-    inputs. The distance of two points is the largest magnitude of the difference of a
-    coordinate z.
+    The inputs q vary over a box with the centre q0. The root z(q) moves with them. The
+    approximate root z0 at q0 moves linearly, and is then the axis z0 + rates (q - q0) of a
+    tube that surrounds the root. Bounds of ``|z|`` are for the largest coordinate.
 
     Attributes
     ----------
@@ -554,17 +591,17 @@ class RootTubes:
         (n,) whether there is proven to be exactly one root. Otherwise the other attributes
         have no meaning.
     centre_radius
-        (n,) upper bound of the distance of the root from the approximate root, with the
-        inputs at the centre of the box.
-    tube_radius
-        (n,) upper bound of the distance of the root from the axis at the same inputs, for
-        all inputs of the box.
-    reach
-        (n, k) upper bound of the distance of each coordinate of the root from that of the
-        approximate root, for all inputs of the box. It includes the motion of the axis.
+        (n,) upper bound of ``|z(q0) - z0|``: the distance of the root from the approximate
+        root at the centre of the box.
     uniqueness_radius
-        (n,) radius about the approximate root in which the root is the only one, for all
-        inputs of the box.
+        (n,) radius about z0: for each q of the box, z(q) is the only root z with
+        ``|z - z0|`` up to this radius.
+    tube_radius
+        (n,) upper bound of ``|z(q) - z0 - rates (q - q0)|`` in the box: the distance of the
+        root from the axis at the same inputs.
+    displacement
+        (n, k) for each coordinate, upper bound of ``|z(q) - z0|`` in the box: the distance
+        of the root from the approximate root. It includes the motion of the axis.
     rates
         (n, k, inputs) derivatives of the axis (z, complex) by the inputs (1/rad).
     """
@@ -573,7 +610,7 @@ class RootTubes:
     centre_radius: Floats
     uniqueness_radius: Floats
     tube_radius: Floats
-    reach: Floats
+    displacement: Floats
     rates: Complexes
 
 
@@ -668,7 +705,7 @@ def enclose_roots(
         centre_radius=centre_radius,
         uniqueness_radius=uniqueness_radius,
         tube_radius=tube_radius,
-        reach=(motion + tube_radius[:, None]) * ROUND_UP,
+        displacement=(motion + tube_radius[:, None]) * ROUND_UP,
         rates=rates,
     )
 
@@ -699,11 +736,10 @@ def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) 
     """Return for which rows all roots are good and proven different from each other.
 
     A row is one set of values of the given variables: the inputs of the mechanism, and
-    unknowns that were solved before. A coordinate e^(i angle) of a root is written as a
-    fraction a / b: as z / 1, or as 1 / z if the inverse is stored, in both cases with
-    |z| <= 1. A root at infinity has b = 0 and is like any other. The gap of two coordinates
-    a / b and c / d is |a d - b c|. Two roots differ if the gap of at least one coordinate
-    exceeds its largest change within the error radii.
+    unknowns that were solved before. The gap of two roots is a distance of their
+    coordinates e^(i angle) that is finite at infinity (`ChartRoots.pairwise_gaps`). Two
+    roots differ if the gap of their approximations exceeds its largest change within the
+    error radii of both roots.
 
     Parameters
     ----------
@@ -721,17 +757,36 @@ def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) 
     -------
     (m,) bools.
     """
-    radii = radius.reshape(-1, count)
-    first = radii[:, :, None]
-    second = radii[:, None]
-    # One of a and b is 1 and exact, the other has an error of at most its radius r, and
-    # neither is larger than 1. The same is true of c and d, with the radius s. The gap
-    # therefore changes by at most r + s + r s. The factor 1.5 only makes the test
-    # stricter. `ROUND_UP` covers the rounding of this limit, and 1e-14 the rounding of the
-    # computed gap.
-    limit = 1.5 * (first + second + first * second) * ROUND_UP + 1e-14
-    is_apart = (roots.pairwise_gaps(count) > limit) | np.eye(count, dtype=bool)
-    return np.all(is_apart, axis=(1, 2)) & np.all(is_good.reshape(radii.shape), axis=1)
+    radius_by_row = radius.reshape(-1, count)
+    is_good_by_row = is_good.reshape(-1, count)
+    # (m, count, count) for each row, first root and second root.
+    largest_changes = _bound_gap_change(
+        radius_by_row[:, :, np.newaxis], radius_by_row[:, np.newaxis, :]
+    )
+    is_apart = roots.pairwise_gaps(count) > largest_changes
+    is_same_root = np.eye(count, dtype=bool)
+    return np.all(is_apart | is_same_root, axis=(1, 2)) & np.all(is_good_by_row, axis=1)
+
+
+def _bound_gap_change(radius: Floats, other_radius: Floats) -> Floats:
+    """Return how much the gap of two roots may change within their error radii.
+
+    The stored coordinates y and z of both roots are e^(i angle) or its inverse, of at most
+    the magnitude 1, with errors of at most r and s. The gap (`ChartRoots.pairwise_gaps`) is
+
+        |y - z|,     if both are stored in the same way: it changes by at most r + s,
+        |y z - 1|,   if one is stored inverted: it changes by at most r + s + r s.
+
+    The bound is larger by the factor 1.5, which only makes tests stricter. `ROUND_UP`
+    covers the rounding of the bound, and 1e-14 that of a computed gap.
+
+    Parameters
+    ----------
+    radius, other_radius
+        Bounds r and s of the errors of y and z, arrays that broadcast against each other.
+    """
+    change = radius + other_radius + radius * other_radius
+    return 1.5 * change * ROUND_UP + 1e-14
 
 
 def classify_real_roots(
@@ -739,20 +794,22 @@ def classify_real_roots(
 ) -> tuple[Bools, Bools]:
     """Return which roots are proven to have real angles, and which are proven not to.
 
-    Each coordinate z is e^(i angle) or its inverse, so the angle is real if |z| = 1. If all
-    coordinates of a root are replaced by their mirror images 1/conj(z) in the unit circle,
-    the result is a root, too, since the equations are real. If both are in a ball that
-    contains exactly one root, they are equal, and |z| = 1 for all coordinates. Distances in
-    a ball are the largest difference of any coordinate. If |z| of one coordinate differs
-    from 1 in the whole ball, its angle is not real.
+    Each coordinate z of a root is e^(i angle) or its inverse, so the angle is real if
+    |z| = 1.
+
+    - Real: if all coordinates are replaced by their mirror images 1/conj(z) in the unit
+      circle, the result is a root, too, since the equations are real. If the mirror image
+      is in the ball in which the root is the only one, both are equal: |z| = 1.
+    - Not real: |z| of some coordinate differs from 1 by more than the error of z.
 
     Parameters
     ----------
     roots
         The approximate roots.
     radius, uniqueness_radius
-        (n,) largest distance of each root from its approximation, and radius in which it is
-        the only root.
+        (n,) largest distance of each root from its approximation, and radius about the
+        approximation in which it is the only root. Distances are the largest difference of
+        any coordinate.
 
     Returns
     -------
@@ -761,18 +818,33 @@ def classify_real_roots(
     """
     magnitude = np.abs(roots.z)
     # 1e-14 covers the rounding of magnitudes.
-    root_radius = radius[:, None] * ROUND_UP + 1e-14
-    # Distance of the mirror image of any point z of the ball from its centre c, with the
-    # radius r of the ball:
-    #   |1/conj(z) - c| <= |1/conj(z) - 1/conj(c)| + |1/conj(c) - c|
-    #                   <= r / ((|c| - r) |c|) + ||c| - 1/|c||.
-    mirror_distance = (
-        root_radius / ((magnitude - root_radius) * magnitude)
-        + np.abs(magnitude - 1.0 / magnitude)
-        + 1e-14
-    )
-    mirror_is_inside = mirror_distance * ROUND_UP < uniqueness_radius[:, None]
-    # The bound is valid if |c| - r is positive, which 2 r < |c| ensures.
-    is_real = np.all((magnitude > 2 * root_radius) & mirror_is_inside, axis=1)
+    root_radius = radius[:, np.newaxis] * ROUND_UP + 1e-14
+    mirror_distance = _bound_mirror_distance(magnitude, root_radius)
+    mirror_is_inside = mirror_distance * ROUND_UP < uniqueness_radius[:, np.newaxis]
+    # The bound of the distance is valid only if the magnitude exceeds the radius.
+    has_valid_bound = magnitude > 2 * root_radius
+    is_real = np.all(has_valid_bound & mirror_is_inside, axis=1)
     is_not_real = np.any(np.abs(magnitude - 1.0) > root_radius, axis=1)
     return is_real, is_not_real
+
+
+def _bound_mirror_distance(magnitude: Floats, radius: Floats) -> Floats:
+    """Return how far mirror images of points near c are from c, at most.
+
+    The mirror image of a complex number z in the unit circle is 1/conj(z). For all z with
+    ``|z - c|`` up to the radius r,
+
+        |1/conj(z) - c| <= |1/conj(z) - 1/conj(c)| + |1/conj(c) - c|
+                        <= r / ((|c| - r) |c|) + ||c| - 1/|c||.
+
+    Parameters
+    ----------
+    magnitude
+        ``|c|``, array; it has to exceed the radius.
+    radius
+        r, an array that broadcasts against `magnitude`.
+    """
+    spread_of_mirrors = radius / ((magnitude - radius) * magnitude)
+    mirror_of_centre = np.abs(magnitude - 1.0 / magnitude)
+    # 1e-14 covers the rounding of this sum.
+    return spread_of_mirrors + mirror_of_centre + 1e-14

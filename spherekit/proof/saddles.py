@@ -36,7 +36,7 @@ from spherekit.proof.balls import (
 )
 from spherekit.proof.reduced_equation import (
     ReducedEquation,
-    SaddleEquation,
+    SaddleReduction,
     reduce_at_saddle,
     zero_balls,
 )
@@ -211,10 +211,10 @@ def find_saddle(
     # contains 0 occurs. The first precision is enough for the box. `_enclose_level`
     # increases it until the sign of the level is proven.
     with working_precision(LEVEL_PRECISIONS_BITS[0]), suppress(ZeroDivisionError):
-        reduced_equation = reduce_at_saddle(equations, position)
+        saddle_reduction = reduce_at_saddle(equations, position)
         size = LARGEST_RECTANGLE_RAD
         while size > SMALLEST_RECTANGLE_RAD:
-            saddle = _prove_saddle(reduced_equation, size, is_proven_crossing)
+            saddle = _prove_saddle(saddle_reduction, size, is_proven_crossing)
             if saddle is not None and is_allowed(saddle) and _is_good_enough(saddle, size):
                 return saddle
             size *= RECTANGLE_REDUCTION
@@ -242,7 +242,7 @@ def _is_good_enough(saddle: Saddle, size: float) -> bool:
 
 
 def _prove_saddle(
-    reduced_equation: SaddleEquation,
+    saddle_reduction: SaddleReduction,
     size: float,
     is_proven_crossing: Callable[[OrientedBox], bool],
 ) -> Saddle | None:
@@ -255,22 +255,23 @@ def _prove_saddle(
 
     Parameters
     ----------
-    reduced_equation
+    saddle_reduction
         The reduced equation about its saddle point.
     size
-        Half width (rad) of the rectangle, in the units of `SaddleEquation.units`.
+        Half width (rad) of the rectangle, in the units of `SaddleReduction.units`.
     is_proven_crossing
         See `find_saddle`.
     """
+    reduced_equation = saddle_reduction.reduced_equation
     frame = reduced_equation.frame
-    rectangle = np.array([1.0, HEIGHT_RATIO]) * size * reduced_equation.units
+    rectangle = np.array([1.0, HEIGHT_RATIO]) * size * saddle_reduction.units
     normals = frame[:, 2:].T
     centre = exact_balls(reduced_equation.centre)
 
     # 1. The box: the rectangle, and limits of all other coordinates.
     approximate_level, residual = reduced_equation.split_residual(centre)
     # Room for the other coordinates: their second-order change, and a part of the size.
-    bend = rectangle @ reduced_equation.other_curvatures @ rectangle
+    bend = rectangle @ saddle_reduction.other_curvatures @ rectangle
     other_limit = 0.2 * size + np.max(bend, initial=0.0)
     limits = np.array([*rectangle, *[other_limit] * len(normals)])
     # Each step may fail with a division by zero: then nothing is proven.
@@ -297,7 +298,7 @@ def _prove_saddle(
         if not _has_four_arms(limits, value, gradient, hessian):
             return None
         # 3. The saddle in scaled units of u and v, in which they have the same size.
-        units = exact_balls(reduced_equation.units)
+        units = exact_balls(saddle_reduction.units)
         saddle_derivatives = SaddleDerivatives(
             variable_rates=variable_rates * units,
             hessian=hessian * units * units[:, None],
