@@ -147,16 +147,16 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     name = "sensitivity"
     version = "1"
-    summary = "derivatives with respect to sizes, and the effect of tolerances of sizes"
+    summary = "derivatives with respect to dimensions, and the effect of their tolerances"
     cites = (
         "derived in docs/sensitivity.md: the velocity equations of the loops, with the "
-        "rate at which a size opens them on their right side",
+        "rate at which a dimension opens them on their right side",
     )
     rowwise = True
     tables = (
         Table(
             "sensitivity",
-            "one row per sample, assembly mode, quantity and size",
+            "one row per sample, assembly mode, quantity and dimension",
             (
                 SAMPLE,
                 ASSEMBLY_MODE,
@@ -504,7 +504,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         exceptions = [term.replace(":", " by ") for term in _split_terms(self.deviations)]
         except_for = f", but {listing(exceptions)}" if exceptions else ""
         return (
-            f"Every size deviates by {self.deviation:g} deg{except_for} "
+            f"Every dimension deviates by {self.deviation:g} deg{except_for} "
             f"({self.distribution}): "
             f"{listing(keys, MAX_LISTED)}"
         )
@@ -556,7 +556,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 f"{inputs} deg, mostly from {record['size']}"
             )
         if independent:
-            remarks.append(f"{listing(independent)}: no varied size changes this")
+            remarks.append(f"{listing(independent)}: no varied dimension changes this")
         return Findings(figures=summary, remarks=(*remarks, sizes))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:

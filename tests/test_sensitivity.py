@@ -204,7 +204,7 @@ def test_nothing_matters_most_where_a_quantity_hangs_on_no_size(stated):
     The limit of rounding follows from all deviations, also if the general one is zero.
     """
     run = sk.run("bevel_pair", f"sensitivity:draws=0{stated}", samples=61)
-    assert "theta_02: no varied size changes this" in " ".join(run.summary["remarks"])
+    assert "theta_02: no varied dimension changes this" in " ".join(run.summary["remarks"])
     rows = run.frame("sensitivity", "tolerances")
     assert rows["spread"].max() < 1e-15
     assert rows["share"].isna().all() and not rows["matters_most"].astype(str).any()
@@ -303,7 +303,7 @@ def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
     arguments = ["--samples", "5", "-a", "sensitivity:of=theta_right+theta_43,draws=0"]
     assert main(["run", str(path), *arguments]) == 0
     said = capsys.readouterr().out
-    assert "theta_right: no varied size changes this" in said
+    assert "theta_right: no varied dimension changes this" in said
     assert "): links.1.arc" in said
     assert "theta_right: standard" not in said and "theta_43: standard" in said
 

@@ -54,4 +54,4 @@ def test_sensitivities_are_refused_where_no_size_may_deviate(path, capsys):
     """The loop through both bearings only closes for exact sizes."""
     assert main(["run", path, "-a", "sensitivity", "--samples", "5"]) == 1
     printed = capsys.readouterr().err
-    assert "close only with the exact sizes of the file" in printed
+    assert "close only with the exact dimensions of the file" in printed

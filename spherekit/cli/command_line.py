@@ -34,8 +34,8 @@ COMMAND_GROUPS = {
         "trade": "measure how fast and how accurate each setting of a run is",
     },
     "design": {
-        "sweep": "compare designs: vary sizes and compute figures of merit",
-        "synthesize": "find sizes with which the output follows a function, or that "
+        "sweep": "compare designs: vary dimensions and compute figures of merit",
+        "synthesize": "find dimensions with which the output follows a function, or that "
         "minimise an objective",
     },
     "show and export": {

@@ -166,7 +166,7 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
         text += f", that meet {' and '.join(where)}"
     failed_count = int((~is_valid).sum())
     if failed_count:
-        text += f"; {failed_count} of them have impossible sizes or close at no sample"
+        text += f"; {failed_count} of them have impossible dimensions or close at no sample"
     closes = frame["closes"][is_valid]
     partial_count = int((closes < 1.0).sum())
     if partial_count:

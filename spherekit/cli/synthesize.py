@@ -120,7 +120,9 @@ def _make_report(result: "Synthesis") -> ScreenReport:
     frame = result.frame()
     units = frame.attrs["units"]
     name = synthesis.sweep.mechanism.name
-    report = ScreenReport(f"{name}: sizes that minimise {' and '.join(synthesis.minimise)}")
+    report = ScreenReport(
+        f"{name}: dimensions that minimise {' and '.join(synthesis.minimise)}"
+    )
     has_one_objective = len(result.headings) == 1
     if has_one_objective:
         printed_rows = np.arange(min(MAX_PRINTED_DESIGNS, len(frame)))

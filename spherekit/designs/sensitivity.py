@@ -126,9 +126,9 @@ class Sensitivity:
         )
         if not self.keys:
             raise DesignError(
-                f"{mechanism.name}: no link has two axes, so there are no link sizes with "
-                "respect to which derivatives could be taken; name numbers of the file "
-                "instead"
+                f"{mechanism.name}: no link has two axes, so there are no link dimensions "
+                "with respect to which derivatives could be taken; name numbers of the "
+                "file instead"
             )
         self.variables = tuple(self._make_variable(key) for key in self.keys)
         # Paths, in the file, of the numbers that the user has named.
@@ -146,8 +146,8 @@ class Sensitivity:
         except CountError as counted:
             raise DesignError(
                 f"{mechanism.name}: some of its constraints are redundant, so its loops "
-                "close only with the exact sizes of the file and not with sizes that "
-                f"deviate; leave redundant pairs out of a copy of the file ({counted})"
+                "close only with the exact dimensions of the file and not with dimensions "
+                f"that deviate; leave redundant pairs out of a copy of the file ({counted})"
             ) from None
         possible = row_quantities(mechanism)
         for name in self.quantities:
@@ -211,9 +211,9 @@ class Sensitivity:
         is_contact_number = variable.path[0] == "pairs" and has_derivatives
         if not variable.is_angle and not is_contact_number:
             raise DesignError(
-                f"{self.mechanism.name}: {key} is not a size; derivatives can be taken "
-                "with respect to arcs, angles, zeros and axes of R pairs, and numbers of "
-                "profiles, masses and loads"
+                f"{self.mechanism.name}: {key} is not a dimension; derivatives can be "
+                "taken with respect to arcs, angles, zeros and axes of R pairs, and "
+                "numbers of profiles, masses and loads"
             )
         return variable
 
@@ -281,7 +281,7 @@ class Sensitivity:
             raise DesignError(
                 f"{self.mechanism.name}: {listing(self.keys)} cannot be varied, because "
                 "with other values the profiles would not touch in the reference pose; "
-                "vary sizes of links instead"
+                "vary dimensions of links instead"
             )
         return varied_mechanism, varied_mechanism.make_expressions(closed_form=False)
 

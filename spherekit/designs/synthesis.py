@@ -287,8 +287,9 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
         raise DesignError(
             f"{sweep.mechanism.name}: synthesis cannot compute gradients for these "
             "designs; sweep them instead. Where profiles are not circles, gradients exist "
-            "only with respect to sizes of links and numbers under pairs.PAIR.profiles. "
-            "Gradients do not exist with redundant constraints, with groups of more than 7 "
+            "only with respect to dimensions of links and numbers under "
+            "pairs.PAIR.profiles. Gradients do not exist with redundant constraints, with "
+            "groups of more than 7 "
             'bodies or 64 solutions, or with crossings "pass"'
         )
     if evaluator.has_unsigned_modes and len(specification.minimise) > 1:

@@ -455,7 +455,7 @@ class _MechanismReader:
                 "the file mixes two forms of geometry: "
                 f"{'.'.join(map(str, first))} (line {self.document.line(first)}) belongs "
                 f"to the {first_form} form, but this key belongs to the {second_form} "
-                "form. Keep either the sizes (axes, arcs and angles of links, zero of "
+                "form. Keep either the dimensions (axes, arcs and angles of links, zero of "
                 "pairs) or the reference pose (xyz or lonlat, and value, of pairs)",
             )
         # A reference pose: the axes of pairs, and the variables that they have in the pose.
