@@ -600,7 +600,7 @@ def test_wrong_paths_never_make_two_equal_nodes_for_any_batch_size(
     # of joined nodes to which each node belongs.
     for edges, edges_at_once in zip(in_batches._edges, at_once._edges, strict=True):
         assert np.array_equal(edges, edges_at_once)
-    assert np.array_equal(in_batches._piece, at_once._piece)
+    assert np.array_equal(in_batches._pieces.piece_of_node, at_once._pieces.piece_of_node)
 
 
 def chain_of_dyads(seed, links):

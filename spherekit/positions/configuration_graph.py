@@ -22,6 +22,8 @@ Each configuration belongs to exactly one mode.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -79,9 +81,123 @@ class DeterminantSigns:
     sign: Floats
     is_regular: Bools
 
-    def select(self, chosen: Bools) -> "DeterminantSigns":
-        """Return the signs of some of the m configurations."""
+    def select(self, chosen: Indices) -> "DeterminantSigns":
+        """Return the signs of some of the m configurations, by their indices."""
         return DeterminantSigns(self.sign[chosen], self.is_regular[chosen])
+
+
+class NodeEdges(NamedTuple):
+    """Edges of the graph, by the nodes that they join.
+
+    Attributes
+    ----------
+    starts, ends
+        (m,) node at the start and at the end of each edge.
+    """
+
+    starts: Indices
+    ends: Indices
+
+
+class NodeTable:
+    """The samples of all nodes, and the nodes of all samples.
+
+    Nodes are numbered from 0 in the order in which they are added.
+
+    Attributes
+    ----------
+    sample
+        (k,) index of the sample of each node.
+    """
+
+    def __init__(self, sample_count: int) -> None:
+        """Begin without nodes at the samples."""
+        self.sample = np.empty(0, dtype=np.intp)
+        self._sample_count = sample_count
+        # (samples, largest number of nodes of a sample): row s lists the nodes of sample s,
+        # padded by -1.
+        self._nodes_of_sample = np.full((sample_count, 0), -1, dtype=np.intp)
+
+    def append(self, sample: Indices) -> Indices:
+        """Add nodes at samples (m,), and return the numbers (m,) of the new nodes."""
+        first_new_node = len(self.sample)
+        self.sample = np.append(self.sample, sample)
+        # The i-th node of a sample is in column i of the row of the sample.
+        column = _number_within_groups(self.sample)
+        column_count = np.max(column, initial=-1) + 1
+        shape = (self._sample_count, column_count)
+        self._nodes_of_sample = np.full(shape, -1, dtype=np.intp)
+        self._nodes_of_sample[self.sample, column] = np.arange(len(column))
+        return np.arange(first_new_node, len(self.sample))
+
+    def list_nodes_at(self, sample: Indices) -> Indices:
+        """Return all nodes (m, largest number of nodes) of samples (m,), padded by -1."""
+        return self._nodes_of_sample[sample]
+
+
+class NodePieces:
+    """The division of the nodes into pieces, from which assembly modes are made.
+
+    A piece is a set of joined nodes with at most one node per sample, as an assembly mode
+    has. A new node is a piece of its own. Pieces that paths join are united, unless both
+    have a node at the same sample. This is possible if modes meet.
+
+    Attributes
+    ----------
+    piece_of_node
+        (k,) identifier of the piece of each node.
+    """
+
+    def __init__(self, node_table: NodeTable) -> None:
+        """Begin without pieces of the nodes in a table."""
+        self.piece_of_node = np.empty(0, dtype=np.intp)
+        self._node_table = node_table
+        # The nodes of each piece, by its identifier, in the parts that were united.
+        self._parts: dict[int, list[Indices]] = {}
+
+    def __len__(self) -> int:
+        """Return the number of pieces."""
+        return len(self._parts)
+
+    def append(self, new_nodes: Indices) -> None:
+        """Make each of the new nodes (m,) a piece. Its identifier is the node."""
+        self.piece_of_node = np.append(self.piece_of_node, new_nodes)
+        self._parts |= {node: [np.array([node])] for node in new_nodes.tolist()}
+
+    def have_nodes_at(self, piece: Indices | int, sample: Indices) -> Bools:
+        """Return whether pieces have nodes at samples (m,).
+
+        `piece` is the identifier of one piece, or of a piece (m,) for each sample.
+        """
+        nodes = self._node_table.list_nodes_at(sample)
+        is_in_piece = self.piece_of_node[nodes] == np.asarray(piece)[..., None]
+        return np.any((nodes >= 0) & is_in_piece, axis=1)
+
+    def unite(self, first_node: int, second_node: int) -> None:
+        """Unite the pieces of two nodes, unless these pieces share a sample."""
+        larger = int(self.piece_of_node[first_node])
+        smaller = int(self.piece_of_node[second_node])
+        if larger == smaller:
+            return
+        if self._count_nodes(larger) < self._count_nodes(smaller):
+            larger, smaller = smaller, larger
+        # The smaller piece gets the identifier of the larger one, which is cheaper.
+        moved_nodes = np.concatenate(self._parts[smaller])
+        moved_samples = self._node_table.sample[moved_nodes]
+        if np.any(self.have_nodes_at(larger, moved_samples)):
+            return
+        self.piece_of_node[moved_nodes] = larger
+        self._parts[larger].append(moved_nodes)
+        del self._parts[smaller]
+
+    def _count_nodes(self, piece: int) -> int:
+        """Return the number of nodes of a piece."""
+        return sum(map(len, self._parts[piece]))
+
+    def sort_by_size(self) -> list[Indices]:
+        """Return the nodes (m,) of each piece in rising order, the largest piece first."""
+        pieces = [np.sort(np.concatenate(parts)) for parts in self._parts.values()]
+        return sorted(pieces, key=lambda nodes: (-len(nodes), int(nodes[0])))
 
 
 class ConfigurationGraph:
@@ -100,8 +216,6 @@ class ConfigurationGraph:
 
     Attributes
     ----------
-    sample
-        (k,) index of the sample of each node.
     values
         (k, variables) configuration of each node (rad).
     is_complete
@@ -118,8 +232,7 @@ class ConfigurationGraph:
         self.solver = solver
         self.input_grid = input_grid
         variables = len(solver.mechanism.variable_owners)
-        # For the k nodes: the index of the sample (k,) and the pair variables in rad.
-        self.sample = np.empty(0, dtype=np.intp)
+        # (k, variables) values of the pair variables (rad) of the k nodes.
         self.values = np.empty((0, variables))
         # (n,) whether all configurations of a sample are nodes; set by the caller.
         self.is_complete = np.zeros(len(input_grid), dtype=bool)
@@ -132,9 +245,8 @@ class ConfigurationGraph:
         # whether this matrix is far enough from singular for a sign.
         self._determinant_sign = np.empty(0)
         self._is_regular = np.empty(0, dtype=bool)
-        # (n, largest number of nodes of a sample): row s lists the nodes of sample s,
-        # padded by -1.
-        self._nodes_of_sample = np.full((len(input_grid), 0), -1, dtype=np.intp)
+        self._node_table = NodeTable(len(input_grid))
+        self._pieces = NodePieces(self._node_table)
         # (directions, n) sample next to each sample in each direction, or -1. There are two
         # directions for each axis of the grid: 2 a leads to the next sample along axis a,
         # and 2 a + 1 to the previous one.
@@ -143,15 +255,15 @@ class ConfigurationGraph:
         # whether a verified path in the direction ends at the node.
         self._is_tried = np.empty((len(self._neighbours), 0), dtype=bool)
         self._is_reached = np.empty((len(self._neighbours), 0), dtype=bool)
-        # A piece is a set of joined nodes, at most one for each sample. (k,) identifier of
-        # the piece of each node, and the nodes of each piece.
-        self._piece = np.empty(0, dtype=np.intp)
-        self._nodes_of_piece: dict[int, list[Indices]] = {}
-        # Nodes (m,) at the starts and at the ends of the edges.
-        self._edges: list[tuple[Indices, Indices]] = []
+        self._edges: list[NodeEdges] = []
         self._progress = ProgressReporter(
             "joining the configurations of neighbouring samples"
         )
+
+    @property
+    def sample(self) -> Indices:
+        """(k,) index of the sample of each node."""
+        return self._node_table.sample
 
     def add(self, sample: Indices, values: Floats) -> Indices:
         """Add configurations as nodes of the graph, and return the node of each.
@@ -176,22 +288,36 @@ class ConfigurationGraph:
         # `find` returns -1 for a configuration that is no node yet.
         nodes = self.find(sample, values)
         (missing,) = np.nonzero(nodes < 0)
-        if not len(missing):
-            return nodes
-        missing_samples = sample[missing]
-        missing_values = values[missing]
-        signs = self._determinant_signs(missing_values)
+        if len(missing):
+            nodes[missing] = self._add_missing(sample[missing], values[missing])
+        return nodes
+
+    def _add_missing(self, sample: Indices, values: Floats) -> Indices:
+        """Add configurations that are no nodes yet, equal ones as a single node.
+
+        Parameters
+        ----------
+        sample
+            (m,) index of the sample of each configuration.
+        values
+            (m, variables) closed configurations (rad).
+
+        Returns
+        -------
+        (m,) node of each configuration.
+        """
+        signs = self._determinant_signs(values)
         # Of equal configurations only the first one becomes a node. It represents the
         # others.
-        representative = self._find_equal(missing_samples, missing_values, signs)
-        is_new = representative == np.arange(len(missing))
+        representative = self._find_equal(sample, values, signs)
+        (rows_of_new_nodes,) = np.nonzero(representative == np.arange(len(sample)))
         new_nodes = self._append_nodes(
-            missing_samples[is_new], missing_values[is_new], signs=signs.select(is_new)
+            sample[rows_of_new_nodes],
+            values[rows_of_new_nodes],
+            signs=signs.select(rows_of_new_nodes),
         )
-        node_of_missing = np.full(len(missing), -1, dtype=np.intp)
-        node_of_missing[is_new] = new_nodes
-        nodes[missing] = node_of_missing[representative]
-        return nodes
+        # The rows of new nodes rise, so this finds the position of each representative.
+        return new_nodes[np.searchsorted(rows_of_new_nodes, representative)]
 
     def _determinant_signs(self, values: Floats) -> DeterminantSigns:
         """Return the signs of the closure Jacobians, without the columns of the inputs.
@@ -226,24 +352,22 @@ class ConfigurationGraph:
         -------
         (m,) numbers of the new nodes.
         """
-        first_new_node = len(self.sample)
-        new_nodes = np.arange(first_new_node, first_new_node + len(sample))
-        self.sample = np.append(self.sample, sample)
+        new_nodes = self._node_table.append(sample)
+        self._pieces.append(new_nodes)
         self.values = np.concatenate([self.values, values])
         self._determinant_sign = np.append(self._determinant_sign, signs.sign)
         self._is_regular = np.append(self._is_regular, signs.is_regular)
         no_paths = np.zeros((len(self._neighbours), len(sample)), dtype=bool)
         self._is_tried = np.concatenate([self._is_tried, no_paths], axis=1)
         self._is_reached = np.concatenate([self._is_reached, no_paths], axis=1)
-        self._piece = np.append(self._piece, new_nodes)
-        self._nodes_of_piece |= {node: [np.array([node])] for node in new_nodes.tolist()}
-        self._list_nodes()
         return new_nodes
 
     def _find_equal(
         self, sample: Indices, values: Floats, signs: DeterminantSigns
     ) -> Indices:
         """Return for each configuration the first one that is equal to it.
+
+        Equality is passed on: if a is equal to b, and b to c, then a and c count as equal.
 
         Parameters
         ----------
@@ -265,23 +389,16 @@ class ConfigurationGraph:
         """
         representative = np.arange(len(sample))
         reliable_signs = np.where(signs.is_regular, signs.sign, 0.0)
-        order = np.argsort(sample, kind="stable")
-        # Configurations of one sample follow each other in `order`. Each is compared with
-        # the one that is `offset` positions before. The largest offset comes last, so the
-        # first equal configuration is the one that remains.
-        for offset in range(1, np.max(np.bincount(sample), initial=1)):
-            earlier = order[:-offset]
-            later = order[offset:]
-            is_pair = sample[earlier] == sample[later]
+        for earlier, later in _pairs_with_equal_keys(sample):
             # The product is 0 if one sign is not reliable.
-            is_pair &= reliable_signs[earlier] * reliable_signs[later] >= 0.0
-            earlier = earlier[is_pair]
-            later = later[is_pair]
+            has_no_opposite_sign = reliable_signs[earlier] * reliable_signs[later] >= 0.0
+            earlier = earlier[has_no_opposite_sign]
+            later = later[has_no_opposite_sign]
             differences = wrap(values[earlier] - values[later])[:, self._angles]
             is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
+            # The most distant pairs come last, so the first equal configuration remains.
             representative[later[is_same]] = earlier[is_same]
-        # Equality is passed on: if a is equal to b and b to c, both get the index of c. The
-        # loop ends when every index is that of a configuration that stands for itself.
+        # The loop ends when every index is that of a configuration that stands for itself.
         while np.any(representative != representative[representative]):
             representative = representative[representative]
         return representative
@@ -303,33 +420,38 @@ class ConfigurationGraph:
         lengths along profiles, are not compared.
         """
         nodes = np.full(len(sample), -1, dtype=np.intp)
-        if not self._nodes_of_sample.shape[1]:
+        if not len(self.sample):
             return nodes
         # The arrays of differences have an entry for each configuration, node and angle.
         # Chunks of configurations keep them small.
         for first in range(0, len(sample), PATHS_AT_ONCE):
             chunk = slice(first, first + PATHS_AT_ONCE)
-            # All nodes of the sample of each configuration, padded by -1.
-            candidates = self._nodes_of_sample[sample[chunk]]
-            differences = wrap(self.values[candidates] - values[chunk, None])[
-                ..., self._angles
-            ]
-            distance = np.where(candidates < 0, np.inf, max_abs(differences, axis=2))
-            best = np.argmin(distance, axis=1)[:, None]
-            is_same = np.take_along_axis(distance, best, axis=1) < SAME_CONFIGURATION_RAD
-            best_nodes = np.take_along_axis(candidates, best, axis=1)
-            nodes[chunk] = np.where(is_same, best_nodes, -1)[:, 0]
+            nodes[chunk] = self._find_among(
+                self._node_table.list_nodes_at(sample[chunk]), values[chunk]
+            )
         return nodes
 
-    def _list_nodes(self) -> None:
-        """Rebuild the table `_nodes_of_sample` from the samples of all nodes."""
-        # The i-th node of a sample is in column i of the row of the sample.
-        column = _number_within_groups(self.sample)
-        column_count = np.max(column, initial=-1) + 1
-        self._nodes_of_sample = np.full(
-            (len(self.input_grid), column_count), -1, dtype=np.intp
-        )
-        self._nodes_of_sample[self.sample, column] = np.arange(len(column))
+    def _find_among(self, candidates: Indices, values: Floats) -> Indices:
+        """Return which of its candidates is the node of each configuration.
+
+        Parameters
+        ----------
+        candidates
+            (m, c) nodes with which each configuration is compared, padded by -1.
+        values
+            (m, variables) configurations (rad).
+
+        Returns
+        -------
+        (m,) the nearest candidate, or -1 if it differs from the configuration.
+        """
+        differences = wrap(self.values[candidates] - values[:, None])[..., self._angles]
+        # The padding -1 reads the values of the last node. Its distance is not used.
+        distances = np.where(candidates < 0, np.inf, max_abs(differences, axis=2))
+        rows = np.arange(len(values))
+        nearest = np.argmin(distances, axis=1)
+        is_same = distances[rows, nearest] < SAME_CONFIGURATION_RAD
+        return np.where(is_same, candidates[rows, nearest], -1)
 
     def add_sheet(self, values: Floats) -> None:
         """Add the configurations of a sheet as nodes, join them, and unite their pieces.
@@ -345,23 +467,20 @@ class ConfigurationGraph:
             row of a sample that the sheet does not reach is NaN.
         """
         (sample,) = np.nonzero(np.all(np.isfinite(values), axis=1))
-        # `self.sample` has one entry per node, so this is the number of the next new node.
-        first_new_node = len(self.sample)
+        old_node_count = len(self.sample)
         # If a configuration is a node already, `add` returns this node, not a new one.
         nodes = self.add(sample, values[sample])
-        # Edges between successive nodes put the whole sheet into one connected component
+        # Edges from each node to the next put the whole sheet into one connected component
         # of the graph. A component can have several nodes at a sample, if modes meet.
-        self._edges.append((nodes[:-1], nodes[1:]))
-        # A piece is a part of a component with at most one node per sample, as an assembly
-        # mode has. Two pieces with nodes at the same sample are not united. New nodes are
-        # single pieces at different samples. They come first, so that they all become one
-        # piece. The pieces of earlier nodes are united with it if they have no sample in
-        # common.
-        new_nodes = nodes[nodes >= first_new_node]
-        earlier_nodes = nodes[nodes < first_new_node]
+        self._edges.append(NodeEdges(starts=nodes[:-1], ends=nodes[1:]))
+        # New nodes are pieces of their own at different samples. They are united first, so
+        # that they all become one piece. The pieces of earlier nodes are united with it if
+        # they have no sample in common.
+        new_nodes = nodes[nodes >= old_node_count]
+        earlier_nodes = nodes[nodes < old_node_count]
         ordered_nodes = np.concatenate([new_nodes, earlier_nodes]).tolist()
         for node in ordered_nodes[1:]:
-            self._unite_pieces(ordered_nodes[0], node)
+            self._pieces.unite(ordered_nodes[0], node)
 
     def find_unbalanced(self) -> Bools:
         """Return at which samples a configuration must be missing.
@@ -474,7 +593,8 @@ class ConfigurationGraph:
         for first in range(0, len(starts), PATHS_AT_ONCE):
             portion = starts[first : first + PATHS_AT_ONCE]
             can_join = self._can_have_end(portion, direction)
-            can_join &= ~self._has_nodes_at(self._piece[portion], target[portion])
+            own_pieces = self._pieces.piece_of_node[portion]
+            can_join &= ~self._pieces.have_nodes_at(own_pieces, target[portion])
             useful_starts.append(portion[can_join])
         return np.concatenate(useful_starts)
 
@@ -498,23 +618,19 @@ class ConfigurationGraph:
         (m,) whether the path from each start can have an end.
         """
         target = self._neighbours[direction][self.sample[starts]]
-        # All nodes at the target of each path, padded by -1: (m, nodes of a sample).
-        ends = self._nodes_of_sample[target]
+        # All nodes at the target of each path: (m, nodes of a sample). The padding -1 reads
+        # the data of the last node in the next three arrays. `is_node` excludes it.
+        ends = self._node_table.list_nodes_at(target)
         is_node = ends >= 0
-        # The padding -1 reads the data of the last node. `is_node` excludes it.
-        can_be_end = is_node & self._is_regular[ends] & ~self._is_reached[direction][ends]
-        sign_of_start = self._determinant_sign[starts, None]
-        can_be_end &= self._determinant_sign[ends] == sign_of_start
-        return np.any(can_be_end, axis=1) | ~self.is_complete[target]
-
-    def _has_nodes_at(self, piece: Indices | int, sample: Indices) -> Bools:
-        """Return whether pieces have nodes at samples (m,).
-
-        `piece` is the identifier of one piece, or of a piece (m,) for each sample.
-        """
-        nodes = self._nodes_of_sample[sample]
-        is_in_piece = self._piece[nodes] == np.asarray(piece)[..., None]
-        return np.any((nodes >= 0) & is_in_piece, axis=1)
+        is_regular = self._is_regular[ends]
+        is_free = ~self._is_reached[direction][ends]
+        has_sign_of_start = (
+            self._determinant_sign[ends] == self._determinant_sign[starts, None]
+        )
+        can_be_end = is_node & is_regular & is_free & has_sign_of_start
+        can_end_at_node = np.any(can_be_end, axis=1)
+        can_end_at_new_node = ~self.is_complete[target]
+        return can_end_at_node | can_end_at_new_node
 
     def _select_starts(self, direction: int, paths_per_piece: int) -> Indices:
         """Return the nodes from which paths in a direction are followed next.
@@ -542,12 +658,14 @@ class ConfigurationGraph:
         starts = self._find_useful_starts(direction)
         target = self._neighbours[direction][self.sample[starts]]
         # Samples are numbered with the last axis running fastest, so the samples of a block
-        # have successive numbers.
+        # have successive numbers. In a grid of 3 x 5 samples, for example, the blocks of
+        # axis 0 are the samples 0 to 4, 5 to 9, and 10 to 14.
         axis = direction // 2
         samples_per_block = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
         block = target // samples_per_block
-        number_of_path = _number_within_groups(self._piece[starts], block)
-        return starts[number_of_path < paths_per_piece]
+        own_pieces = self._pieces.piece_of_node[starts]
+        number_within_piece_and_block = _number_within_groups(own_pieces, block)
+        return starts[number_within_piece_and_block < paths_per_piece]
 
     def _join_along_paths(self, nodes: Indices, direction: int) -> None:
         """Follow paths from nodes to the next samples in a direction, and join their ends.
@@ -560,8 +678,7 @@ class ConfigurationGraph:
         - `_is_tried`: whether a path from a node in a direction was followed,
         - `_is_reached`: whether such a path ends at a node,
         - `_edges`: the nodes at the starts and at the ends of the paths,
-        - `_piece` and `_nodes_of_piece`: the pieces, sets of joined nodes with at most one
-          node per sample.
+        - `_pieces`: the sets of joined nodes with at most one node per sample.
 
         Parameters
         ----------
@@ -577,7 +694,7 @@ class ConfigurationGraph:
         ends_of_chunks = [np.empty(0, dtype=np.intp)]
         for first in range(0, len(nodes), PATHS_AT_ONCE):
             chunk = nodes[first : first + PATHS_AT_ONCE]
-            self._progress.report_if_due(lambda: f"{len(self._nodes_of_piece)} pieces")
+            self._progress.report_if_due(lambda: f"{len(self._pieces)} pieces")
             # The sample next to that of each node.
             target = self._neighbours[direction][self.sample[chunk]]
             is_verified, values = self._follow_paths(chunk, target)
@@ -608,9 +725,9 @@ class ConfigurationGraph:
         opposite_direction = direction + 1 if direction % 2 == 0 else direction - 1
         self._is_tried[opposite_direction, ends] = True
         self._is_reached[opposite_direction, starts] = True
-        self._edges.append((starts, ends))
+        self._edges.append(NodeEdges(starts, ends))
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-            self._unite_pieces(start, end)
+            self._pieces.unite(start, end)
 
     def _follow_paths(self, nodes: Indices, sample: Indices) -> tuple[Bools, Floats]:
         """Follow straight paths of the inputs from configurations to other samples.
@@ -652,28 +769,6 @@ class ConfigurationGraph:
         values = self.solver.shift_inputs(end_values, self.input_grid.q[sample])
         return followed.status == Status.OK, values
 
-    def _unite_pieces(self, first_node: int, second_node: int) -> None:
-        """Unite the pieces of two nodes, unless these pieces share a sample.
-
-        A piece is a set of nodes that may become one assembly mode, with at most one node
-        per sample.
-        """
-        large = int(self._piece[first_node])
-        small = int(self._piece[second_node])
-        if large == small:
-            return
-        # The smaller piece gets the identifier of the larger one, which is cheaper.
-        large_size = sum(map(len, self._nodes_of_piece[large]))
-        small_size = sum(map(len, self._nodes_of_piece[small]))
-        if large_size < small_size:
-            large, small = small, large
-        relabelled_nodes = np.concatenate(self._nodes_of_piece[small])
-        if np.any(self._has_nodes_at(large, self.sample[relabelled_nodes])):
-            return
-        self._piece[relabelled_nodes] = large
-        self._nodes_of_piece[large].append(relabelled_nodes)
-        del self._nodes_of_piece[small]
-
     def modes(self) -> list[Indices]:
         """Return the assembly modes, by their nodes at the samples.
 
@@ -683,33 +778,41 @@ class ConfigurationGraph:
         -1. The mode with the most nodes comes first. Modes with equally many are sorted by
         their first sample.
         """
-        # A connected component consists of all nodes that are joined by edges, directly or
-        # through others. If modes meet, it has several nodes at a sample, and was divided
-        # into pieces with at most one node per sample. A component gets as few modes as
-        # possible from its pieces. Each piece is put into the first mode that has no node
-        # at its samples, or becomes a mode. `_pieces` yields large pieces first.
-        count = len(self.sample)
-        starts = np.concatenate(
-            [np.empty(0, np.intp), *(start for start, _ in self._edges)]
-        )
-        ends = np.concatenate([np.empty(0, np.intp), *(end for _, end in self._edges)])
-        edges = coo_array((np.ones(len(starts)), (starts, ends)), shape=(count, count))
-        _, component = connected_components(edges, directed=False)
-        modes_of_components: dict[int, list[Indices]] = {}
-        for nodes in self._pieces():
-            modes = modes_of_components.setdefault(int(component[nodes[0]]), [])
+        # If modes meet, a connected component has several nodes at a sample. It consists of
+        # several pieces with at most one node per sample. A component gets as few modes as
+        # possible from its pieces. Each piece, the largest first, is put into the first
+        # mode that has no node at its samples, or becomes a mode.
+        component_of_node = self._find_components()
+        modes_of_component: dict[int, list[Indices]] = {}
+        for nodes in self._pieces.sort_by_size():
+            component = int(component_of_node[nodes[0]])
             _put_into_first_mode(
-                modes, nodes, sample=self.sample[nodes], count=len(self.input_grid)
+                modes_of_component.setdefault(component, []),
+                nodes,
+                sample=self.sample[nodes],
+                count=len(self.input_grid),
             )
-        all_modes: list[Indices] = []
-        for modes in modes_of_components.values():
-            all_modes += modes
 
         def size_and_start(mode: Indices) -> tuple[int, tuple[int, int]]:
             """Return the sort key of a mode: large modes first, then by the first node."""
             return -int(np.sum(mode >= 0)), self.first_node(mode)
 
+        all_modes = chain.from_iterable(modes_of_component.values())
         return sorted(all_modes, key=size_and_start)
+
+    def _find_components(self) -> Indices:
+        """Return the number (k,) of the connected component of each node.
+
+        A connected component consists of all nodes that are joined by edges, directly or
+        through other nodes.
+        """
+        no_nodes = np.empty(0, np.intp)
+        starts = np.concatenate([no_nodes, *(edges.starts for edges in self._edges)])
+        ends = np.concatenate([no_nodes, *(edges.ends for edges in self._edges)])
+        count = len(self.sample)
+        adjacency = coo_array((np.ones(len(starts)), (starts, ends)), shape=(count, count))
+        _, component = connected_components(adjacency, directed=False)
+        return component
 
     def first_node(self, mode: Indices) -> tuple[int, int]:
         """Return the first sample at which a mode has a node, and this node.
@@ -719,11 +822,6 @@ class ConfigurationGraph:
         # argmax of booleans is the position of the first True.
         sample = int(np.argmax(mode >= 0))
         return sample, int(mode[sample])
-
-    def _pieces(self) -> Iterator[Indices]:
-        """Yield the nodes (m,) of each piece in rising order, the largest piece first."""
-        pieces = [np.sort(np.concatenate(nodes)) for nodes in self._nodes_of_piece.values()]
-        yield from sorted(pieces, key=lambda nodes: (-len(nodes), int(nodes[0])))
 
     def regular_node(self, mode: Indices) -> int:
         """Return the first regular node of a mode, or its first node if all are singular.
@@ -739,17 +837,37 @@ def _number_within_groups(*keys: Indices) -> Indices:
     """Return the number (m,) of each element within its group, from 0, in their order.
 
     Elements belong to one group if they are equal in all `keys` (m,), which are numbers
-    from 0.
+    from 0. For example, the key [5, 3, 5, 5] gives the numbers [0, 0, 1, 2].
     """
+    if not len(keys[0]):
+        return np.empty(0, dtype=np.intp)
+    # The elements of a group follow each other in `order`, and keep their order.
     order = np.lexsort(keys)
     sorted_keys = np.stack(keys)[:, order]
-    is_first_of_group = np.any(np.diff(sorted_keys, axis=1, prepend=-1) != 0, axis=0)
-    starts = np.flatnonzero(is_first_of_group)
-    group_sizes = np.diff(starts, append=len(order))
-    # The sort is stable, so the elements of a group keep their order.
+    begins_group = np.any(sorted_keys[:, 1:] != sorted_keys[:, :-1], axis=0)
+    # Number of the group of each sorted element, and where this group begins.
+    group = np.append(0, np.cumsum(begins_group))
+    start_of_group = np.searchsorted(group, group)
     numbers = np.empty(len(order), dtype=np.intp)
-    numbers[order] = np.arange(len(order)) - np.repeat(starts, group_sizes)
+    numbers[order] = np.arange(len(order)) - start_of_group
     return numbers
+
+
+def _pairs_with_equal_keys(key: Indices) -> Iterator[tuple[Indices, Indices]]:
+    """Yield all pairs of elements with equal keys (m,), in several arrays.
+
+    Among the elements of each key, neighbours are paired first, then elements with one
+    other between them, and so on. The first arrays have the earlier element of each pair,
+    the second arrays the later one.
+    """
+    # Elements with equal keys follow each other in `order`.
+    order = np.argsort(key, kind="stable")
+    largest_group = np.max(np.bincount(key), initial=1)
+    for offset in range(1, largest_group):
+        earlier = order[:-offset]
+        later = order[offset:]
+        is_pair = key[earlier] == key[later]
+        yield earlier[is_pair], later[is_pair]
 
 
 def _put_into_first_mode(
