@@ -51,6 +51,22 @@ class ContactLimit(NamedTuple):
     variables: tuple[int, ...]
 
 
+class LimitMargins(NamedTuple):
+    """How far n configurations are from limits.
+
+    Attributes
+    ----------
+    margins
+        (n, limits) margins, negative beyond a limit: differences of a variable (rad) or of
+        two curvatures.
+    gradients
+        (n, limits, variables) derivatives of the margins by the variables.
+    """
+
+    margins: Floats
+    gradients: Floats
+
+
 @dataclass(frozen=True)
 class CurveLimits:
     """All limits of configuration curves. They are numbered: bounds first, then contacts.
@@ -114,7 +130,7 @@ class CurveLimits:
 
     def margins(
         self, values: Floats, curvatures: Floats, curvature_rates: Floats
-    ) -> tuple[Floats, Floats]:
+    ) -> LimitMargins:
         """Return how far configurations are from the limits.
 
         Parameters
@@ -127,30 +143,54 @@ class CurveLimits:
 
         Returns
         -------
-        margins
-            (n, limits) margins, negative beyond a limit: differences of a variable (rad) or
-            of two curvatures.
-        gradients
-            (n, limits, variables) derivatives of the margins by the variables.
+        The margins of all limits, and their gradients.
         """
-        margins = np.empty((len(values), len(self.statuses)))
+        bounds = self._margins_of_bounds(values)
+        contacts = self._margins_of_contacts(
+            curvatures, curvature_rates, variable_count=values.shape[1]
+        )
+        return LimitMargins(
+            margins=np.concatenate([bounds.margins, contacts.margins], axis=1),
+            gradients=np.concatenate([bounds.gradients, contacts.gradients], axis=1),
+        )
+
+    def _margins_of_bounds(self, values: Floats) -> LimitMargins:
+        """Return how far configurations (n, variables) are from the bounds of variables."""
+        margins = np.empty((len(values), len(self.bounds)))
         gradients = np.zeros((*margins.shape, values.shape[1]))
-        # First the bounds of variables.
-        for number, (variable, bound, sense, _) in enumerate(self.bounds):
-            margins[:, number] = sense * (values[:, variable] - bound)
-            gradients[:, number, variable] = sense
-        # Then the contacts. The first profile must have the larger curvature: with equal
-        # curvatures the profiles do not determine their motion, and beyond they overlap.
-        for number, (pair, variables) in enumerate(self.contacts, len(self.bounds)):
+        for number, bound in enumerate(self.bounds):
+            margins[:, number] = bound.sense * (values[:, bound.variable] - bound.value)
+            gradients[:, number, bound.variable] = bound.sense
+        return LimitMargins(margins, gradients)
+
+    def _margins_of_contacts(
+        self, curvatures: Floats, curvature_rates: Floats, variable_count: int
+    ) -> LimitMargins:
+        """Return how far configurations are from equal curvatures at the contacts.
+
+        The first profile must have a larger curvature than the second, by more than
+        `EQUAL_CURVATURE`: with equal curvatures the profiles do not determine their motion,
+        and beyond they overlap.
+
+        Parameters
+        ----------
+        curvatures, curvature_rates
+            (n, pairs, 2) curvatures of both profiles of each pair, and their derivatives by
+            the arc length.
+        variable_count
+            Number of variables of the mechanism.
+        """
+        margins = np.empty((len(curvatures), len(self.contacts)))
+        gradients = np.zeros((*margins.shape, variable_count))
+        for number, (pair, variables) in enumerate(self.contacts):
             relative_curvature = curvatures[:, pair, 0] - curvatures[:, pair, 1]
             margins[:, number] = relative_curvature - EQUAL_CURVATURE
-            # The margin is the curvature of the first profile, which changes with its arc
-            # length, less that of the second. In a rolling contact both arc lengths are the
-            # same variable, whose derivative is the sum of both.
-            signed_rates = (curvature_rates[:, pair] * [1.0, -1.0]).T
-            for variable, rate in zip(variables, signed_rates, strict=True):
-                gradients[:, number, variable] += rate
-        return margins, gradients
+            # In a rolling contact both arc lengths are the same variable. The derivative is
+            # then the difference of both rates, so the terms are added.
+            first_variable, second_variable = variables
+            gradients[:, number, first_variable] += curvature_rates[:, pair, 0]
+            gradients[:, number, second_variable] -= curvature_rates[:, pair, 1]
+        return LimitMargins(margins, gradients)
 
     def describe(self, number: int) -> str:
         """Return a phrase that names a limit, for messages."""

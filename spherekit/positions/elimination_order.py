@@ -141,7 +141,7 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
     of the equations. At most `MAX_ORDERS` are returned; none if the group has no
     elimination.
     """
-    orders = []
+    orders: list[EliminationOrder] = []
     # Binary links have two pairs, so they can be removed.
     for removed_links in combinations(find_binary_links(group), group.loops):
         tree_pairs = _find_remaining_pairs(group, removed_links)

@@ -231,7 +231,8 @@ class _QuadraticResidual:
     Attributes
     ----------
     value, slope, curvature
-        (n,) the coefficients e (rad), s and h (1/rad).
+        (n,) the coefficients e (rad), s and h (1/rad). The slope s is not negative, because
+        it is a singular value.
     """
 
     value: Floats
@@ -244,44 +245,55 @@ class _QuadraticResidual:
 
     @property
     def extreme_value(self) -> Floats:
-        """(n,) the minimum or maximum of f, which is at x = -s / h."""
+        """(n,) the minimum or maximum of f."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.value - 0.5 * self.slope**2 / self.curvature
 
+    @property
+    def extreme_distance(self) -> Floats:
+        """(n,) the distance x (rad) of the minimum or maximum of f."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return -self.slope / self.curvature
+
     def find_nearest_root(self) -> Floats:
-        """Return the root of f nearer to 0, or the place of its extreme value."""
+        """Return the root (n,) of f nearer to x = 0; its extremum if f has no root."""
         with np.errstate(divide="ignore", invalid="ignore"):
             discriminant = self.slope**2 - 2.0 * self.curvature * self.value
+            # The quadratic formula in the form with the square root in the denominator. The
+            # slope is not negative, so this is the root with the smaller absolute value.
             root = -2.0 * self.value / (self.slope + np.sqrt(discriminant))
-            return np.where(discriminant > 0.0, root, -self.slope / self.curvature)
+        return np.where(discriminant > 0.0, root, self.extreme_distance)
 
 
 class _FoldModel:
     """Models of the closure residual F at n configurations near folds.
 
-    At a fold two configurations meet at one input. The smallest singular value of the
-    Jacobian J of F is then near zero: if the variables move along its right singular vector
-    v, the loops hardly open to first order. They open in the direction of the left singular
-    vector u. So the component u . F as a function of the distance along v shows where the
-    loops close again. In all other directions J is regular.
+    At a fold two configurations meet at one input. The smallest singular value s of the
+    Jacobian J of F is then near zero: J v = s u, with the unit vectors v and u. If the
+    variables move along v, the loops hardly open to first order. They open in the direction
+    u. So the component u . F as a function of the distance x along v shows where the loops
+    close again. In all other directions J is regular, and a step of Newton's method closes
+    the loops.
+
+    In the code, v is `_direction` and u is `_residual_direction`.
 
     Attributes
     ----------
     sensitivity
         (n,) Frobenius norm of the left inverse of J, the derivative of the residual by the
         variables that are not inputs. It bounds the change of the variables per change of
-        the residual.
+        the residual. Infinite if a singular value is zero.
     quadratic
         The component u . F at the distance x along v, up to terms of third order.
     """
 
     def __init__(self, linearisation: Linearisation, free: Indices) -> None:
-        """Decompose the Jacobian, and develop the residual to second order along v.
+        """Decompose the Jacobian at n nearly closed configurations.
 
         Parameters
         ----------
         linearisation
-            n configurations, which are nearly closed.
+            The configurations.
         free
             Numbers of the variables that are not inputs.
         """
@@ -291,19 +303,23 @@ class _FoldModel:
         left_vectors, singular_values, right_vectors = np.linalg.svd(
             linearisation.jacobian[:, :, free], full_matrices=False
         )
-        self._left = left_vectors
-        self._sizes = singular_values
-        self._right = np.swapaxes(right_vectors, 1, 2)
-        # The vectors v and u of the smallest singular value.
-        self._direction = self._right[:, :, -1]
-        self._side = left_vectors[:, :, -1]
+        self._left_vectors = left_vectors
+        self._singular_values = singular_values
+        self._right_vectors = np.swapaxes(right_vectors, 1, 2)
+        self._direction = self._right_vectors[:, :, -1]
+        self._residual_direction = left_vectors[:, :, -1]
         with np.errstate(divide="ignore"):
             self.sensitivity = np.sqrt(np.sum(singular_values**-2.0, axis=1))
-        self.quadratic = _QuadraticResidual(
-            value=np.vecdot(self._side, linearisation.residual),
-            # The derivative of u . F along v is u . J v, the singular value.
-            slope=singular_values[:, -1],
-            curvature=np.vecdot(self._side, self._second_derivative_along(self._direction)),
+        self.quadratic = self._expand_residual()
+
+    def _expand_residual(self) -> _QuadraticResidual:
+        """Expand the residual component u . F to second order in the distance along v."""
+        second_derivative = self._second_derivative_along(self._direction)
+        return _QuadraticResidual(
+            value=np.vecdot(self._residual_direction, self._linearisation.residual),
+            # The derivative of u . F along v is u . J v, the smallest singular value.
+            slope=self._singular_values[:, -1],
+            curvature=np.vecdot(self._residual_direction, second_derivative),
         )
 
     def _second_derivative_along(self, direction: Floats) -> Floats:
@@ -321,10 +337,12 @@ class _FoldModel:
         u is the left singular vector of the smallest singular value of the Jacobian.
         `residual` (n, equations) is the closure residual of the loops, in rad.
         """
-        sizes = self._sizes[:, :-1]
+        sizes = self._singular_values[:, :-1]
         with np.errstate(divide="ignore", invalid="ignore"):
-            parts = np.vecdot(np.swapaxes(self._left[:, :, :-1], 1, 2), residual[:, None])
-            return -np.matvec(self._right[:, :, :-1], parts / sizes)
+            parts = np.vecdot(
+                np.swapaxes(self._left_vectors[:, :, :-1], 1, 2), residual[:, None]
+            )
+            return -np.matvec(self._right_vectors[:, :, :-1], parts / sizes)
 
     def step_to_nearest_root(self) -> Floats:
         """Return the step (n, free) to the nearer closed configuration.
@@ -341,8 +359,9 @@ class _FoldModel:
         """Return bounds (n,) in rad of the distances to the closed configurations.
 
         If a configuration is moved by x along v (`_direction`), the loops are open along u
-        (`_side`) by f(x) = e + s x + h x^2 / 2 (`quadratic`). v and u are the right and
-        left singular vectors of the smallest singular value s of the closure Jacobian.
+        (`_residual_direction`) by f(x) = e + s x + h x^2 / 2 (`quadratic`). v and u are the
+        right and left singular vectors of the smallest singular value s of the closure
+        Jacobian.
 
         The closed configurations are at the roots of f. A simple root with s x much larger
         than h x^2 / 2 is the only one nearby. If e has an error of up to g, its distance
@@ -363,7 +382,7 @@ class _FoldModel:
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             # The components of the gap along one direction add up.
-            gap = gap * np.sqrt(self._left.shape[1])
+            gap = gap * np.sqrt(self._left_vectors.shape[1])
             slope = self.quadratic.slope
             size = np.abs(self.quadratic.curvature)
             simple_root = SAFETY_FACTOR * 2.0 * gap / slope
@@ -385,7 +404,9 @@ class _FoldModel:
                 step = self._close_other_equations(closure.linearise(moved_values).residual)
                 moved_values[:, self._free] += step
                 # There the residual along u must be that of f.
-                residual = np.vecdot(self._side, closure.linearise(moved_values).residual)
+                residual = np.vecdot(
+                    self._residual_direction, closure.linearise(moved_values).residual
+                )
                 expected = self.quadratic.evaluate(x)
                 is_bound &= np.abs(residual - expected) <= LARGEST_MODEL_ERROR * rise
                 # It must also have the sign of f beyond the roots, and be larger than the
@@ -393,10 +414,12 @@ class _FoldModel:
                 sign = np.where(is_simple, side, np.sign(self.quadratic.curvature))
                 is_bound &= residual * sign > gap
                 other_error = np.maximum(other_error, max_abs(step, axis=1))
-            if self._sizes.shape[1] > 1:
+            if self._singular_values.shape[1] > 1:
                 # A second singular value near zero would mean a second fold.
-                second = self._sizes[:, -2]
-                is_bound &= second > LEAST_SECOND_SINGULAR_VALUE * self._sizes[:, 0]
+                second = self._singular_values[:, -2]
+                is_bound &= (
+                    second > LEAST_SECOND_SINGULAR_VALUE * self._singular_values[:, 0]
+                )
                 other_error = 2.0 * other_error + gap / second
             error = 2.0 * EPS + reach + other_error
             return np.where(is_bound & (other_error <= reach), error, np.inf)

@@ -1,5 +1,7 @@
 """How well the closure equations of one group determine its variables."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from spherekit.arrays import Floats
@@ -51,25 +53,64 @@ def _equalise_directions(jacobians: Floats) -> Floats:
     Jacobian is ill-conditioned although the mechanism is only small. The condition number
     of the scaled Jacobian does not show this.
 
-    The components of the vectors along their common direction are divided by the largest
-    singular value of all vectors, and the components across it by the second. All loops are
-    scaled alike, so that the rank of the Jacobian does not change.
+    The components of the vectors along their common direction are divided by their size in
+    this direction, and the components across it by their size there. All loops are scaled
+    alike, so that the rank of the Jacobian does not change.
     """
-    # Axes of `loops`: sample, loop, component of the vector, variable. In `vectors`, the
-    # columns are the vectors of all loops and variables.
-    n, rows, count = jacobians.shape
-    loops = jacobians.reshape(n, rows // 3, 3, count)
-    vectors = np.moveaxis(loops, 2, 1).reshape(n, 3, rows // 3 * count)
-    # The first left singular vector is the common direction d, and d d^T projects on it.
-    left_vectors, singular_values, _ = np.linalg.svd(vectors, full_matrices=False)
-    direction = left_vectors[:, :, :1]
-    along_common = direction @ np.swapaxes(direction, 1, 2)
-    # A Jacobian with a single column has one singular value only.
-    singular_values = np.pad(singular_values, ((0, 0), (0, 1)))
-    largest = singular_values[:, :1, None]
-    # If all axes are parallel, the second singular value is a rounding error, by which
-    # nothing must be divided.
-    second = np.maximum(singular_values[:, 1:2, None], MIN_RELATIVE_SPREAD * largest)
+    # Axes of `loops`: sample, loop, component of the vector, variable.
+    n, rows, variable_count = jacobians.shape
+    loop_count = rows // 3
+    loops = jacobians.reshape(n, loop_count, 3, variable_count)
+    # The vectors of all loops and variables become the columns of one matrix.
+    vectors = np.moveaxis(loops, 2, 1).reshape(n, 3, loop_count * variable_count)
+    spread = _measure_spread(vectors)
+    # The matrix d d^T projects on the direction d, and 1 - d d^T on the plane across it.
+    project_along = spread.direction @ np.swapaxes(spread.direction, 1, 2)
+    project_across = np.eye(3) - project_along
+    size_along = spread.size_along[:, None, None]
+    size_across = spread.size_across[:, None, None]
+    # If all axes are parallel, the size across is a rounding error, by which nothing must
+    # be divided.
+    size_across = np.maximum(size_across, MIN_RELATIVE_SPREAD * size_along)
     # The scaling (n, 3, 3) multiplies the vectors of all loops.
-    scaling = along_common / largest + (np.eye(3) - along_common) / second
-    return (scaling[:, None] @ loops).reshape(n, rows, count)
+    scaling = project_along / size_along + project_across / size_across
+    return (scaling[:, None] @ loops).reshape(n, rows, variable_count)
+
+
+class VectorSpread(NamedTuple):
+    """The common direction of m vectors in space, and their sizes along and across it.
+
+    Attributes
+    ----------
+    direction
+        (n, 3, 1) unit vector with the largest sum of squared components of the vectors.
+    size_along
+        (n,) root of the sum of squared components along this direction.
+    size_across
+        (n,) the same for the direction at a right angle to it in which it is largest.
+    """
+
+    direction: Floats
+    size_along: Floats
+    size_across: Floats
+
+
+def _measure_spread(vectors: Floats) -> VectorSpread:
+    """Return the common direction of vectors, and their sizes along and across it.
+
+    The direction is the first left singular vector, and the sizes are the first two
+    singular values.
+
+    Parameters
+    ----------
+    vectors
+        (n, 3, m) matrices with the vectors as columns.
+    """
+    left_vectors, singular_values, _ = np.linalg.svd(vectors, full_matrices=False)
+    # A single vector has only one singular value. Its size across is zero.
+    singular_values = np.pad(singular_values, ((0, 0), (0, 1)))
+    return VectorSpread(
+        direction=left_vectors[:, :, :1],
+        size_along=singular_values[:, 0],
+        size_across=singular_values[:, 1],
+    )

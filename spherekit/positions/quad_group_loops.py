@@ -8,6 +8,7 @@ distance. This function then shows whether the group closes, and where.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,6 +52,24 @@ configuration."""
 def largest_change(values: Array, start: Array) -> Floats:
     """Return the largest difference (n,) of any variable, in float64, from (n, pairs)."""
     return np.max(np.abs((values - start).astype(float)), axis=1)
+
+
+class PairFrames(NamedTuple):
+    """The two frames of an R pair, in quad precision. Their z axis is the axis of the pair.
+
+    If the first frame is rotated by the angle of the pair about its z axis, it coincides
+    with the second frame in space.
+
+    Attributes
+    ----------
+    in_first_body
+        (n, 3, 3) the first frame, in the axes of the first body of the pair.
+    in_second_body
+        (n, 3, 3) the second frame, in the axes of the second body.
+    """
+
+    in_first_body: Array
+    in_second_body: Array
 
 
 @dataclass(frozen=True)
@@ -105,7 +124,9 @@ class GroupFold:
     curvature: Floats
     is_known: Bools
 
-    def estimate_root(self, loops: "GroupLoops", start: Array, determinant: float) -> Array:
+    def estimate_root(
+        self, loops: "GroupLoops", start: Array, determinant_sign: float
+    ) -> Array:
         """Estimate the configuration that belongs to an assembly mode near a fold.
 
         At a fold two configurations of the group meet. If the variables are moved from the
@@ -121,7 +142,7 @@ class GroupFold:
             The loops of the group.
         start
             (n, pairs) float64 configurations (rad).
-        determinant
+        determinant_sign
             Sign of the determinant of the Jacobian in the mode, 0 if not known. The root
             nearer to `start` is taken then.
 
@@ -131,17 +152,17 @@ class GroupFold:
         """
         # Without a root the maximum is 0, and both roots become the fold.
         distance = np.sqrt(np.maximum(-2.0 * self.residual / self.curvature, 0.0))
-        roots = [
-            self.values + ((side * distance)[:, None] * self.direction).astype(quad())
-            for side in (1.0, -1.0)
-        ]
-        if determinant:
-            # NaN, in rows without a fold, would be an error in `slogdet`.
-            jacobian = np.nan_to_num(loops.evaluate(roots[0]).jacobian)
-            is_first = np.linalg.slogdet(jacobian)[0] * determinant > 0.0
+        ahead = self._move_along_direction(distance)
+        behind = self._move_along_direction(-distance)
+        if determinant_sign:
+            is_ahead = loops.determinant_signs(ahead) * determinant_sign > 0.0
         else:
-            is_first = largest_change(roots[0], start) < largest_change(roots[1], start)
-        return np.where(is_first[:, None], roots[0], roots[1])
+            is_ahead = largest_change(ahead, start) < largest_change(behind, start)
+        return np.where(is_ahead[:, None], ahead, behind)
+
+    def _move_along_direction(self, distance: Floats) -> Array:
+        """Return the variables (n, pairs) at distances (n,) from the fold, all in rad."""
+        return self.values + (distance[:, None] * self.direction).astype(quad())
 
 
 class GroupLoops:
@@ -155,10 +176,10 @@ class GroupLoops:
     group
         An irreducible group of R pairs.
     pair_frames
-        For each pair its frames (n, 3, 3) in the axes of its first and of its second body.
+        For each pair its frames in the axes of its first and of its second body.
     """
 
-    def __init__(self, group: Group, pair_frames: Sequence[tuple[Array, Array]]) -> None:
+    def __init__(self, group: Group, pair_frames: Sequence[PairFrames]) -> None:
         """Find the spanning tree by which bodies are placed; other pairs close loops."""
         self.group = group
         self.pair_frames = pair_frames
@@ -167,63 +188,104 @@ class GroupLoops:
     def evaluate(self, values: Array) -> LoopEvaluation:
         """Evaluate the loop equations at variables (n, pairs), in rad.
 
-        Bodies are placed along the pairs of a spanning tree. Each other pair, a chord,
-        closes a loop. Its frame is computed twice, from each of the two bodies that it
-        joins. If the loop is closed, both results are equal. The residual is the rotation
-        between them. Residuals are in quad precision, the Jacobian is in float64.
+        The bodies are placed along the pairs of a spanning tree. Each other pair, a chord,
+        closes a loop. The residual is the rotation by which the loop is open. Residuals are
+        in quad precision. The Jacobian is in float64, in which Newton's method inverts it.
         """
-        # A pair has one frame that is fixed in its first body and one that is fixed in its
-        # second body. The z axis of both is the axis of the pair. If the first frame is
-        # rotated by the angle of the pair, F_first Z(angle), it coincides with the second.
-        turned_frames = [
-            multiply_matrices(frame_in_first, rotate_about_z(values[:, k]))
-            for k, (frame_in_first, _) in enumerate(self.pair_frames)
+        # The first frame of each pair, rotated by the angle of the pair, in the axes of the
+        # first body: F_first Z(angle). It coincides with the second frame in space.
+        rotated_frames = [
+            multiply_matrices(frames.in_first_body, rotate_about_z(values[:, k]))
+            for k, frames in enumerate(self.pair_frames)
         ]
-        identity = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
-        rotations: dict[int, Array] = {0: identity}
-        for pair, parent, child in self.tree.placements:
-            _, frame_in_second = self.pair_frames[pair]
-            first_from_second = multiply_matrices(
-                turned_frames[pair], transpose_matrices(frame_in_second)
-            )
-            is_forward = self.group.ends[pair][0] == parent
-            rotations[child] = multiply_matrices(
-                rotations[parent],
-                first_from_second if is_forward else transpose_matrices(first_from_second),
-            )
-        # For each chord: its frame in the axes of body 0, from its first and second body.
-        residuals = []
-        for pair in self.tree.chords:
-            first_body, second_body = self.group.ends[pair]
-            first_frame = multiply_matrices(rotations[first_body], turned_frames[pair])
-            second_frame = multiply_matrices(
-                rotations[second_body], self.pair_frames[pair][1]
-            )
-            relative_rotation = multiply_matrices(
-                first_frame, transpose_matrices(second_frame)
-            )
-            # The skew part of a rotation has the length sin(angle) along the axis. For
-            # nearly closed loops, from which Newton's method starts, this is the rotation
-            # vector.
-            skew = relative_rotation - transpose_matrices(relative_rotation)
-            residuals.append(
-                0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
-            )
-        # The axis of each pair is the z axis of its frame. While the residual of a loop is
-        # small, its derivative by the angle of a pair is this axis if the loop passes the
-        # pair, and 0 otherwise. `LoopTree.jacobian` knows the loops, and gives axes that a
-        # loop passes backwards the opposite sign.
-        axes = []
-        for (first_body, _), (frame_in_first, _) in zip(
-            self.group.ends, self.pair_frames, strict=True
-        ):
-            axes.append(rotate_vectors(rotations[first_body], frame_in_first[..., 2]))
+        rotations = self._place_bodies(rotated_frames)
+        residuals = [
+            self._open_angles(rotations, pair, rotated_frames[pair])
+            for pair in self.tree.chords
+        ]
+        # While the residual of a loop is small, its derivative by the angle of a pair is
+        # the axis of this pair, if the loop passes the pair. `LoopTree.jacobian` knows the
+        # loops, and gives axes that a loop passes backwards the opposite sign.
+        axes = self._pair_axes(rotations).astype(float)
         return LoopEvaluation(
-            rotations=[rotations[body] for body in range(len(rotations))],
+            rotations=rotations,
             residual=np.concatenate(residuals, axis=1),
-            # Newton's method inverts the Jacobian in float64, so its axes are rounded.
-            jacobian=self.tree.jacobian(np.stack(axes, axis=1).astype(float)),
+            jacobian=self.tree.jacobian(axes),
         )
+
+    def determinant_signs(self, values: Array) -> Floats:
+        """Return the signs (n,) of the determinant of the Jacobian at variables (n, pairs).
+
+        The sign has no meaning in rows that are not finite.
+        """
+        jacobian = self.evaluate(values).jacobian
+        return np.linalg.slogdet(np.nan_to_num(jacobian))[0]
+
+    def _place_bodies(self, rotated_frames: Sequence[Array]) -> list[Array]:
+        """Return the rotation (n, 3, 3) from the axes of each body to those of body 0.
+
+        Parameters
+        ----------
+        rotated_frames
+            For each pair the second frame (n, 3, 3), in the axes of the first body.
+        """
+        identity = np.eye(3).astype(quad())
+        rotations = {0: np.broadcast_to(identity, rotated_frames[0].shape)}
+        for pair, parent, child in self.tree.placements:
+            first_from_second = multiply_matrices(
+                rotated_frames[pair],
+                transpose_matrices(self.pair_frames[pair].in_second_body),
+            )
+            first_body, _ = self.group.ends[pair]
+            parent_from_child = (
+                first_from_second
+                if parent == first_body
+                else transpose_matrices(first_from_second)
+            )
+            rotations[child] = multiply_matrices(rotations[parent], parent_from_child)
+        return [rotations[body] for body in range(len(rotations))]
+
+    def _open_angles(
+        self, rotations: Sequence[Array], chord: int, rotated_frame: Array
+    ) -> Array:
+        """Return the rotation vectors (n, 3) in rad by which one loop is open.
+
+        The frame of the chord is computed twice, from each of the two bodies that it joins.
+        If the loop is closed, both results are equal. The rotation vector leads from the
+        second to the first.
+
+        Parameters
+        ----------
+        rotations
+            Rotation (n, 3, 3) of each body.
+        chord
+            The pair that closes the loop.
+        rotated_frame
+            (n, 3, 3) the second frame of this pair, in the axes of its first body.
+        """
+        first_body, second_body = self.group.ends[chord]
+        from_first_body = multiply_matrices(rotations[first_body], rotated_frame)
+        from_second_body = multiply_matrices(
+            rotations[second_body], self.pair_frames[chord].in_second_body
+        )
+        difference = multiply_matrices(
+            from_first_body, transpose_matrices(from_second_body)
+        )
+        # The skew part of a rotation has the length sin(angle) along the axis. For nearly
+        # closed loops, from which Newton's method starts, this is the rotation vector.
+        skew = difference - transpose_matrices(difference)
+        return 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
+
+    def _pair_axes(self, rotations: Sequence[Array]) -> Array:
+        """Return the axes (n, pairs, 3) of all pairs, in the axes of body 0.
+
+        `rotations` are the rotations (n, 3, 3) of the bodies.
+        """
+        axes = []
+        for (first_body, _), frames in zip(self.group.ends, self.pair_frames, strict=True):
+            z_axis = frames.in_first_body[..., 2]
+            axes.append(rotate_vectors(rotations[first_body], z_axis))
+        return np.stack(axes, axis=1)
 
     def close(self, values: Array) -> tuple[Array, Floats]:
         """Close the loops by Newton's method from variables (n, pairs), in rad.

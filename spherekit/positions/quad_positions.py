@@ -34,6 +34,7 @@ from spherekit.positions.quad_group_loops import (
     CONVERGED_QUAD_STEP_RAD,
     NEAREST_START_RAD,
     GroupLoops,
+    PairFrames,
     largest_change,
 )
 from spherekit.positions.quad_rotations import (
@@ -213,7 +214,9 @@ class QuadAssembly:
                     self._place_dyad(bodies, group, sign)
                 else:
                     determinant = determinants[position] if determinants else 0.0
-                    self._close_group(bodies, group, determinant=determinant, starts=starts)
+                    self._close_group(
+                        bodies, group, determinant_sign=determinant, starts=starts
+                    )
             values = bodies.values.astype(float)
         # Rounding an angle of up to pi to float64 changes it by at most EPS. The factor 4
         # also covers the rounding when angles are brought into one turn.
@@ -314,11 +317,11 @@ class QuadAssembly:
         rotated_frame = multiply_matrices(first_frame, rotate_about_z(values[:, variable]))
         return multiply_matrices(rotated_frame, second_frame.T)
 
-    def _pair_frames(self, bodies: _Bodies, pair: int) -> tuple[Array, Array]:
-        """Return the frames (n, 3, 3) of a pair in the axes of its two bodies."""
+    def _pair_frames(self, bodies: _Bodies, pair: int) -> PairFrames:
+        """Return the frames of a pair in the axes of its two bodies."""
         first_link, second_link = self.mechanism.ends[pair]
         first_frame, second_frame = self.frames[pair]
-        return (
+        return PairFrames(
             multiply_matrices(bodies.body_from_link[first_link], first_frame),
             multiply_matrices(bodies.body_from_link[second_link], second_frame),
         )
@@ -430,7 +433,7 @@ class QuadAssembly:
             bodies.values[:, variable] = np.arctan2(sine, cosine)
 
     def _close_group(
-        self, bodies: _Bodies, group: Group, determinant: float, starts: Floats
+        self, bodies: _Bodies, group: Group, determinant_sign: float, starts: Floats
     ) -> None:
         """Close the loops of a group that is not a dyad, and unite its bodies.
 
@@ -446,7 +449,7 @@ class QuadAssembly:
             The bodies so far.
         group
             An irreducible group.
-        determinant
+        determinant_sign
             Sign of the determinant of its Jacobian in the assembly mode, 0 if not known.
         starts
             (n, variables) float64 configurations (rad) of the mechanism, from which
@@ -471,11 +474,11 @@ class QuadAssembly:
 
         # Newton's method starts from a root of the quadratic, which is on the side of the
         # fold that belongs to the assembly mode.
-        root = fold.estimate_root(loops, start, determinant)
+        root = fold.estimate_root(loops, start, determinant_sign)
         values, step_size = loops.close(np.where(fold.is_known[:, None], root, start))
         jacobian = loops.evaluate(values).jacobian
         finite_jacobian = np.nan_to_num(jacobian)
-        is_other_mode = np.linalg.slogdet(finite_jacobian)[0] * determinant < 0.0
+        is_other_mode = np.linalg.slogdet(finite_jacobian)[0] * determinant_sign < 0.0
         smallest = np.linalg.svd(finite_jacobian, compute_uv=False)[:, -1]
         # At a distance s^2 of the input from a dead centre, the smallest singular value is
         # about s. Without a known fold, its square is compared with the rounding.
