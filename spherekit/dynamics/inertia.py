@@ -97,22 +97,25 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
     M_ij is the sum of w_i . I w_j over the links (Di Gregorio 2024, eqs. (14), (15), for
     one coordinate). I is the inertia tensor of a link about the centre, and w_i its angular
     velocity per unit rate of coordinate i. The components of both are along link axes, so I
-    is constant. By the product rule, the derivative of M_ij by coordinate l is the sum over
+    is constant. By the product rule, the derivative of M_ij by coordinate k is the sum over
     the links of
 
-        I w_i . dw_j/dq_l + I w_j . dw_i/dq_l,
+        I w_i . dw_j/dq_k + I w_j . dw_i/dq_k,
 
-    where dw/dq_l are the derivatives of the components of w along link axes. With one
+    where dw/dq_k are the derivatives of the components of w along link axes. With one
     coordinate this is dB = 2 sum of I w . dw, which is eq. (19) of Di Gregorio (2024). That
     equation writes the rate and the axis of w as two factors and differentiates them
     separately.
     """
+    # Vectors of the links with mass, along link axes: w_i (n, m, masses, 3), its
+    # derivatives dw_i/dq_k (n, m, m, masses, 3), and the angular momentum I w_i.
     w = _components_along_links(mechanism, motion, motion.w)
     dw = _components_along_links(mechanism, motion, _derivatives_seen_from_links(motion))
     momenta = _angular_momenta(mechanism, w)
-    # The first of the two terms; the second one has i and j exchanged. Letters: n row,
-    # k link, i j l coordinates, a component. The links are not summed here, so k remains.
-    first_terms = np.einsum("nika,njlka->nkijl", momenta, dw)
+    # I w_i . dw_j/dq_k of each link. Letters: n row, b link (body), i j k coordinates,
+    # c component. The links are not summed here, so b remains.
+    first_terms = np.einsum("nibc,njkbc->nbijk", momenta, dw)
+    # I w_j . dw_i/dq_k: the same with i and j (axes 2 and 3) exchanged.
     second_terms = np.swapaxes(first_terms, 2, 3)
     return Inertia(_velocity_products(momenta, w), first_terms + second_terms)
 
@@ -126,14 +129,14 @@ def inertia_matrix(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
 def _derivatives_seen_from_links(motion: CoordinateMotion) -> Floats:
     """Return the change of each link's angular velocity, as seen from the turning link.
 
-    The result (n, m, m, links, 3) has the vectors dw_j/dq_l - w_l x w_j at [:, j, l], in
-    ground axes: the derivative of w_j in the ground, less its change by the rotation of the
-    link with w_l. Their components along link axes are the derivatives of the components of
-    w_j.
+    The result (n, m, m, links, 3) has the vectors dw_i/dq_k - w_k x w_i at [:, i, k], in
+    ground axes: the derivative of w_i in the ground, less its change by the rotation of the
+    link with w_k. Their components along link axes are the derivatives of the components of
+    w_i.
     """
-    w_j = motion.w[:, :, None]
-    w_l = motion.w[:, None]
-    return motion.dw - cross(w_l, w_j)
+    w_i = motion.w[:, :, None]
+    w_k = motion.w[:, None]
+    return motion.dw - cross(w_k, w_i)
 
 
 def _components_along_links(
@@ -153,21 +156,23 @@ def _components_along_links(
     (n, ..., masses, 3) the vectors of the links with mass, in link axes.
     """
     links = [mechanism.link_number[mass.link] for mass in mechanism.masses]
-    # Letters: n row, k link, j ground component, i link component.
+    # Letters: n row, b link (body), g component in the ground, c component in the link.
     return np.einsum(
-        "nkji,n...kj->n...ki", motion.rotations[:, links], vectors[..., links, :]
+        "nbgc,n...bg->n...bc", motion.rotations[:, links], vectors[..., links, :]
     )
 
 
 def _angular_momenta(mechanism: Mechanism, w: Floats) -> Floats:
     """Return I w (n, ..., masses, 3) of the links with mass, from w, both in link axes."""
     tensors = np.array([mass.tensor for mass in mechanism.masses]).reshape(-1, 3, 3)
-    return np.einsum("kij,n...kj->n...ki", tensors, w)
+    # Letters: n row, b link (body), c and d components.
+    return np.einsum("bcd,n...bd->n...bc", tensors, w)
 
 
 def _velocity_products(momenta: Floats, w: Floats) -> Floats:
     """Return I w_i . w_j (n, masses, m, m) from I w and w (n, m, masses, 3)."""
-    return np.einsum("nika,njka->nkij", momenta, w)
+    # Letters: n row, b link (body), i j coordinates, c component.
+    return np.einsum("nibc,njbc->nbij", momenta, w)
 
 
 def need_inertia(mechanism: Mechanism) -> None:
@@ -192,35 +197,65 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     motion
         The motion by m coordinates. Its first row is the start of a simulation.
     """
-    # With several coordinates, the inertia matrix may vanish in one direction only: pairs
-    # then move together so that no mass moves.
-    principal_inertias, directions = np.linalg.eigh(inertia_matrix(mechanism, motion)[0])
+    inertia_at_start = inertia_matrix(mechanism, motion)[0]
+    principal_inertias, directions = np.linalg.eigh(inertia_at_start)
     smallest = principal_inertias[0]
     largest = principal_inertias[-1]
     if len(principal_inertias) > 1 and smallest < MIN_RELATIVE_INERTIA * largest:
-        rates = np.abs(directions[:, 0] @ motion.rates[0])
-        pairs = [name for name, v in mechanism.angles.items() if rates[v] > MIN_NAMED_RATE]
-        raise SolveError(
-            f"{mechanism.name}: at the start, pairs {listing(pairs)} can turn together "
-            "without moving any link that has mass, so a load would cause an infinite "
-            "acceleration; give mass to the links that they move, or lock a pair"
-        )
-    # Some link with mass has to move in every motion. Its speed counts as zero if it is
-    # below `MIN_RELATIVE_SPEED` times that of the fastest link, because of rounding. All
-    # speeds are per unit rate of a coordinate, as those in the inertia matrix.
-    moving_masses = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
-    total_inertia = sum(np.linalg.norm(mass.tensor, 2) for mass in moving_masses)
-    largest_speed_square = np.max(np.sum(motion.w[0] ** 2, axis=-1))
-    # The inertia (sum of I w^2) if all links with mass moved at the smallest speed that
-    # counts. The negated comparison below is also true for NaN.
-    least_inertia = MIN_RELATIVE_SPEED**2 * total_inertia * largest_speed_square
-    if not least_inertia < smallest:
+        # Other motions have inertia, but this one has none.
+        coordinate_rates = directions[:, 0]
+        _refuse_motion_without_inertia(mechanism, coordinate_rates @ motion.rates[0])
+    if not smallest > _least_moving_inertia(mechanism, motion):  # also if it is NaN
         raise SolveError(
             f"{mechanism.name}: at the start no link with mass moves (its speed is "
             f"below {MIN_RELATIVE_SPEED:g} of that of the fastest link), so a load "
             "would cause an infinite "
             "acceleration; give mass to links that move, or start elsewhere"
         )
+
+
+def _refuse_motion_without_inertia(mechanism: Mechanism, variable_rates: Floats) -> None:
+    """Raise the error for a motion in which pairs turn but no link with mass moves.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    variable_rates
+        (variables,) rates of the pair variables in this motion, in any unit.
+    """
+    pairs = [
+        name
+        for name, variable in mechanism.angles.items()
+        if np.abs(variable_rates[variable]) > MIN_NAMED_RATE
+    ]
+    raise SolveError(
+        f"{mechanism.name}: at the start, pairs {listing(pairs)} can turn together "
+        "without moving any link that has mass, so a load would cause an infinite "
+        "acceleration; give mass to the links that they move, or lock a pair"
+    )
+
+
+def _least_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> float:
+    """Return the inertia (kg m2) below which no link with mass moves at the start.
+
+    It is the inertia, the sum of I w^2, if all links with mass moved at the smallest speed
+    w that is no rounding error: `MIN_RELATIVE_SPEED` times the speed of the fastest link.
+    Speeds are those per unit rate of a single coordinate. I is the largest moment of
+    inertia of a link.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its masses.
+    motion
+        The motion by the coordinates. Its first row is the start of a simulation.
+    """
+    moving_masses = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
+    total_inertia = sum(np.linalg.norm(mass.tensor, 2) for mass in moving_masses)
+    w_at_start = motion.w[0]  # (m, links, 3) angular velocities by each coordinate
+    largest_speed_square = np.max(np.sum(w_at_start**2, axis=-1))
+    return float(MIN_RELATIVE_SPEED**2 * total_inertia * largest_speed_square)
 
 
 def christoffel(dM: Floats) -> Floats:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN, Names
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
@@ -349,21 +349,18 @@ class Sampler:
             stores dB/dx: the factor is 2. With several coordinates the model stores the
             symbols: the factor is 1.
         """
-        n, m = motion.rates.shape[:2]
-        # The derivatives of one variable by all coordinates are next to each other.
-        derivatives = np.swapaxes(motion.rates, 1, 2).reshape(n, -1)
-        functions = [motion.values, derivatives]
+        functions = [motion.values, _flatten_by_coordinate(motion.rates)]
         if self.has_dynamics:
             masses = inertia(self.mechanism, motion)
-            # For symmetric matrices the entries up to the diagonal are stored, row by row.
-            rows, columns = np.tril_indices(m)
-            # The Christoffel symbols (n, i, j, k) are those of the torque at coordinate i.
-            # They are symmetric in j and k, so those with k <= j are stored: (n, i, pairs).
-            symbols = christoffel_factor * christoffel(masses.dM)[:, :, rows, columns]
-            functions += [masses.M[:, rows, columns], symbols.reshape(n, -1)]
+            functions.append(_lower_triangles(masses.M))
+            symbols = christoffel_factor * christoffel(masses.dM)  # (n, i, j, k)
+            # Those of the torque at coordinate i are symmetric in j and k.
+            functions.append(_lower_triangles(symbols).reshape(len(symbols), -1))
         if self.load_velocities:
-            velocities = self.loads.velocities(motion)[..., list(self.load_velocities)]
-            functions.append(np.swapaxes(velocities, 1, 2).reshape(n, -1))
+            velocities = self.loads.velocities(motion)  # (n, m, load components)
+            # Other components work on rates of pair variables, which are stored already.
+            stored_components = list(self.load_velocities)
+            functions.append(_flatten_by_coordinate(velocities[..., stored_components]))
         return np.concatenate(functions, axis=1)
 
     @cached_property
@@ -395,6 +392,20 @@ class Sampler:
                 values, self.driven, longest_step=MAX_SAMPLER_NEWTON_STEP_RAD
             )
         return ClosedConfigurations(solution, node_of_row, steps)
+
+
+def _flatten_by_coordinate(derivatives: Floats) -> Floats:
+    """Return derivatives (n, m, k) of k functions by m coordinates as rows (n, k m).
+
+    The derivatives of one function by all coordinates are next to each other.
+    """
+    return np.swapaxes(derivatives, 1, 2).reshape(len(derivatives), -1)
+
+
+def _lower_triangles(matrices: Floats) -> Floats:
+    """Return the entries of symmetric matrices (..., m, m) up to the diagonal, by rows."""
+    rows, columns = np.tril_indices(matrices.shape[-1])
+    return matrices[..., rows, columns]
 
 
 class CurveSampler(Sampler):
@@ -561,21 +572,31 @@ class CurveSampler(Sampler):
             of the configuration curve (`is_by_input` says which).
         """
         if self.is_by_input:
-            # 1 or -1: whether q grows or falls along the curve.
-            sense = self.input_sense
-            lap_length = self.lap_length
-            # The known configurations (nodes) cover one lap of the curve. Whole laps are
-            # subtracted from q before Newton's method. Afterwards the growth of the
-            # variables over these laps (`rise` in each) is added.
-            start_input = self.nodes.values[0, self.driven]
-            laps = np.floor(sense * (x - start_input) / lap_length)
-            closed = self.close_loops((x - sense * laps * lap_length)[:, None])
-            values = closed.linearisation.values + np.outer(laps, self.curve.rise)
-            # Rounding of the laps is removed from the input.
-            (input_variable,) = self.driven
-            values[:, input_variable] = x
-            return motion_by_variables(self.closure, values, self.driven)
-        points = self.curve.at(x)
+            return self._compute_motion_by_input(x)
+        return self._compute_motion_by_arc_length(x)
+
+    def _compute_motion_by_input(self, q: Floats) -> CoordinateMotion:
+        """Return the motion with derivatives by the input variable q (n,), rad.
+
+        The known configurations (nodes), from which Newton's method starts, cover one lap
+        of the curve. Whole laps are therefore subtracted from q first, and the growth of
+        all variables over these laps is added afterwards.
+        """
+        (input_variable,) = self.driven
+        start_input = self.nodes.values[0, input_variable]
+        # Laps are counted along the curve. On it q falls if `input_sense` is -1.
+        laps = np.floor(self.input_sense * (q - start_input) / self.lap_length)
+        input_within_lap = q - self.input_sense * laps * self.lap_length
+        closed = self.close_loops(input_within_lap[:, None])
+        # `rise` (variables,) is the growth of the variables over one lap along the curve.
+        values = closed.linearisation.values + np.outer(laps, self.curve.rise)
+        # The input itself is q, without the rounding errors of the laps.
+        values[:, input_variable] = q
+        return motion_by_variables(self.closure, values, self.driven)
+
+    def _compute_motion_by_arc_length(self, s: Floats) -> CoordinateMotion:
+        """Return the motion with derivatives by the arc length s (n,) of the curve, rad."""
+        points = self.curve.at(s)
         motion = motion_by_arc_length(self.closure, points.values)
         # The unit tangent is computed as a null vector, whose sense is arbitrary. It gets
         # the sense of the stored tangent of the curve.
@@ -632,20 +653,13 @@ class CurveSampler(Sampler):
         w = motion.w[:, 0]
         max_speeds = np.max(np.linalg.norm(w, axis=2), axis=1)
         for pole in self.poles:
-            # A copy (n, 3), because rows of it are replaced.
-            axis = planned.directions[pole].T.copy()
-            error = np.nan_to_num(planned.errors[pole], nan=np.inf)
             first, second = pole
-            relative_w = w[:, second] - w[:, first]
-            relative_speed = np.linalg.norm(relative_w, axis=1)
-            # The second method: the direction of the relative angular velocity. Its error
-            # is estimated as `AXIS_ERROR_ROUNDINGS` roundings of the largest angular
-            # velocity. It replaces an axis whose bound is larger. Axes with a bound below
-            # `TRUSTED_AXIS_ERROR_RAD` stay, because they are accurate enough.
-            with np.errstate(divide="ignore", invalid="ignore"):
-                velocity_error = AXIS_ERROR_ROUNDINGS * EPS * max_speeds / relative_speed
-                is_better = (error > TRUSTED_AXIS_ERROR_RAD) & (velocity_error < error)
-                axis[is_better] = relative_w[is_better] / relative_speed[is_better, None]
+            axis = _choose_pole_axis(
+                planned.directions[pole].T,
+                error_bound=planned.errors[pole],
+                relative_w=w[:, second] - w[:, first],
+                max_speeds=max_speeds,
+            )
             if not all_finite(axis):
                 raise SolveError(
                     f"{self.mechanism.name}: pole {pole_name(self.mechanism, pole)} has no "
@@ -670,42 +684,99 @@ class CurveSampler(Sampler):
         reversed after one lap of the curve of configurations, the period of the model
         becomes two laps.
         """
+        coordinates = self.lap_length * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
+        motion = self._compute_motion(coordinates)
         primary = {step.pole for step in self.plan.steps if isinstance(step, PrimaryPole)}
-        motion = self._compute_motion(
-            self.lap_length * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
-        )
-        # (pairs, 3) axes of all pairs at the first sample: the third columns (z) of the
-        # pair frames. The first direction makes an acute angle with their sum. Any other
-        # reference would serve, because the sense is free.
-        pair_axes = self._convert_motion(motion).frames[0, :, :, 2]
-        reference = np.sum(pair_axes, axis=0)
         axes = {
             pole: axis
             for pole, axis in self._compute_axes(motion).items()
             if pole not in primary
         }
-        for axis in axes.values():
-            if np.min(np.abs(np.vecdot(axis[1:], axis[:-1]))) < MIN_AXIS_COSINE:
-                raise SolveError(
-                    f"{self.mechanism.name}: a pole axis turns too fast to be followed; "
-                    "request fewer poles"
-                )
+        self._check_axis_speeds(axes)
+        # The first direction makes an acute angle with the sum of the pair axes, which are
+        # the third columns (z) of the pair frames. Any other reference would serve, because
+        # the sense is free.
+        pair_axes = self._convert_motion(motion).frames[0, :, :, 2]
+        reference = np.sum(pair_axes, axis=0)
         directions = {
             pole: axis * continuous_signs(axis, reference)[:, None]
             for pole, axis in axes.items()
         }
-        # 1 if an axis comes back as it started, -1 if it comes back reversed.
-        end_senses = {
-            pole: np.sign(samples[0] @ samples[-1]) for pole, samples in directions.items()
+        is_reversed = {
+            pole: bool(samples[0] @ samples[-1] < 0.0)
+            for pole, samples in directions.items()
         }
-        if self.periodic and -1.0 in end_senses.values():
+        if self.periodic and any(is_reversed.values()):
             self.laps_per_period = 2
-            # The second lap has the samples of the first one, reversed where necessary.
             directions = {
-                pole: np.concatenate([samples[:-1], samples * end_senses[pole]])
+                pole: _append_second_lap(samples, is_reversed[pole])
                 for pole, samples in directions.items()
             }
         self.stored_directions = directions
+
+    def _check_axis_speeds(self, axes: Mapping[Pole, Floats]) -> None:
+        """Raise `SolveError` if an axis turns too fast between samples to be followed.
+
+        `axes` are samples (n, 3) of each pole axis along the curve, in either sense.
+        """
+        for axis in axes.values():
+            cosines = np.abs(np.vecdot(axis[1:], axis[:-1]))
+            if np.min(cosines) < MIN_AXIS_COSINE:
+                raise SolveError(
+                    f"{self.mechanism.name}: a pole axis turns too fast to be followed; "
+                    "request fewer poles"
+                )
+
+
+def _choose_pole_axis(
+    planned_axis: Floats, error_bound: Floats, relative_w: Floats, max_speeds: Floats
+) -> Floats:
+    """Return unit vectors (n, 3) along a pole axis, each by the more accurate method.
+
+    The direction of the relative angular velocity of the two links replaces the planned
+    axis in rows in which it has the smaller error, unless the error of the planned axis is
+    negligible (`TRUSTED_AXIS_ERROR_RAD`).
+
+    Parameters
+    ----------
+    planned_axis
+        (n, 3) the axis as an intersection of planes.
+    error_bound
+        (n,) error bound of the planned axis, rad. NaN if it is unknown.
+    relative_w
+        (n, 3) relative angular velocity of the links.
+    max_speeds
+        (n,) largest angular velocity of any link, by which rounding errors are estimated.
+    """
+    axis = planned_axis.copy()
+    planned_error = np.nan_to_num(error_bound, nan=np.inf)
+    relative_speed = np.linalg.norm(relative_w, axis=1)
+    # Links at relative rest have no direction: division by zero gives an infinite error.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        velocity_error = AXIS_ERROR_ROUNDINGS * EPS * max_speeds / relative_speed
+        is_better = planned_error > TRUSTED_AXIS_ERROR_RAD
+        is_better &= velocity_error < planned_error
+        axis[is_better] = relative_w[is_better] / relative_speed[is_better, None]
+    return axis
+
+
+def _append_second_lap(first_lap: Floats, is_reversed: bool) -> Floats:
+    """Return the directions of an axis over two laps of a closed curve.
+
+    Parameters
+    ----------
+    first_lap
+        (k + 1, 3) directions at k + 1 points. The last one is where the second lap starts.
+    is_reversed
+        Whether the axis has the opposite direction after one lap. It then has the opposite
+        directions in the whole second lap.
+
+    Returns
+    -------
+    (2 k + 1, 3) directions. The point between the laps is there only once.
+    """
+    second_lap = -first_lap if is_reversed else first_lap
+    return np.concatenate([first_lap[:-1], second_lap])
 
 
 class BoxSampler(Sampler):
@@ -768,33 +839,62 @@ class BoxSampler(Sampler):
         (n, function_count) values; NaN where the assembly mode does not exist, or is too
         near to a singularity.
         """
-        # Newton's method finds a configuration for each row of the inputs. It starts from
-        # the node, the known configuration with the nearest inputs.
         closed = self.close_loops(inputs)
         values = closed.linearisation.values
-        node_of_row = closed.nodes
-        nodes = self.nodes
+        # Validity needs first derivatives only. Second ones are computed in valid rows.
         with np.errstate(all="ignore"):
             motion = motion_by_variables(self.closure, values, self.driven, order=1)
-            # Newton's method can arrive on another assembly mode. On the mode of the node
-            # the trapezoidal rule leads from the node to the configuration: the change of a
-            # variable is the step of the inputs times the mean of its rates at both ends.
-            input_steps = closed.steps  # inputs of the row less those of its node
-            rate_sums = nodes.rates[node_of_row] + motion.rates
-            change = 0.5 * np.einsum("ni,niv->nv", input_steps, rate_sums)
-            predicted = nodes.values[node_of_row] + change
-            is_valid = closed.linearisation.closure_residual < CLOSURE_TOLERANCE
-            is_valid &= max_abs(predicted - values, axis=1) < MAX_PREDICTION_ERROR_RAD
-            # Near a singularity, variables move fast at unit rates of the inputs.
-            # `determinacy` is the reciprocal of their largest rate.
-            is_valid &= determinacy(motion.rates) >= MIN_DETERMINACY
-            is_valid &= motion.status == Status.OK
+            is_valid = self._is_valid(closed, motion)
         functions = nans((len(inputs), function_count))
         if np.any(is_valid):
             functions[is_valid] = self.evaluate_motion(
                 motion_by_variables(self.closure, values[is_valid], self.driven)
             )
         return functions
+
+    def _is_valid(self, closed: ClosedConfigurations, motion: CoordinateMotion) -> Bools:
+        """Return which configurations (n,) are valid ones of the assembly mode.
+
+        In a valid configuration the loops are closed, all contacts exist, no singularity is
+        near, and the assembly mode is that of the node from which Newton's method started.
+
+        Parameters
+        ----------
+        closed
+            Configurations that Newton's method found.
+        motion
+            The same configurations with their first derivatives by the inputs.
+        """
+        is_closed = closed.linearisation.closure_residual < CLOSURE_TOLERANCE
+        has_contacts = motion.status == Status.OK
+        # Near a singularity, variables move fast at unit rates of the inputs.
+        # `determinacy` is the reciprocal of their largest rate.
+        is_regular = determinacy(motion.rates) >= MIN_DETERMINACY
+        # On the assembly mode of the node, the configuration is near this prediction.
+        prediction = self._predict_by_trapezoidal_rule(closed, motion.rates)
+        prediction_error = max_abs(prediction - motion.values, axis=1)
+        is_same_mode = prediction_error < MAX_PREDICTION_ERROR_RAD
+        return is_closed & has_contacts & is_regular & is_same_mode
+
+    def _predict_by_trapezoidal_rule(
+        self, closed: ClosedConfigurations, rates: Floats
+    ) -> Floats:
+        """Return the values (n, variables) that the nodes predict at given inputs, rad.
+
+        The change of a variable from the node is the step of the inputs times the mean of
+        its rates at both ends of the step.
+
+        Parameters
+        ----------
+        closed
+            Configurations with their nodes, and the steps of the inputs from these.
+        rates
+            (n, m, variables) rates of the variables by the inputs in the configurations.
+        """
+        node_rates = self.nodes.rates[closed.nodes]
+        # Letters: n row, i input, v variable.
+        change = 0.5 * np.einsum("ni,niv->nv", closed.steps, node_rates + rates)
+        return self.nodes.values[closed.nodes] + change
 
     def evaluate_motion(self, motion: CoordinateMotion) -> Floats:
         """Return all functions (n, F), of the motion and of poles, at n configurations."""

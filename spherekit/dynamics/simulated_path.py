@@ -72,12 +72,13 @@ class StatePath:
     Attributes
     ----------
     part_starts
-        (parts,) times from which each part applies, s. A part is one step of the NumPy
-        engine, or one segment of several steps of the compiled engine.
+        (parts,) times from which each part applies, s. A part is evaluated by one function:
+        it is one step of the NumPy engine, or several steps (a segment) of the compiled
+        engine.
     parts
         For each part a function that returns the states at times (n,), s.
     starts, lengths
-        (steps,) start times and lengths of the steps, s.
+        (steps,) start times and lengths of all integration steps, s.
     max_closure_residual
         Largest closure residual (opening of a loop) that was removed by corrections of the
         configuration during the integration, rad.
@@ -105,21 +106,40 @@ class StatePath:
         Times within one part of the path are evaluated together, in blocks whose size is
         limited because of the memory.
         """
+        if not len(t):
+            return self.parts[0](t)  # any part returns states without rows
         part_of_row = np.searchsorted(self.part_starts[1:], t, side="right")
-        # Rows sorted by their part, and the positions at which the next part begins.
-        order = np.argsort(part_of_row, kind="stable")
-        cuts = np.flatnonzero(np.diff(part_of_row[order], prepend=-1))[1:]
-        # Blocks of rows that belong to one part each.
-        blocks: list[Indices] = []
-        for rows in np.split(order, cuts):
-            blocks += np.split(rows, range(STATES_PER_BLOCK, len(rows), STATES_PER_BLOCK))
+        blocks = _divide_rows(part_of_row, max_size=STATES_PER_BLOCK)
         results: list[PathStates] = []
         for rows in blocks:
-            # Without any times there is one empty block, for which any part will do.
-            part = self.parts[part_of_row[rows[0]] if len(rows) else 0]
+            part = self.parts[part_of_row[rows[0]]]
             results.append(part(t[rows]))
         # Back to the order of the times.
+        order = np.concatenate(blocks)
         return PathStates.concatenate(results).rows(np.argsort(order))
+
+
+def _divide_rows(group_of_row: Indices, max_size: int) -> list[Indices]:
+    """Return blocks of rows, each with at most `max_size` rows of the same group.
+
+    Parameters
+    ----------
+    group_of_row
+        (n,) number of the group of each row, for one or more rows.
+    max_size
+        Largest number of rows in a block.
+
+    Returns
+    -------
+    The indices of the rows in each block. Each row is in one of the blocks.
+    """
+    rows_by_group = np.argsort(group_of_row, kind="stable")
+    # The positions in `rows_by_group` at which a group begins.
+    _, group_starts = np.unique(group_of_row[rows_by_group], return_index=True)
+    blocks: list[Indices] = []
+    for rows in np.split(rows_by_group, group_starts[1:]):
+        blocks += np.split(rows, range(max_size, len(rows), max_size))
+    return blocks
 
 
 def make_collocation_path(
