@@ -335,26 +335,42 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
     _, _, right_vectors = np.linalg.svd(jacobian)
     velocity_basis = right_vectors[-equation.freedoms :]
 
-    def sum_rate_squares(variables: tuple[int, ...]) -> float:
-        """Return the sum of the squares of all rates, per unit rates of some variables."""
-        # Every velocity is a combination a V of the rows of the basis V. With the columns
-        # V_c of the chosen variables, their rates are a V_c. The matrix of all rates per
-        # unit rate of each chosen variable is therefore V_c^-1 V. The rows of V are
-        # orthonormal, so the sum of the squares of this matrix is that of 1 / s^2 over the
-        # singular values s of V_c.
-        chosen_columns = velocity_basis[:, list(variables)]
-        singular_values = np.linalg.svd(chosen_columns, compute_uv=False)
-        return float(np.sum(1.0 / np.maximum(singular_values, MIN_SINGULAR_VALUE) ** 2))
+    def are_suitable(variables: tuple[int, ...]) -> bool:
+        """Return whether these variables can be coordinates at the start of a run."""
+        rate_squares = _sum_rate_squares(velocity_basis, variables)
+        return rate_squares < MAX_START_RATE_RATIO * MAX_RATE_SQUARES
 
-    choices = combinations(sorted(pair_of_variable), equation.freedoms)
-    best = min(choices, key=sum_rate_squares)
-    max_rate_squares = MAX_START_RATE_RATIO * MAX_RATE_SQUARES
-    # The variables of the inputs (`driven`) have the preference, even if others are better.
-    for variables in (problem.driven, best):
-        if sum_rate_squares(variables) < max_rate_squares:
-            return tuple(pair_of_variable[v] for v in variables)
+    variables = problem.driven  # the variables of the inputs
+    if not are_suitable(variables):
+        # Those with the smallest sum among all combinations of R pairs.
+        variables = min(
+            combinations(sorted(pair_of_variable), equation.freedoms),
+            key=lambda choice: _sum_rate_squares(velocity_basis, choice),
+        )
+    if are_suitable(variables):
+        return tuple(pair_of_variable[v] for v in variables)
     # The second argument is the advice which other engine to use.
     raise EngineError(f"{equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
+
+
+def _sum_rate_squares(velocity_basis: Floats, variables: tuple[int, ...]) -> float:
+    """Return the sum of the squares of all rates, per unit rates of some variables.
+
+    The rates of all variables per unit rate of each chosen variable are the rows of
+    V_c^-1 V. Here V is the velocity basis, and V_c has its columns of the chosen variables.
+    The rows of V are orthonormal, so the sum of the squares is that of V_c^-1 alone. It is
+    the sum of 1 / s^2 over the singular values s of V_c.
+
+    Parameters
+    ----------
+    velocity_basis
+        (m, variables) orthonormal basis of the velocities that keep the loops closed.
+    variables
+        Indices of m variables.
+    """
+    chosen_columns = velocity_basis[:, list(variables)]
+    singular_values = np.linalg.svd(chosen_columns, compute_uv=False)
+    return float(np.sum(1.0 / np.maximum(singular_values, MIN_SINGULAR_VALUE) ** 2))
 
 
 def _check_first_step(problem: Problem, run: TaylorRun) -> None:

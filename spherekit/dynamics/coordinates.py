@@ -134,23 +134,39 @@ def motion_by_combinations(
     n rows. A row in which the coordinates do not determine the motion is NaN.
     """
     linearisation = closure.linearise(values)
-    count = weights.shape[-2]
+    m = weights.shape[-2]
     # For each row of `values` the matrix of J and F, one above the other.
     coordinate_rows = np.broadcast_to(weights, (len(values), *weights.shape[-2:]))
     equations = np.concatenate([linearisation.jacobian, coordinate_rows], axis=1)
     # There may be more closure equations than independent ones, so the matrix has a left
     # inverse. It is NaN if the matrix is singular.
     inverse = left_inverse(equations)
-    # The last m columns of the inverse are the rates of the variables by each coordinate,
-    # the others the changes of the variables per closure error.
-    solution = inverse[:, :, -count:]
-    # An inverse loses digits. One step of iterative refinement restores them. Column i of
-    # the right side is 0 for the closure equations and e_i for the coordinates.
-    right_side = np.eye(equations.shape[1])[:, -count:]
-    residual = right_side - equations @ solution
-    solution = solution + inverse @ residual
-    rates = np.ascontiguousarray(transpose(solution))
-    return _complete_motion(linearisation, rates, inverse[:, :, :-count], order)
+    # The inverse has a column for each equation: the changes of the variables per closure
+    # error, then the rates of the variables by each coordinate.
+    closing_inverse = inverse[:, :, :-m]
+    rates_in_columns = _refine_last_columns(inverse, equations, m)
+    rates = np.ascontiguousarray(transpose(rates_in_columns))
+    return _complete_motion(linearisation, rates, closing_inverse, order)
+
+
+def _refine_last_columns(inverse: Floats, matrix: Floats, count: int) -> Floats:
+    """Return the last columns of inverse matrices, after a step of iterative refinement.
+
+    An inverse loses digits, which the step restores: the residuals of the columns are
+    computed and multiplied by the inverse.
+
+    Parameters
+    ----------
+    inverse, matrix
+        (n, variables, equations) left inverses of the matrices (n, equations, variables).
+    count
+        Number of the columns that are refined.
+    """
+    columns = inverse[:, :, -count:]
+    # The product of a matrix and its inverse is the unit matrix.
+    unit_columns = np.eye(matrix.shape[1])[:, -count:]
+    residual = unit_columns - matrix @ columns
+    return columns + inverse @ residual
 
 
 def motion_by_variables(
@@ -197,26 +213,15 @@ def _complete_motion(
     order
         1 leaves out the second derivatives.
     """
+    # The angular velocity of a link is the sum of the rates of the variables along the path
+    # from the ground to the link, times the vectors (axes) about which they turn.
+    w = linearisation.tree.body_rates(linearisation.vectors[:, None], rates)
     n, m, variables = rates.shape
-    # A spanning tree of the links, and the vectors (axes) about which each variable turns.
-    tree = linearisation.tree
-    vectors = linearisation.vectors
-    w = tree.body_rates(vectors[:, None], rates)
-    # The status is 0 (OK) unless a contact does not exist in the configuration.
-    status = np.zeros(n, dtype=np.int8)
-    status[has_penetration(linearisation.joints, linearisation.states)] = Status.CURVATURE
-    status[~np.all(linearisation.states.inside, axis=1)] = Status.OFF_PROFILE
-    # Second derivatives stay NaN if only the first order is requested.
-    second = nans((n, m, m, variables))
-    dw = nans((n, m, m, tree.count, 3))
-    for k in range(m if order == 2 else 0):
-        # Derivatives by coordinate k of the pair axes, of J and of all rates.
-        vector_derivatives = linearisation.vector_rates(w[:, k])
-        jacobian_derivative = tree.jacobian(vector_derivatives)
-        second[:, :, k] = _differentiate_rates(rates, jacobian_derivative, closing_inverse)
-        # Angular velocities are sums of rates times axes: the product rule has two terms.
-        dw[:, :, k] = tree.body_rates(vectors[:, None], second[:, :, k])
-        dw[:, :, k] += tree.body_rates(vector_derivatives[:, None], rates)
+    if order == 2:
+        second, dw = _second_derivatives(linearisation, rates, w, closing_inverse)
+    else:
+        second = nans((n, m, m, variables))
+        dw = nans((n, m, *w.shape[1:]))
     return CoordinateMotion(
         values=linearisation.values,
         rates=rates,
@@ -224,9 +229,57 @@ def _complete_motion(
         rotations=linearisation.rotations,
         w=w,
         dw=dw,
-        status=status,
+        status=_contact_status(linearisation),
         frames=linearisation.frames,
     )
+
+
+def _contact_status(linearisation: Linearisation) -> SmallIntegers:
+    """Return the status (n,) of configurations: OK unless a contact does not exist."""
+    status = np.full(len(linearisation.values), Status.OK, dtype=np.int8)
+    status[has_penetration(linearisation.joints, linearisation.states)] = Status.CURVATURE
+    # OFF_PROFILE is assigned last, because it takes precedence.
+    status[~np.all(linearisation.states.inside, axis=1)] = Status.OFF_PROFILE
+    return status
+
+
+def _second_derivatives(
+    linearisation: Linearisation, rates: Floats, w: Floats, closing_inverse: Floats
+) -> tuple[Floats, Floats]:
+    """Return second derivatives of the variables, and derivatives of angular velocities.
+
+    Parameters
+    ----------
+    linearisation
+        n closed configurations with their Jacobians.
+    rates
+        (n, m, variables) derivatives of the variables by each of m coordinates.
+    w
+        (n, m, links, 3) angular velocities of the links by each coordinate.
+    closing_inverse
+        (n, variables, equations) the matrices of `_differentiate_rates`.
+
+    Returns
+    -------
+    second
+        (n, m, m, variables) at [:, i, k] the derivative of rate i by coordinate k.
+    dw
+        (n, m, m, links, 3) at [:, i, k] the derivative of w_i by coordinate k.
+    """
+    tree = linearisation.tree
+    vectors = linearisation.vectors
+    n, m, variables = rates.shape
+    second = np.empty((n, m, m, variables))
+    dw = np.empty((n, m, *w.shape[1:]))
+    for k in range(m):
+        # Derivatives by coordinate k of the pair axes, of J and of all rates.
+        vector_derivatives = linearisation.vector_rates(w[:, k])
+        jacobian_derivative = tree.jacobian(vector_derivatives)
+        second[:, :, k] = _differentiate_rates(rates, jacobian_derivative, closing_inverse)
+        # Angular velocities are sums of rates times axes: the product rule has two terms.
+        dw[:, :, k] = tree.body_rates(vectors[:, None], second[:, :, k])
+        dw[:, :, k] += tree.body_rates(vector_derivatives[:, None], rates)
+    return second, dw
 
 
 def _differentiate_rates(

@@ -294,9 +294,7 @@ class EquationOfMotion:
         # (m, variables) their rates per unit rate of each old coordinate. They are a basis
         # of the possible velocities.
         velocity_basis = dynamics.motion.rates[0]
-        # The orthonormal basis nearest to the given one (symmetric orthogonalisation).
-        squares, vectors = np.linalg.eigh(velocity_basis @ velocity_basis.T)
-        new_weights = (vectors / np.sqrt(squares)) @ vectors.T @ velocity_basis
+        new_weights = _orthonormalise_symmetrically(velocity_basis)
         # The same configuration, velocity and work in the new coordinates.
         values = state[: self.variable_count]
         coordinate_rates = new_weights @ variable_rates
@@ -493,3 +491,13 @@ def _project_step(linearisation: Linearisation) -> Floats:
     return linearisation.values - steps * np.minimum(
         1.0, limit / np.maximum(lengths, limit)
     )
+
+
+def _orthonormalise_symmetrically(basis: Floats) -> Floats:
+    """Return the orthonormal basis of the same space that is nearest to a given one.
+
+    It is (B B^T)^(-1/2) B for a basis B (m, k) whose rows are the vectors: the symmetric
+    orthogonalisation of Löwdin. The root is computed with the eigenvalues of B B^T.
+    """
+    eigenvalues, eigenvectors = np.linalg.eigh(basis @ basis.T)
+    return (eigenvectors / np.sqrt(eigenvalues)) @ eigenvectors.T @ basis

@@ -74,27 +74,32 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     -------
     (step_count,) places between 0 and 1; infinity for steps without such an error.
     """
-    # Between three places an extremum shows as a change of sign of the differences between
-    # neighbours. Two further places right beside the ends make this work at the ends, too.
-    even_places = np.sort(
-        [*np.linspace(0.0, 1.0, EVEN_PROBES), END_DISTANCE, 1.0 - END_DISTANCE]
-    )
+    even_places = _list_even_places()
     steps = np.repeat(np.arange(step_count), len(even_places))
     places = np.tile(even_places, step_count)
     errors, argument_rows = probe(steps, places)
     arguments = argument_rows.reshape(step_count, len(even_places), argument_rows.shape[1])
 
     critical = _find_critical_places(probe, arguments, even_places)
+    critical_errors, _ = probe(critical.steps, critical.places)
+
     steps = np.append(steps, critical.steps)
     places = np.append(places, critical.places)
-    critical_errors, _ = probe(critical.steps, critical.places)
     errors = np.append(errors, critical_errors)
-
+    is_too_large = ~(errors <= 1.0)  # this includes NaN
     first_places = np.full(step_count, np.inf)
-    # NaN errors fail the comparison and count as too large.
-    error_places = np.where(errors <= 1.0, np.inf, places)
-    np.minimum.at(first_places, steps, error_places)
+    np.minimum.at(first_places, steps[is_too_large], places[is_too_large])
     return first_places
+
+
+def _list_even_places() -> Floats:
+    """Return the rising places, fractions of a step, at which all steps are probed.
+
+    They are evenly spaced from 0 to 1. Two further places are right beside the ends. An
+    extremum is found between the outer two of three successive places. With the further
+    places this also works right at the ends.
+    """
+    return np.sort([*np.linspace(0.0, 1.0, EVEN_PROBES), END_DISTANCE, 1.0 - END_DISTANCE])
 
 
 def _find_critical_places(
@@ -133,20 +138,38 @@ def _find_critical_places(
         before = evaluate_arguments(steps, places - END_DISTANCE)
         return after - before
 
-    zeros = _find_zeros(evaluate_arguments, arguments, even_places[:-1], even_places[1:])
-    # The difference of neighbours changes its sign between the outer two of three places.
-    extrema = _find_zeros(
-        evaluate_differences, np.diff(arguments, axis=1), even_places[:-2], even_places[2:]
+    # A zero is between two neighbouring places.
+    zeros = _find_zeros(
+        evaluate_arguments, arguments, low=even_places[:-1], high=even_places[1:]
     )
-    steps = np.concatenate([extrema.steps, zeros.steps])
-    places = np.concatenate([extrema.places, zeros.places])
-    # Critical places are sorted by their step, then by their place in it.
-    order = np.lexsort((places, steps))
-    steps = steps[order]
-    places = places[order]
-    # A load may jump up at one critical place and down at the next. The step may agree with
-    # the equation at both, and miss the load between them. So the middle is probed too.
-    neighbours = np.flatnonzero(steps[1:] == steps[:-1])
+    # An extremum is between the outer two of three places: there the difference between
+    # neighbours changes its sign.
+    extrema = _find_zeros(
+        evaluate_differences,
+        np.diff(arguments, axis=1),
+        low=even_places[:-2],
+        high=even_places[2:],
+    )
+    return _add_middles(
+        ProbePlaces(
+            steps=np.concatenate([extrema.steps, zeros.steps]),
+            places=np.concatenate([extrema.places, zeros.places]),
+        )
+    )
+
+
+def _add_middles(critical: ProbePlaces) -> ProbePlaces:
+    """Return critical places by step and place, and then the middles between neighbours.
+
+    A load may jump up at one critical place and down at the next. The step may agree with
+    the equation of motion at both, and miss the load between them. So the middle is probed
+    too.
+    """
+    order = np.lexsort((critical.places, critical.steps))
+    steps = critical.steps[order]
+    places = critical.places[order]
+    is_in_step_of_next = steps[1:] == steps[:-1]
+    neighbours = np.flatnonzero(is_in_step_of_next)
     middles = 0.5 * (places[neighbours] + places[neighbours + 1])
     return ProbePlaces(np.append(steps, steps[neighbours]), np.append(places, middles))
 

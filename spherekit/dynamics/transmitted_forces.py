@@ -114,7 +114,8 @@ class JointReactions:
     opened
         (n, pairs, 6) whether a component is open, that is, not determined. With redundant
         constraints, some reactions can balance each other without loads, so that the
-        equations of equilibrium leave their sizes open.
+        equations of equilibrium leave their sizes open. False if a component was not
+        requested.
     unbalanced
         (n,) largest moment (N m) by which the equation of equilibrium of a link is missed.
     slides
@@ -332,7 +333,7 @@ class NewtonEuler:
             inverted = _invert(self.matrix[:, equations][:, :, reactions])
             block = np.ix_(np.arange(n), reactions, equations)
             self._inverse[block] = inverted.inverse
-            self.is_open[:, reactions] = inverted.is_unknown_open
+            self.is_open[:, reactions] = ~inverted.is_determined
             is_unbalanced[:, equations] = ~inverted.is_always_solvable
         self.slides = self._find_sliding_links(is_unbalanced)
 
@@ -362,39 +363,38 @@ class NewtonEuler:
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
 
-        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). There are two
-        kinds of columns:
+        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). There are
+        three kinds of reactions, each with a column:
 
-        - A force through O has no moment.
-        - A moment of a pair. At a contact with a known distance r from O along z, the force
-          at the point of contact causes it. With moments m_x and m_y about x and y, this
-          force has the components (m_y, -m_x) / r along x and y.
+        - A force through O, which has no moment. Its unit is 1 N m divided by the mean
+          distance of contacts from O, so that it is comparable with moments.
+        - A moment about one axis of a pair.
+        - The moment m_y of teeth with a pressure angle, which also causes m_x.
+
+        At a contact with a known distance from O, a moment also has a force, because it is
+        the moment of a force at the point of contact.
 
         Parameters
         ----------
         tooth_sides
-            (n, pairs) assumed signs of the moments m_y of teeth with a pressure angle. The
-            force along the tangent x causes m_y. The force that presses the wheels apart
-            causes m_x = tan(angle) |m_y|, which is tan(angle) sign(m_y) m_y. Once the sign
-            is assumed, this is linear in m_y.
+            (n, pairs) assumed signs of the moments m_y of teeth with a pressure angle.
         """
         wrenches = np.zeros((len(tooth_sides), len(self.columns), 6))
+        moments = wrenches[..., :MOMENT_COMPONENTS]
+        forces = wrenches[..., MOMENT_COMPONENTS:]
         for column, (pair_number, component) in enumerate(self.columns):
             pair = self.mechanism.pairs[pair_number]
-            wrench = wrenches[:, column]
-            # Components 3 to 5 are forces through O. The unit is 1 N m divided by the mean
-            # distance of contacts from O, so that it is comparable with moments.
             if component >= MOMENT_COMPONENTS:
-                wrench[:, component] = 1.0 / self.length
+                wrenches[:, column, component] = 1.0 / self.length
                 continue
-            wrench[:, component] = 1.0
-            # With a pressure angle this is the only column of the pair: m_y, which also
-            # causes m_x.
             if pair.pressure_angle is not None:
-                wrench[:, 0] = np.tan(pair.pressure_angle) * tooth_sides[:, pair_number]
+                moments[:, column] = _unit_tooth_moments(
+                    pair.pressure_angle, tooth_sides[:, pair_number]
+                )
+            else:
+                moments[:, column, component] = 1.0
             if pair.distance is not None:
-                wrench[:, 3] = wrench[:, 1] / pair.distance
-                wrench[:, 4] = -wrench[:, 0] / pair.distance
+                forces[:, column] = _contact_forces(moments[:, column], pair.distance)
         return wrenches
 
     def subtract_torques(self, link_wrenches: Floats, torques: Floats) -> Floats:
@@ -490,6 +490,45 @@ def _unit_torque_wrench(pair: Pair) -> Floats:
     return wrench
 
 
+def _unit_tooth_moments(pressure_angle: float, sides: Floats) -> Floats:
+    """Return the moments (n, 3) that teeth transmit if their moment m_y is 1.
+
+    The force along the common tangent x of the teeth causes m_y. The force that presses the
+    wheels apart causes m_x = tan(angle) |m_y| = tan(angle) side m_y. With a known side this
+    is linear in m_y.
+
+    Parameters
+    ----------
+    pressure_angle
+        The pressure angle, rad.
+    sides
+        (n,) assumed signs of m_y: on which of their two sides the teeth press.
+    """
+    moments = np.zeros((len(sides), 3))
+    moments[:, 0] = np.tan(pressure_angle) * sides
+    moments[:, 1] = 1.0
+    return moments
+
+
+def _contact_forces(moments: Floats, distance: float) -> Floats:
+    """Return the forces (n, 3) at a point of contact that have given moments about O.
+
+    The point is on axis z of the pair at the distance r from O. A force F there has the
+    moment (-r F_y, r F_x, 0), so F_x = m_y / r and F_y = -m_x / r.
+
+    Parameters
+    ----------
+    moments
+        (n, 3) moments about O in pair axes.
+    distance
+        Distance r of the point of contact from O.
+    """
+    forces = np.zeros_like(moments)
+    forces[:, 0] = moments[:, 1] / distance
+    forces[:, 1] = -moments[:, 0] / distance
+    return forces
+
+
 def links_without_centre(mechanism: Mechanism) -> list[str]:
     """Return the moving links with inertia whose centre of mass is not known."""
     return [
@@ -520,19 +559,43 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
             contacts_with_friction.add(load.pair)
     columns = []
     for pair_number, pair in enumerate(mechanism.pairs):
-        # R pairs have an axis, contacts have none.
-        if pair.kind.has_axis:
-            columns += [(pair_number, TANGENT_FORCE), (pair_number, NORMAL_FORCE)]
-            # Floating bearings let the links slide along the axis z, without any force.
-            if pair.name not in floating_pairs:
-                columns.append((pair_number, AXIAL_FORCE))
-        elif pair.distance is None:
-            # Every contact transmits a force along its normal y. A force along the tangent
-            # x needs rolling without slip, or friction.
-            columns.append((pair_number, NORMAL_FORCE))
-            if pair.rolls or pair.name in contacts_with_friction:
-                columns.append((pair_number, TANGENT_FORCE))
+        components = _unknown_force_components(
+            pair,
+            is_floating=pair.name in floating_pairs,
+            has_friction=pair.name in contacts_with_friction,
+        )
+        columns += [(pair_number, component) for component in components]
     return columns
+
+
+def _unknown_force_components(
+    pair: Pair, *, is_floating: bool, has_friction: bool
+) -> list[int]:
+    """Return the components of the force of a pair that are unknowns of their own.
+
+    Components 3, 4 and 5 of a wrench are the forces along the axes x, y and z of the pair.
+
+    Parameters
+    ----------
+    pair
+        The pair.
+    is_floating
+        Whether the bearings of an R pair let the links slide along its axis without any
+        force.
+    has_friction
+        Whether a contact has friction.
+    """
+    is_r_pair = pair.kind.has_axis
+    if is_r_pair:
+        radial_forces = [TANGENT_FORCE, NORMAL_FORCE]  # along x and y, across the axis z
+        return radial_forces if is_floating else [*radial_forces, AXIAL_FORCE]
+    if pair.distance is not None:
+        # The force of the contact follows from its moment about O.
+        return []
+    # Every contact transmits a force along its normal y. A force along the tangent x needs
+    # rolling without slip, or friction.
+    has_tangent_force = pair.rolls or has_friction
+    return [NORMAL_FORCE, TANGENT_FORCE] if has_tangent_force else [NORMAL_FORCE]
 
 
 @dataclass(frozen=True)
@@ -543,15 +606,14 @@ class InvertedEquations:
     ----------
     inverse
         (n, unknowns, equations) Moore-Penrose inverse of the matrix A.
-    is_unknown_open
-        (n, unknowns) whether the equations leave the value of an unknown open, because it
-        differs between solutions of A x = 0.
+    is_determined
+        (n, unknowns) whether all least-squares solutions have the same value of an unknown.
     is_always_solvable
         (n, equations) whether, for each right side b, x = inverse b satisfies an equation.
     """
 
     inverse: Floats
-    is_unknown_open: Bools
+    is_determined: Bools
     is_always_solvable: Bools
 
 
@@ -569,11 +631,14 @@ def _invert(matrix: Floats) -> InvertedEquations:
     u, singular_values, v_transposed = np.linalg.svd(matrix, full_matrices=False)
     u_transposed = transpose(u)
     is_nonzero = singular_values > DEPENDENT_REACTIONS_RATIO * singular_values[:, :1]
-    # The reciprocal of a singular value that counts as zero is zero in the pseudoinverse.
-    singular_values[~is_nonzero] = np.inf
+    # The Moore-Penrose inverse is V diag(1/s) U^T, with 0 in place of 1/s where s counts as
+    # zero. Division by infinity gives this 0.
+    divisors = np.where(is_nonzero, singular_values, np.inf)
+    inverse = transpose(v_transposed) @ (u_transposed / divisors[..., None])
     return InvertedEquations(
-        inverse=transpose(v_transposed) @ (u_transposed / singular_values[..., None]),
-        is_unknown_open=~_is_axis_in_span(v_transposed, is_nonzero),
+        inverse=inverse,
+        # The vectors are the columns of V and of U, which are the rows of the transposes.
+        is_determined=_is_axis_in_span(v_transposed, is_nonzero),
         is_always_solvable=_is_axis_in_span(u_transposed, is_nonzero),
     )
 
@@ -613,6 +678,29 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
         determined in rows in which the pairs do not prevent a displacement of a link from
         O, such as sliding along an axis.
     """
+    reactions = _solve_reactions(driven, forces)
+    # In rows in which a link can be displaced from O, the equations of moments alone are
+    # solved. Without equations of forces no link slides.
+    is_sliding = np.any(reactions.slides, axis=1)
+    if np.any(is_sliding):
+        moments_only = _solve_reactions(driven.rows(is_sliding), forces=False)
+        reactions.wrenches[is_sliding] = moments_only.wrenches
+        reactions.opened[is_sliding] = moments_only.opened
+        reactions.opened[is_sliding, :, MOMENT_COMPONENTS:] = True
+        reactions.unbalanced[is_sliding] = moments_only.unbalanced
+    return reactions
+
+
+def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
+    """Return the reactions of all pairs, by the same equations in all rows.
+
+    Parameters
+    ----------
+    driven
+        n rows of a moving mechanism, with its loads and driving torques.
+    forces
+        Whether the equations are those of moments and forces, or of moments only.
+    """
     balance = solve_equilibrium(driven, forces)
     equations = balance.equations
     equilibrium = balance.equilibrium
@@ -623,23 +711,17 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
     # each other, or if it is not known on which side teeth press (`is_settled` is False).
     opened = equations.open_components | ~balance.is_settled[:, None, None]
     wrenches[opened] = np.nan
-    # The moment by which equilibrium is missed is the residual of its equations.
-    unbalanced = equilibrium.residual
     if not forces:
-        # Forces were not computed. Nothing is known of whether they are open.
+        # Forces were not requested.
         wrenches[..., MOMENT_COMPONENTS:] = np.nan
         opened[..., MOMENT_COMPONENTS:] = False
-    # Rows in which a link can be displaced from O.
-    is_sliding = np.any(equations.slides, axis=1)
-    if np.any(is_sliding):
-        # Forces are not determined in these rows. Moments are, and they are computed from
-        # the equations of moments alone. Without equations of forces no link slides.
-        moments_only = compute_reactions(driven.rows(is_sliding), forces=False)
-        wrenches[is_sliding] = moments_only.wrenches
-        opened[is_sliding] = moments_only.opened
-        opened[is_sliding, :, MOMENT_COMPONENTS:] = True
-        unbalanced[is_sliding] = moments_only.unbalanced
-    return JointReactions(wrenches, opened, unbalanced, slides=equations.slides)
+    return JointReactions(
+        wrenches,
+        opened,
+        # The moment by which equilibrium is missed is the residual of its equations.
+        unbalanced=equilibrium.residual,
+        slides=equations.slides,
+    )
 
 
 @dataclass(frozen=True)
@@ -680,7 +762,6 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
     # a part linear in the accelerations, and a part that remains at constant rates.
     inertia_wrenches = acceleration_wrenches(mechanism, motion, timing.ddq)
     inertia_wrenches += velocity_wrenches(mechanism, motion, timing.dq)
-    is_toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
     # The signs (n, pairs) of the moments of teeth. `frames` (n, pairs, 3, 3) are the axes
     # of the pairs.
     sides = np.ones(motion.frames.shape[:2])
@@ -689,16 +770,38 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
         equilibrium = equations.solve(
             inertia_wrenches - applied.link_wrenches, applied.torques
         )
-        wrenches = equations.sum_wrenches(equilibrium.reactions)
-        # Component 1 is the moment about y, the common normal of the two profiles in
-        # contact. The force along their common tangent x causes it. Its sign says on which
-        # side teeth press.
-        is_reversed = (wrenches[..., 1] * sides < 0.0) & is_toothed
-        if not np.any(is_reversed):
+        is_contradicted = _find_contradicted_sides(equations, equilibrium, sides)
+        if not np.any(is_contradicted):
             break
-        sides = np.where(is_reversed, -sides, sides)
-    is_settled = ~np.any(is_reversed, axis=1)
+        sides = np.where(is_contradicted, -sides, sides)
+    # The result has the last sides that were tried, even if the solution contradicts them.
+    is_settled = ~np.any(is_contradicted, axis=1)
     return DrivenEquilibrium(equations, equilibrium, is_settled)
+
+
+def _find_contradicted_sides(
+    equations: NewtonEuler, equilibrium: Equilibrium, sides: Floats
+) -> Bools:
+    """Return at which pairs (n, pairs) teeth press on the side opposite to the assumed one.
+
+    The side is the sign of the moment m_y about axis y of the pair. The force along the
+    common tangent x of the teeth causes this moment.
+
+    Parameters
+    ----------
+    equations
+        The equations that were solved with these sides.
+    equilibrium
+        Their solution.
+    sides
+        (n, pairs) assumed sides of teeth with a pressure angle, 1 or -1. Other pairs do not
+        use them.
+    """
+    pairs = equations.mechanism.pairs
+    has_sides = np.array([pair.pressure_angle is not None for pair in pairs])
+    wrenches = equations.sum_wrenches(equilibrium.reactions)
+    moment_about_y = wrenches[..., 1]
+    return (moment_about_y * sides < 0.0) & has_sides
 
 
 def acceleration_wrenches(
