@@ -89,20 +89,21 @@ def analysis_covering(
     search
         Whether a new analysis searches for modes other than that of the reference pose.
     """
-    # The ends of the smallest range that contains the present range and all shifted inputs.
-    angles = np.append(shift_into_range(position_analysis, q), position_analysis.range)
-    longer_range = np.array([np.min(angles), np.max(angles)])
     has_gear_meshes = position_analysis.solver.gear_phases is not None
-    is_covered = np.array_equal(longer_range, position_analysis.range)
-    if is_covered or not has_gear_meshes:
+    if not has_gear_meshes:
+        return position_analysis
+    # The smallest range that contains the present range and all shifted inputs.
+    angles = np.append(shift_into_range(position_analysis, q), position_analysis.range)
+    covering_range = np.array([np.min(angles), np.max(angles)])
+    if np.array_equal(covering_range, position_analysis.range):
         return position_analysis
     return PositionAnalysis(
         position_analysis.mechanism,
         input_pair=None,
         assembly_mode=assembly_mode,
         search=search,
-        # The samples of the input: both ends of the range.
-        path=longer_range,
+        # An analysis covers the range of its samples, here the two ends of the range.
+        path=covering_range,
         crossings=position_analysis.crossings,
     )
 

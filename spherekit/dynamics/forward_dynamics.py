@@ -209,7 +209,7 @@ def _simulate_and_compare(
         As in `simulate`.
     """
     simulation = _simulate_problem(problem, tolerance, engine)
-    # Both simulations are made by the engine that was chosen for the first.
+    # All simulations are made by the engine that was chosen for the first.
     engine = simulation.engine.name
     # The tolerance of the steps of `simulation`. The compiled engine makes them for at most
     # `MAX_STEP_TOLERANCE`, even if the user asks for less accuracy. Otherwise it would miss
@@ -217,33 +217,49 @@ def _simulate_and_compare(
     step_tolerance = tolerance
     if engine == "compiled":
         step_tolerance = min(tolerance, MAX_STEP_TOLERANCE)
-    smallest = CHECK_MIN_TOLERANCE_RATIO * MIN_TOLERANCE_BY_ENGINE[engine]
+    min_step_tolerance = CHECK_MIN_TOLERANCE_RATIO * MIN_TOLERANCE_BY_ENGINE[engine]
     while True:
-        # The difference from a simulation with steps of a much smaller tolerance is the
-        # error.
-        smaller_tolerance = max(CHECK_TOLERANCE_RATIO * step_tolerance, smallest)
-        reference = _simulate_problem(problem, smaller_tolerance, engine)
+        # The error is the difference from a simulation whose steps have a much smaller
+        # tolerance. It is judged by the tolerance of the user.
+        reference_tolerance = max(
+            CHECK_TOLERANCE_RATIO * step_tolerance, min_step_tolerance
+        )
+        reference = _simulate_problem(problem, reference_tolerance, engine)
         error = _largest_difference(simulation, reference)
-        # The error is judged by the tolerance of the user, although steps may be made for a
-        # smaller one.
-        simulation = replace(simulation, error=error, tolerance=tolerance)
+        checked_simulation = replace(simulation, error=error, tolerance=tolerance)
         # `missed` is None if the error is within the tolerance, and if the power of the
         # loads equals the rate of the kinetic energy up to a multiple of the tolerance.
-        if simulation.missed is None or smaller_tolerance <= smallest:
-            return simulation
-        # The more accurate simulation takes its place, and is compared in its turn. Its
-        # report says why: the steps of the first one were too long.
-        reason = (
-            f"{simulation.engine.reason}; the error was {error:.1e} rad with steps for "
-            f"{step_tolerance:g} rad, so shorter steps were used"
-        )
-        # `forecast` is the expected computing times by which the engine was chosen. They
-        # belong to the first simulation.
-        report = replace(
-            reference.engine, reason=reason, forecast=simulation.engine.forecast
-        )
-        simulation = replace(reference, engine=report)
-        step_tolerance = smaller_tolerance
+        is_accurate = checked_simulation.missed is None
+        if is_accurate or reference_tolerance <= min_step_tolerance:
+            return checked_simulation
+        simulation = _explain_reference(reference, checked_simulation, step_tolerance)
+        step_tolerance = reference_tolerance
+
+
+def _explain_reference(
+    reference: Simulation, simulation: Simulation, step_tolerance: float
+) -> Simulation:
+    """Return a reference simulation that takes the place of a less accurate one.
+
+    Its report says why: the steps of the other simulation were too long.
+
+    Parameters
+    ----------
+    reference
+        The more accurate simulation.
+    simulation
+        The less accurate one, with its measured error.
+    step_tolerance
+        Tolerance of the steps of the less accurate one, rad.
+    """
+    reason = (
+        f"{simulation.engine.reason}; the error was {simulation.error:.1e} rad with steps "
+        f"for {step_tolerance:g} rad, so shorter steps were used"
+    )
+    # `forecast` is the expected computing times by which the engine was chosen. They belong
+    # to the first simulation.
+    report = replace(reference.engine, reason=reason, forecast=simulation.engine.forecast)
+    return replace(reference, engine=report)
 
 
 def _largest_difference(simulation: Simulation, reference: Simulation) -> float:

@@ -105,16 +105,22 @@ def judged(
     is_known_load = has_loads[:, None] & _find_finite_loads(forces, rates)
     has_torques = has_loads & np.all(is_known_load, axis=1) & all_finite(torques, 1)
 
-    for parts in (masses.M_parts, masses.dM_parts):
-        parts[~has_rates] = np.nan
-        parts[~np.isfinite(parts)] = np.nan
-    np.moveaxis(forces, 1, 2)[~is_known_load] = np.nan
+    _set_unknown_inertia(masses, has_rates)
+    forces_by_load = np.moveaxis(forces, 1, 2)  # a view (n, loads, m) of the same numbers
+    forces_by_load[~is_known_load] = np.nan
     torques[~has_torques] = np.nan
 
     torque_status = status.copy()
     torque_status[has_rates & ~has_loads] = Status.NOT_CONVERGED
     torque_status[has_loads & ~has_torques] = Status.OVERFLOW
     return torque_status
+
+
+def _set_unknown_inertia(masses: Inertia, has_rates: Bools) -> None:
+    """Set the inertia in rows without rates (n,), and numbers that overflow, to NaN."""
+    for parts in (masses.M_parts, masses.dM_parts):
+        parts[~has_rates] = np.nan
+        parts[~np.isfinite(parts)] = np.nan
 
 
 def _find_finite_loads(forces: Floats, rates: Floats) -> Bools:
@@ -229,19 +235,22 @@ class InverseSolution(InputMotion):
         times the sum of the sizes of its terms. M is the inertia matrix, C has products of
         its derivatives dM/dq with rates, and Q are the generalised forces.
 
-        M changes by about its own size when an input moves by 1 rad, so the sizes of M also
-        estimate dM/dq. The sum of the first two terms is then at most ``abs(M) a``. The
-        component of a that belongs to input i is ``abs(ddq_i) + abs(dq_i) max(abs(dq))``.
+        M changes by about its own size when an input moves by 1 rad, so abs(M) is also the
+        size of dM/dq. The size of M ddq + C dq is then abs(M) a, with the effective
+        accelerations ``a_i = abs(ddq_i) + abs(dq_i) max(abs(dq))`` of the inputs i.
         """
         speeds = np.abs(self.input_rates)
+        largest_speed = np.max(speeds, axis=1)[:, None]
         # Sizes that overflow are infinite. The torque then counts as 0 if it is finite.
         with np.errstate(over="ignore"):
-            accelerations = np.max(speeds, axis=1)[:, None] * speeds
-            accelerations += np.abs(self.input_accelerations)
-            # Sums over the parts of M by links (n, links, inputs, inputs) and of Q by loads
-            # (n, inputs, loads). The letters are: n rows, k links, i and j inputs.
-            term_sizes = np.einsum("nkij,nj->ni", np.abs(self.M_parts), accelerations)
-            term_sizes += np.sum(np.abs(self.Q_parts), axis=2)
+            effective_accelerations = largest_speed * speeds
+            effective_accelerations += np.abs(self.input_accelerations)
+            # abs(M) a, with M as the sum of its parts by links. The letters are: n rows,
+            # k links, i and j inputs.
+            term_sizes = np.einsum(
+                "nkij,nj->ni", np.abs(self.M_parts), effective_accelerations
+            )
+            term_sizes += np.sum(np.abs(self.Q_parts), axis=2)  # over all loads
             is_rounding = np.abs(self.torques) <= MAX_ZERO_TORQUE * term_sizes
             return np.where(is_rounding, 0.0, self.torques)
 

@@ -316,8 +316,7 @@ class Simulation:
             If a time is outside of this range.
         """
         equation = self.equation
-        # Columns of the inputs among the pair variables.
-        driven = list(self.driven)
+        input_columns = list(self.driven)  # among the pair variables
         times = np.atleast_1d(np.asarray(t, dtype=float))
         # Accelerations need second derivatives of the motion.
         path_states, dynamics = self._evaluate(times, second=True)
@@ -328,23 +327,19 @@ class Simulation:
         kinetic_energy = 0.5 * np.sum(momenta**2, axis=1)
         motion = dynamics.motion
         masses = dynamics.masses
-        speed = dynamics.speed
         assert masses is not None
-        # With the rates u of the coordinates, the accelerations of the variables v are
-        # sum d2v/dx_i dx_j u_i u_j + sum dv/dx_i du_i/dt.
-        centripetal = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
-        value_rates = rates_by_time(motion, speed)
-        value_accelerations = rates_by_time(motion, dynamics.accelerations) + centripetal
+        value_rates = rates_by_time(motion, dynamics.speed)
+        value_accelerations = _accelerations_by_time(dynamics)
         closed = equation.closure.linearise(states[:, : equation.variable_count])
         return History(
             t=times,
-            inputs=motion.values[:, driven],
-            input_rates=value_rates[:, driven],
-            input_accelerations=value_accelerations[:, driven],
+            inputs=motion.values[:, input_columns],
+            input_rates=value_rates[:, input_columns],
+            input_accelerations=value_accelerations[:, input_columns],
             values=motion.values,
             value_rates=value_rates,
             rotations=motion.rotations,
-            speed=speed,
+            speed=dynamics.speed,
             M=masses.M_parts,  # for each link with mass its part of the inertia matrix
             Q=dynamics.forces,
             kinetic=kinetic_energy,
@@ -399,17 +394,16 @@ class Simulation:
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
         # Errors of momenta are divided by the largest momentum. This would be zero if the
         # mechanism rests all the time. The divisor is therefore at least the largest
-        # eigenvalue of R, which is a momentum at the rate 1 rad/s. (Eigenvalues are NaN
-        # where an inertia matrix is not positive.)
-        momentum_sizes = np.append(
-            np.linalg.norm(momenta, axis=1), dynamics.roots.eigenvalues
-        )
-        largest_momentum = np.nanmax(momentum_sizes)
+        # eigenvalue of R, which is the largest momentum at rates of 1 rad/s. (Eigenvalues
+        # are NaN where an inertia matrix is not positive.)
+        momentum_sizes = np.linalg.norm(momenta, axis=1)
+        unit_momentum_sizes = dynamics.roots.eigenvalues.ravel()
+        momentum_scale = np.nanmax(np.concatenate([momentum_sizes, unit_momentum_sizes]))
         return Checks(
             energy=float(max_abs(balance - balance[0])),
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
             power=float(max_abs(power_errors)),
-            momentum=float(np.max(momentum_errors) / largest_momentum),
+            momentum=float(np.max(momentum_errors) / momentum_scale),
             closure=max(
                 self.path.max_closure_residual, float(np.max(closed.closure_residual))
             ),
@@ -475,3 +469,17 @@ class Simulation:
             whole_turns=turn_angles,
             needs_second_order=second,
         )
+
+
+def _accelerations_by_time(dynamics: StateDynamics) -> Floats:
+    """Return the accelerations (n, variables) of the pair variables, rad/s2.
+
+    With the rates u of the coordinates x, they are
+
+        sum_i dv/dx_i du_i/dt + sum_ij d2v/(dx_i dx_j) u_i u_j.
+    """
+    motion = dynamics.motion
+    u = dynamics.speed
+    # Letters: n row, i j coordinates, v variable.
+    at_constant_rates = np.einsum("nijv,ni,nj->nv", motion.second, u, u)
+    return rates_by_time(motion, dynamics.accelerations) + at_constant_rates

@@ -28,6 +28,7 @@ from spherekit.planning.assembly_plan import driven_at
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.loop_tree import rank_mobility
 from spherekit.positions.motion_cache import kinematics_only, position_analysis_of
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.wording import choices, counted, listing
 
@@ -499,7 +500,6 @@ def _compute_configuration(
     (variables,) the configuration (rad) reduced by whole turns, and (variables,) the
     numbers of these turns.
     """
-    name = mechanism.name
     if len(q) == 1:
         # The modes of one input are numbered over its range, which a position analysis
         # has. `compute_modes_at_inputs` moves the input into this range by whole turns. If
@@ -515,27 +515,65 @@ def _compute_configuration(
         position_analysis, motion = compute_modes_at_inputs(mechanism, inputs[None])
     # The motion has one row for each mode, because there is only one sample.
     row = position_analysis.find_mode_index(assembly_mode)
-    status = Status(int(motion.status[row]))
-    if status not in (Status.OK, Status.AT_SINGULARITY):
-        where = listing(f"{x:.6g}" for x in q)
-        raise SolveError(
-            f"{name}: assembly mode {assembly_mode} has no configuration at q = {where} "
-            "rad "
-            f"({status.name}): {STATUS_MEANING[status]}"
-        )
-    # `find_mode_index` also accepts names of modes, so the number is read from the mode.
-    number = motion.assembly_modes[row].number
-    solver = position_analysis.solver
+    _check_mode_exists(mechanism, Status(int(motion.status[row])), q, assembly_mode)
     values = motion.values[row].copy()
-    # The whole turns of the other angles depend on those of the inputs. So they are counted
-    # before the inputs are reduced.
-    driven = list(solver.driven)
-    turns = position_analysis.angle_unwrapping.count(
-        number, values[None], q[None], solver.angles
-    )[0]
-    values[driven] = wrap_to_pi(q)
-    turns[driven] = count_whole_turns(q)
+    # `find_mode_index` also accepts names of modes, so the number is read from the mode.
+    mode_number = motion.assembly_modes[row].number
+    turns = _count_turns(position_analysis, mode_number, values, q)
+    values[list(position_analysis.solver.driven)] = wrap_to_pi(q)
     return values, turns
+
+
+def _check_mode_exists(
+    mechanism: Mechanism, status: Status, q: Floats, assembly_mode: int
+) -> None:
+    """Raise `SolveError` unless an assembly mode has a configuration at given inputs.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    status
+        Status of the configuration that was computed.
+    q
+        (m,) the inputs, rad.
+    assembly_mode
+        Number of the assembly mode.
+    """
+    if status in (Status.OK, Status.AT_SINGULARITY):
+        return
+    inputs_text = listing(f"{x:.6g}" for x in q)
+    raise SolveError(
+        f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at q = "
+        f"{inputs_text} rad ({status.name}): {STATUS_MEANING[status]}"
+    )
+
+
+def _count_turns(
+    position_analysis: PositionAnalysis, mode_number: int, values: Floats, q: Floats
+) -> Floats:
+    """Return the numbers (variables,) of whole turns in a configuration.
+
+    The whole turns of other angles depend on those of the inputs. They are counted with the
+    inputs as given, not reduced by whole turns.
+
+    Parameters
+    ----------
+    position_analysis
+        The position analysis that computed the configuration.
+    mode_number
+        Number of its assembly mode.
+    values
+        (variables,) the configuration, rad.
+    q
+        (m,) the inputs with all whole turns, rad.
+    """
+    solver = position_analysis.solver
+    (turns,) = position_analysis.angle_unwrapping.count(
+        mode_number, values[None], q[None], solver.angles
+    )
+    turns[list(solver.driven)] = count_whole_turns(q)
+    return turns
 
 
 def _check_joint_limits(mechanism: Mechanism, values: Floats) -> None:

@@ -186,22 +186,60 @@ def _explain_missing_number(
     """
     reached = _follow_key(document.data, key)
     if reached.missing_part is None:
-        # The key exists, but leads to something else, as "links.2.arcs" leads to a list.
-        suggestion = nearest(key, path_by_key)  # a question to the user, or ""
-        problem = f'"{key}" is not a number{suggestion or "."}'
-        # A list of numbers, such as "arcs", can have a number with the key "arc".
-        prefix = key.removesuffix("s") if suggestion else key
+        problem = _explain_other_value(key, path_by_key)
     else:
-        where = f"{key_path_text(reached.path)}: " if reached.path else ""
-        suggestion = nearest(reached.missing_part, reached.entries)
-        problem = f'{where}there is no "{reached.missing_part}"{suggestion or "."}'
-        prefix = ".".join(map(str, reached.path))
-    # `_number_paths` adds the location of a number as its first key, and shorter keys, such
-    # as "links.2.arc", after it. In the message the shorter ones come first.
-    keys = list(path_by_key)
-    alternatives = [other_key for other_key in keys[::-1] if other_key.startswith(prefix)]
-    available = alternatives or [*reached.entries]
-    return f"{problem} Available: {listing(available)}" if available else problem
+        problem = _explain_missing_part(reached, reached.missing_part)
+    # `path_by_key` has the location of a number as its first key, and shorter keys, such as
+    # "links.2.arc", after it. In the message the shorter ones come first.
+    shorter_first = reversed(list(path_by_key))
+    similar_keys = [
+        other_key for other_key in shorter_first if other_key.startswith(problem.prefix)
+    ]
+    available = similar_keys or [*reached.entries]
+    return f"{problem.text} Available: {listing(available)}" if available else problem.text
+
+
+@dataclass(frozen=True)
+class KeyProblem:
+    """Why a key names no number.
+
+    Attributes
+    ----------
+    text
+        The reason as a sentence, perhaps with a similar key as a question.
+    prefix
+        Keys of numbers that begin with this text may be the ones that the user meant.
+    """
+
+    text: str
+    prefix: str
+
+
+def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyProblem:
+    """Explain that a key exists but leads to a table, a list or a text.
+
+    Parameters
+    ----------
+    key
+        The key, such as ``links.2.arcs``, which leads to a list.
+    path_by_key
+        The keys of all numbers in the same entry of the file, and their locations.
+    """
+    suggestion = nearest(key, path_by_key)  # " Did you mean ...?", or ""
+    if not suggestion:
+        return KeyProblem(f'"{key}" is not a number.', prefix=key)
+    # A list of numbers, such as "arcs", can have a number with the key "arc".
+    return KeyProblem(f'"{key}" is not a number{suggestion}', prefix=key.removesuffix("s"))
+
+
+def _explain_missing_part(reached: ReachedTable, missing_part: str) -> KeyProblem:
+    """Explain that a part of a key does not exist in the table to which the key leads."""
+    where = f"{key_path_text(reached.path)}: " if reached.path else ""
+    suggestion = nearest(missing_part, reached.entries)
+    return KeyProblem(
+        f'{where}there is no "{missing_part}"{suggestion or "."}',
+        prefix=".".join(map(str, reached.path)),
+    )
 
 
 def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPath]:

@@ -8,6 +8,7 @@ the schema.
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from itertools import islice
@@ -244,53 +245,84 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
         The kind of file: mechanism or study.
     """
     declaration = schema(kind)
+    conversion = SchemaConversion(definitions=declaration["$defs"], converters=converters)
+    return conversion.convert(declaration, data, ())
 
-    def convert(part: Any, value: Any, path: KeyPath) -> Any:
-        """Return a value, converted by the part of the schema that declares it.
 
-        `path` are the keys and indices that lead to the value.
-        """
+@dataclass(frozen=True)
+class SchemaConversion:
+    """Converts values of a file by the parts of a JSON Schema that declare them.
+
+    In all methods, `part` is the part of the schema that declares a value, `value` is this
+    value, and `path` are the keys and indices that lead to it in the file.
+
+    Attributes
+    ----------
+    definitions
+        The named definitions of the schema.
+    converters
+        Converters by the name of a definition, see `convert_values`.
+    """
+
+    definitions: Table
+    converters: Converters
+
+    def convert(self, part: Any, value: Any, path: KeyPath) -> Any:
+        """Return a value, converted by the part of the schema that declares it."""
         # A part may refer to a named definition, such as "angle". Without a reference the
         # name is empty, and no definition has it.
         name = part.get("$ref", "").removeprefix(_DEFINITIONS)
-        if name in converters:
-            return converters[name](path, value)
-        part = declaration["$defs"].get(name, part)
-
-        # Tables. The keys of a table can depend on the value of its key "kind", for
-        # example. The schema then has a list of choices "if the table has this value, then
-        # ...". The part of the first condition that is met declares the table.
+        if name in self.converters:
+            return self.converters[name](path, value)
+        part = self.definitions.get(name, part)
         if isinstance(value, Mapping):
-            for choice in part.get("allOf", ()):
-                if "$ref" in choice.get("then", ()) and _is_met(choice["if"], value):
-                    return convert(choice["then"], value, path)
-            # The declared keys, and the schema of all other keys, if these are allowed.
-            properties = part.get("properties", {})
-            other_properties = part.get("additionalProperties")
-            if not (properties or other_properties):
-                return value
-            return {
-                key: convert(properties.get(key, other_properties), item, (*path, key))
-                for key, item in value.items()
-            }
-
-        # Arrays, then single values.
-        item_part = part.get("items")  # the part that declares the items of an array
+            return self._convert_table(part, value, path)
         if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
-            return tuple(
-                convert(item_part, item, (*path, index)) for index, item in enumerate(value)
-            )
-        if item_part and "$ref" in item_part and isinstance(value, int | float | str):
-            # The schema allows a single number in place of an array, such as q = 40 for one
-            # input. A text is a number with its unit, such as "40deg". The converted number
-            # is returned, not an array.
-            return convert(item_part, value, path)
+            return self._convert_array(part, value, path)
+        return self._convert_single_value(part, value, path)
+
+    def _convert_table(self, part: Any, value: Table, path: KeyPath) -> Any:
+        """Return a table with converted values.
+
+        The keys of a table can depend on its values, for example on that of the key "kind".
+        The schema then has a list of choices "if the table has this value, then ...". The
+        part of the first condition that is met declares the table.
+        """
+        for choice in part.get("allOf", ()):
+            if "$ref" in choice.get("then", ()) and _is_met(choice["if"], value):
+                return self.convert(choice["then"], value, path)
+        # The declared keys, and the part for all other keys, if these are allowed.
+        properties = part.get("properties", {})
+        other_properties = part.get("additionalProperties")
+        if not (properties or other_properties):
+            return value
+        return {
+            key: self.convert(properties.get(key, other_properties), item, (*path, key))
+            for key, item in value.items()
+        }
+
+    def _convert_array(self, part: Any, value: Sequence[Any], path: KeyPath) -> Any:
+        """Return the converted items of an array as a tuple."""
+        return tuple(
+            self.convert(part.get("items"), item, (*path, index))
+            for index, item in enumerate(value)
+        )
+
+    def _convert_single_value(self, part: Any, value: Any, path: KeyPath) -> Any:
+        """Return a converted number, text or truth value.
+
+        The schema allows a single number in place of an array, such as q = 40 for one
+        input. A text is then a number with its unit, such as "40deg". The converted number
+        is returned, not an array.
+        """
+        item_part = part.get("items")  # the part that declares the items of an array
+        stands_for_array = item_part and "$ref" in item_part
+        if stands_for_array and isinstance(value, int | float | str):
+            return self.convert(item_part, value, path)
         if isinstance(value, bool | str):
             return value
         # Data fit the schema, so a value that is not declared as a number is an integer.
         return float(value) if part.get("type") == "number" else int(value)
-
-    return convert(declaration, data, ())
 
 
 def _is_met(condition: Table, table: Table) -> bool:
