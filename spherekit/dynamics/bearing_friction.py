@@ -321,43 +321,71 @@ def _check_determined(
     frictions
         All loads that are friction of bearings or contacts.
     """
+    for friction in frictions:
+        _check_moments_determined(balance, friction)
+        if friction.needs_forces:
+            _check_forces_determined(driven, balance, friction)
+
+
+def _check_moments_determined(
+    balance: DrivenEquilibrium, friction: BearingFriction
+) -> None:
+    """Raise `SolveError` if the moment of the pair with this friction is not determined.
+
+    Redundant constraints can leave it undetermined. So can gear teeth: they press on one of
+    their two sides, which decides the direction of their force. `is_settled` is False in
+    rows where the iteration did not find the side.
+    """
+    mechanism = balance.equations.mechanism
+    pair_number = mechanism.pair_number[friction.pair]
+    is_moment_open = balance.equations.open_components[:, pair_number, :MOMENT_COMPONENTS]
+    if np.any(is_moment_open) or not np.all(balance.is_settled):
+        # The moment of a load of kind "friction" does not depend on reactions.
+        raise SolveError(
+            f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
+            f"reaction of pair {friction.pair} undetermined, and with it the friction "
+            "that follows from it; use a load of kind friction instead, or give gears "
+            "their pressure_angle"
+        )
+
+
+def _check_forces_determined(
+    driven: DrivenState, balance: DrivenEquilibrium, friction: BearingFriction
+) -> None:
+    """Raise `SolveError` if the force of the pair with this friction is not determined.
+
+    The friction depends on the force through the centre of the sphere if the axial position
+    of the bearing is given (`axial`). The force is not determined if the equations leave it
+    open. It is not either if any link slides: no pair holds the link along some direction,
+    so the equations of forces have no solution.
+
+    Parameters
+    ----------
+    driven
+        The motion with its driving torques.
+    balance
+        The equations of the reactions in this motion, and their solution.
+    friction
+        The friction of a bearing.
+    """
     mechanism = driven.mechanism
     equations = balance.equations
-    # (n, pairs, 6) whether a moment (0 to 2) or force (3 to 5) of a pair is not determined.
-    open_components = equations.open_components
-    for friction in frictions:
-        is_open = open_components[:, mechanism.pair_number[friction.pair]]
-        # Gear teeth press on one of their two sides, which decides the direction of their
-        # force. `is_settled` is False in rows where the iteration did not find the side, so
-        # the reaction is not determined there either. The message proposes a load of kind
-        # "friction", whose moment does not depend on reactions.
-        if np.any(is_open[:, :3]) or not np.all(balance.is_settled):
-            raise SolveError(
-                f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
-                f"reaction of pair {friction.pair} undetermined, and with it the friction "
-                "that follows from it; use a load of kind friction instead, or give gears "
-                "their pressure_angle"
-            )
-        # The friction of a bearing depends on the moment of its pair, a couple. If the
-        # axial position of the bearing is given (`axial`), it also depends on the force of
-        # the pair through the centre of the sphere. That force is not determined if the
-        # equations of forces leave it open, or if a link slides: no pair holds the link
-        # along some direction, so the equations have no solution.
-        if friction.needs_forces and (np.any(is_open) or np.any(equations.slides)):
-            # Phrases for the information that the file lacks, judged in the first row.
-            frames = driven.motion.frames[0]
-            wanted = diagnose_indeterminate_forces(mechanism, frames).wanted
-            more = (
-                f"; to determine both, state in the file: {listing(wanted)}"
-                if wanted
-                else ""
-            )
-            raise SolveError(
-                f"{mechanism.name}: loads.{friction.name}: the force through the centre in "
-                f"pair {friction.pair} is not determined, so the friction that it causes "
-                f"in the bearings is not determined either{more}; leave the key axial out "
-                "to compute only the friction due to the couple"
-            )
+    is_open = equations.open_components[:, mechanism.pair_number[friction.pair]]
+    if not np.any(is_open) and not np.any(equations.slides):
+        return
+    # Phrases for the information that the file lacks, judged in the first row.
+    frames = driven.motion.frames[0]
+    lacking_information = diagnose_indeterminate_forces(mechanism, frames).wanted
+    advice = ""
+    if lacking_information:
+        # "both": the force and the friction.
+        advice = f"; to determine both, state in the file: {listing(lacking_information)}"
+    raise SolveError(
+        f"{mechanism.name}: loads.{friction.name}: the force through the centre in "
+        f"pair {friction.pair} is not determined, so the friction that it causes "
+        f"in the bearings is not determined either{advice}; leave the key axial out "
+        "to compute only the friction due to the couple"
+    )
 
 
 def _solve_friction(

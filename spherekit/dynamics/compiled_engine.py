@@ -26,6 +26,7 @@ from spherekit.dynamics.simulated_path import (
     CoordinateMomentumConversion,
     CurveMomentumConversion,
     MomentumConversion,
+    PathStates,
     StatePath,
     make_taylor_path,
 )
@@ -460,6 +461,15 @@ def _collect_events(
 def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> SimulationEnd:
     """Return the reason and the time of the end of a simulation.
 
+    `END_BY_RUN_END` has the reasons that need no further examination. The others are:
+
+    - The simulated time is over.
+    - A pair reaches a joint limit.
+    - The integration is not finite although all loads are: only the Taylor coefficients of
+      a load are not, for example because an exp inside it overflows. The load changes too
+      fast for a series.
+    - Steps become too short: a load jumps or grows without bound, or the inertia vanishes.
+
     Parameters
     ----------
     problem
@@ -474,17 +484,9 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     if run.end in END_BY_RUN_END:
         kind, message = END_BY_RUN_END[run.end]
         return SimulationEnd(kind, run.end_time, message)
-    # One row: the state at the end, and the coordinates to which its momenta belong.
-    end_states = path.evaluate(np.array([run.end_time]))
+    end_states = path.evaluate(np.array([run.end_time]))  # one row
     if run.end == "joint_limit":
-        # The joint limit is the last event: its time, kind, and index of the pair variable.
-        _, _, variable = run.events[-1]
-        mechanism = problem.equation.mechanism
-        name = mechanism.pairs[mechanism.variable_owners[variable]].name
-        return joint_limit_end(run.end_time, name, float(end_states.values[0, variable]))
-    # The state is not finite. If all loads are finite nevertheless, only the Taylor
-    # coefficients of a load are not, for example because an exp inside it overflows. The
-    # load changes too fast for a series.
+        return _describe_joint_limit(problem, end_states, run)
     if run.end == "not_finite" and _are_loads_finite(
         problem,
         run.end_time,
@@ -493,11 +495,22 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         whole_turns=TURN * end_states.turns[0],
     ):
         return SimulationEnd("too_fast", run.end_time, NO_SERIES_MESSAGE)
-    # In all other ends steps become too short: a load jumps or grows without bound, or the
-    # inertia vanishes. `no_step_end` computes the inertia. If it vanishes, the end has the
-    # message for that, otherwise the message below.
-    why = f"no step is short enough; {JUMP_MESSAGE}"
-    return no_step_end(problem.equation, path, run.end_time, why)
+    # `no_step_end` tests whether the inertia vanishes. If not, the reason is this message.
+    message = f"no step is short enough; {JUMP_MESSAGE}"
+    return no_step_end(problem.equation, path, run.end_time, message)
+
+
+def _describe_joint_limit(
+    problem: Problem, end_states: PathStates, run: TaylorRun
+) -> SimulationEnd:
+    """Return the end of a simulation at a joint limit, which is the last event of a run.
+
+    `end_states` has one row, the state at the end.
+    """
+    _, _, variable = run.events[-1]
+    mechanism = problem.equation.mechanism
+    name = mechanism.pairs[mechanism.variable_owners[variable]].name
+    return joint_limit_end(run.end_time, name, float(end_states.values[0, variable]))
 
 
 def _are_loads_finite(

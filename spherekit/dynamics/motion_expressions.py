@@ -34,8 +34,10 @@ class EquationLayout:
 
     The state is `variables`, `momenta`, `works`. The parameters are, in this order:
 
-    - the whole turns by which each variable is reduced,
-    - the unit of momentum and its reciprocal,
+    - the whole turns by which each variable is reduced. A spring, for example, needs the
+      full angle,
+    - the unit of momentum, which depends on the start of the motion, and its reciprocal.
+      The equation multiplies by the reciprocal instead of dividing,
     - the limit of the measure of independence of the loop-closure equations. This measure
       vanishes where curves of configurations cross. An integration ends below the limit,
     - the lower and the upper value of each joint limit,
@@ -55,8 +57,8 @@ class EquationLayout:
         Symbols of the whole state.
     momentum_slice, work_slice
         Positions of the momenta and of the works in a state.
-    unit_parameter
-        Number of the parameter that is the unit of momentum.
+    unit_parameter, inverse_unit_parameter
+        Numbers of the parameters that are the unit of momentum and its reciprocal.
     min_independence_parameter
         Number of the parameter that is the limit of the measure of independence.
     limit_parameters, table_parameters, switch_parameters
@@ -93,24 +95,40 @@ class EquationLayout:
         self.table_names = [
             load.name for load in mechanism.loads if isinstance(load, TorqueTable)
         ]
-        # The parameters are numbered from 0, in this order:
-        # - For each variable, a number of whole turns. Angles in the state are reduced by
-        #   2 pi times this number. A spring, for example, needs the full angle.
-        # - The unit of momentum, which depends on the start of the motion, and its
-        #   reciprocal. The equation multiplies by the reciprocal instead of dividing.
-        # - The least independence of the loop-closure equations. Where curves of
-        #   configurations cross, the equations are dependent and the integration must end.
-        # - A lower and an upper value for each joint limit.
-        # - The time at which the current interval of the torque tables begins, then a value
-        #   and a slope for each table.
-        # - The sign of each switch condition, an expression at whose zeros a load changes
-        #   abruptly. Conditions are added later, when loads are written as expressions.
-        self.unit_parameter = self.variable_count
-        self.min_independence_parameter = self.unit_parameter + 2
-        self.limit_parameters = self.min_independence_parameter + 1
-        self.table_parameters = self.limit_parameters + 2 * len(mechanism.joint_limits)
-        self.switch_parameters = self.table_parameters + 1 + 2 * len(self.table_names)
+        # The class docstring describes the parameters. Switch conditions are added later,
+        # when loads are written as expressions, so their number is not known yet.
+        first_numbers = _number_consecutively(
+            turns=self.variable_count,
+            momentum_unit=1,
+            inverse_momentum_unit=1,
+            min_independence=1,
+            limits=2 * len(mechanism.joint_limits),
+            interval_start=1,
+            tables=2 * len(self.table_names),
+            switches=0,
+        )
+        self.unit_parameter = first_numbers["momentum_unit"]
+        self.inverse_unit_parameter = first_numbers["inverse_momentum_unit"]
+        self.min_independence_parameter = first_numbers["min_independence"]
+        self.limit_parameters = first_numbers["limits"]
+        self.table_parameters = first_numbers["interval_start"]
+        self.switch_parameters = first_numbers["switches"]
         self.switch_conditions: list[Expr] = []
+
+    @property
+    def common_slice(self) -> slice:
+        """Positions of all parameters but the signs of the switch conditions."""
+        return slice(self.switch_parameters)
+
+    @property
+    def switch_slice(self) -> slice:
+        """Positions of the signs of the switch conditions among the parameters."""
+        return slice(self.switch_parameters, None)
+
+    @property
+    def turn_symbols(self) -> list[ExpressionNode]:
+        """Symbols of the whole turns by which the variables are reduced."""
+        return [parameter_symbol(variable) for variable in range(self.variable_count)]
 
     @property
     def momentum_unit(self) -> ExpressionNode:
@@ -120,7 +138,7 @@ class EquationLayout:
     @property
     def inverse_momentum_unit(self) -> ExpressionNode:
         """The symbol of the reciprocal of the unit of momentum."""
-        return parameter_symbol(self.unit_parameter + 1)
+        return parameter_symbol(self.inverse_unit_parameter)
 
     @property
     def min_independence(self) -> ExpressionNode:
@@ -130,20 +148,19 @@ class EquationLayout:
     def make_load_state(
         self, coordinate_rates: CoordinateRates, variable_rates: Sequence[Expr]
     ) -> LoadState:
-        """Return the expressions and symbols of the motion on which loads depend.
+        """Return the motion on which loads depend, as expressions and symbols.
 
-        Loads need two kinds of rates:
-
-        - Rates by time. The magnitude of a load, such as a damper, depends on them.
-        - Rates per unit rate of a coordinate: of all variables (tau), and the angular
-          velocities of all links (w). By the principle of virtual power, they give the
-          generalised force of the load at the coordinate. They are multiplied by the
-          determinant of the velocity equations, so that they contain no division.
+        Loads need two kinds of rates. Their magnitude, such as that of a damper, depends on
+        rates by time. Their generalised force at a coordinate follows from rates per unit
+        rate of this coordinate, by the principle of virtual power. The latter are
+        homogeneous rates: they are multiplied by the determinant of the velocity equations,
+        so that they contain no division.
 
         Parameters
         ----------
         coordinate_rates
-            Orientations of all links (`placed`), and the rates tau and w.
+            Orientations of all links (`placed`), and the homogeneous rates of the variables
+            (`tau`) and of the links (`w`).
         variable_rates
             Rates of the variables by time.
         """
@@ -153,31 +170,48 @@ class EquationLayout:
             tau=coordinate_rates.tau,
             w=coordinate_rates.w,
             variables=self.variables,
-            # The first parameters are the whole turns of the variables.
-            revolutions=[parameter_symbol(k) for k in range(self.variable_count)],
+            revolutions=self.turn_symbols,
             rates=variable_rates,
             time=TIME_SYMBOL,
-            # The sign of an expression at whose zeros a load changes abruptly, and the
-            # torque of a table at the present time. Both functions return expressions of
-            # parameters, which are constant or linear during an integration step.
-            sign_of_condition=self._switch_symbol,
-            table_torque=self._table_torque,
+            sign_of_condition=self._make_sign_symbol,
+            table_torque=self._make_table_torque,
         )
 
-    def _switch_symbol(self, condition: Expr) -> Expr:
-        """Return the sign of a condition: a parameter that changes at zeros only."""
+    def _make_sign_symbol(self, condition: Expr) -> Expr:
+        """Return the symbol of a parameter that is the sign of a condition, 1 or -1.
+
+        A load changes abruptly at a zero of the condition, an expression. The integrator
+        reverses the parameter there. A condition that is new is added to
+        `switch_conditions`.
+        """
         if condition not in self.switch_conditions:
             self.switch_conditions.append(condition)
         index = self.switch_conditions.index(condition)
         return parameter_symbol(self.switch_parameters + index)
 
-    def _table_torque(self, name: str) -> Expr:
-        """Return the torque of a table, which is linear in the current interval."""
+    def _make_table_torque(self, name: str) -> Expr:
+        """Return the torque of a table, which is linear in time in the current interval.
+
+        The start of the interval, and value and slope of the table there, are parameters.
+        """
         interval_start = parameter_symbol(self.table_parameters)
         number = self.table_parameters + 1 + 2 * self.table_names.index(name)
         value = parameter_symbol(number)
         slope = parameter_symbol(number + 1)
         return value + slope * (TIME_SYMBOL - interval_start)
+
+
+def _number_consecutively(**counts: int) -> dict[str, int]:
+    """Return the first number of each group of parameters, numbered from 0 in this order.
+
+    `counts` are the numbers of parameters in the groups.
+    """
+    first_numbers = {}
+    next_number = 0
+    for name, count in counts.items():
+        first_numbers[name] = next_number
+        next_number += count
+    return first_numbers
 
 
 @dataclass(frozen=True)

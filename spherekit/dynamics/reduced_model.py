@@ -19,7 +19,6 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import AnyPath, Facts, Names
 from spherekit.dynamics.reduced_model_heading import (
-    RANGE_SLACK_RATIO,
     StoredFunction,
     StoredHeading,
     StoredLoad,
@@ -701,27 +700,18 @@ class StoredModel:
             If a coordinate is not finite, or beyond the ends of a curve that is not
             periodic.
         """
-        heading = self.heading
         series = self.groups[group]
-        if isinstance(series, TensorChebyshev):
+        if isinstance(series, TensorChebyshev):  # over a box of several coordinates
             return series.evaluate(coordinates)
-        x = coordinates[:, 0]
+        # Along a curve, whole laps are subtracted from the coordinate.
+        heading = self.heading
         (low,) = heading.low
         (high,) = heading.high
-        period = high - low
-        laps = np.zeros(len(x))
-        is_valid = np.isfinite(x)
-        if heading.periodic:
-            laps = np.floor((x - low) / period)
-        else:
-            # A coordinate that was computed may exceed an end by rounding.
-            slack = RANGE_SLACK_RATIO * period
-            is_valid &= (x >= low - slack) & (x <= high + slack)
-        if not np.all(is_valid):
-            # This call raises the error, with the first coordinate that is not valid.
-            heading.reduce_to_range(float(x[~is_valid][0]))
-        values = series.evaluate(x - laps * period)
-        # The pair variables, the first functions of group 0, grow by `rise` in each lap.
+        x = coordinates[:, 0]
+        laps = heading.count_laps(x)
+        values = series.evaluate(x - laps * (high - low))
+        # The pair variables grow by `rise` in each lap. They are the first functions of
+        # group 0. All other functions are the same in each lap.
         if group == 0:
             values[:, : len(heading.rise)] += laps[:, None] * np.array(heading.rise)
         return values

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spherekit.arrays import Floats
 from spherekit.conventions import Names
 from spherekit.errors import SolveError
 from spherekit.mechanism.load import TorqueTable
@@ -462,12 +463,45 @@ class StoredHeading:
         slack = RANGE_SLACK_RATIO * period
         if low - slack <= x <= high + slack:
             return x, 0
+        raise self._domain_error(x)
+
+    def count_laps(self, x: Floats) -> Floats:
+        """Return the numbers of whole laps in coordinates x (n,) of a curve, rad.
+
+        They are 0 if the curve is not periodic.
+
+        Raises
+        ------
+        SolveError
+            If a coordinate is not finite, or beyond the ends of a curve that is not
+            periodic.
+        """
+        (low,) = self.low
+        (high,) = self.high
+        period = high - low
+        laps = np.zeros(len(x))
+        is_valid = np.isfinite(x)
+        if self.periodic:
+            laps = np.floor((x - low) / period)
+        else:
+            # A coordinate that was computed may exceed an end by rounding.
+            slack = RANGE_SLACK_RATIO * period
+            is_valid &= (x >= low - slack) & (x <= high + slack)
+        if not np.all(is_valid):
+            first_invalid = float(x[~is_valid][0])
+            raise self._domain_error(first_invalid)
+        return laps
+
+    def _domain_error(self, x: float) -> SolveError:
+        """Return the error for a coordinate x that is outside the domain of a curve."""
+        (low,) = self.low
+        (high,) = self.high
         allowed = (
             "must be finite"
             if self.periodic
             else f"must be within {low:.9g} to {high:.9g} rad"
         )
-        raise SolveError(
+        return SolveError(
             f"{self.mechanism}: {self.by[0]} = {x:.9g} is not in the domain of the model; "
             f"the coordinate {allowed}"
         )

@@ -150,22 +150,19 @@ def simulate_reduced(
         They are p / sqrt(B), Q / sqrt(B) and Q dx/dt with the inertia B and the generalised
         force Q of all loads. With this momentum the kinetic energy is p^2 / 2, and p is
         constant if no load acts.
+
+        The integrator also tries coordinates beyond the ends `low` and `high` of an open
+        curve of configurations. The rates are then those at the end. A closed curve is
+        continued periodically.
         """
         coordinate, momentum, _ = state.tolist()
-        # The integrator also tries states beyond the ends `low` and `high` of an open curve
-        # of configurations. A closed curve is continued periodically.
         if not heading.periodic:
             coordinate = min(max(coordinate, low), high)
         # The inertia B, dB/dx, and the functions on which loads depend.
         configuration_values = evaluate_configuration(coordinate)
-        inertia, inertia_derivative = configuration_values[:2]
-        inverse_root = 1.0 / sqrt(inertia)
+        inverse_root = 1.0 / sqrt(configuration_values[0])
         speed = momentum * inverse_root
-        # The torque at zero acceleration is 1/2 dB/dx (dx/dt)^2 - Q.
-        torque = model.torque_from_values(
-            configuration_values, x=coordinate, dx=speed, ddx=0.0, t=time
-        )
-        force = 0.5 * inertia_derivative * speed * speed - torque
+        force = _generalised_force(model, configuration_values, coordinate, speed, time)
         return speed, force * inverse_root, force * speed
 
     # The integrator stops at kinks of loads, and starts anew.
@@ -190,6 +187,33 @@ def simulate_reduced(
     if report["message"] != "Integration successful.":
         raise SolveError(f"{name}: {report['message']}")
     return _tabulate_motion(model, t, states, int(report["nfe"][-1]))
+
+
+def _generalised_force(
+    model: StoredModel,
+    configuration_values: list[float],
+    x: float,
+    dx: float,
+    t: float,
+) -> float:
+    """Return the generalised force Q of all loads, from the torque that a motion needs.
+
+    The torque at zero acceleration is 1/2 dB/dx (dx/dt)^2 - Q, with the inertia B.
+
+    Parameters
+    ----------
+    model
+        A reduced model along a curve.
+    configuration_values
+        B, dB/dx and the functions on which loads depend, at the coordinate x.
+    x, dx
+        The coordinate (rad) and its rate.
+    t
+        The time, s.
+    """
+    inertia_derivative = configuration_values[1]
+    torque = model.torque_from_values(configuration_values, x=x, dx=dx, ddx=0.0, t=t)
+    return 0.5 * inertia_derivative * dx * dx - torque
 
 
 def _tabulate_motion(

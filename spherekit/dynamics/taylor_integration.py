@@ -7,7 +7,7 @@ grows with the momentum. In each step the loops open by little more than roundin
 errors add up, so the loops are closed from time to time.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -444,6 +444,8 @@ class TaylorIntegration:
             [start.values, start.momenta / self.momentum_unit, np.zeros_like(self.work)]
         )
         self.segments: list[Segment] = []
+        # Number of steps so far, rejected ones included.
+        self.steps_tried = 0
         # Longest step (s) that is tried. Limited after a step missed a change of a load.
         self.max_step = np.inf
 
@@ -461,50 +463,63 @@ class TaylorIntegration:
             targets.
         """
         integrator = self.equation.integrator
-        steps = 0
         progress = ProgressReporter("simulating")
         # The integrator has only one state, so a second run has to wait.
         with self.equation.lock:
-            # The equation has parameters that differ between intervals: values and slopes
-            # of torque tables, and the signs of switch conditions. At a zero of such a
-            # condition a load changes abruptly, such as dry friction where a pair stops.
-            # Here they are set for the interval up to the first target. Later ones are set
-            # by `_integrate_segment`, which also adds to `segments`.
+            # Parameters of the equation differ between targets: values and slopes of torque
+            # tables, and the signs of switch conditions. Here they are set up to the first
+            # target. `_integrate_segment` sets them again.
             self._set_switch_signs(targets[0])
-            integrator.start(self.start_state, self.time, self._parameters(targets[0]))
+            parameters = self._make_parameters(targets[0])
+            integrator.start(self.start_state, self.time, parameters)
             for target in targets:
-                # The reason for the end; "time" if the target is reached.
-                end: RunEnd | None = None
-                while end is None:
-                    steps_tried, end = self._integrate_segment(
-                        integrator, target, min_step=MIN_STEP_FRACTION * targets[-1]
-                    )
-                    steps += steps_tried
-                    # The text is only formed if it is shown.
-                    progress.report_if_due(
-                        lambda: f"{self.time:.4g} of {targets[-1]:.6g} s",
-                        done=self.time,
-                        total=targets[-1],
-                    )
-                    if end is None and steps >= MAX_TAYLOR_STEPS:
-                        end = "too_many"
+                end = self._integrate_to(integrator, target, targets[-1], progress)
                 if end != "time":
                     break
-            assert end is not None
-            # The integrator notes the index and the time of each event.
-            events = []
-            for number, time in integrator.seen_events:
-                event = integrator.events[number]
-                events.append((time, event.kind, event.variable))
             return TaylorRun(
                 equation=self.equation,
                 segments=tuple(self.segments),
-                events=tuple(events),
+                events=tuple(_list_events(integrator)),
                 end=end,
                 end_time=self.time,
                 max_closure_residual=self.max_closure_residual,
                 max_independence=self.max_independence,
             )
+
+    def _integrate_to(
+        self,
+        integrator: Integrator,
+        target: float,
+        last_target: float,
+        progress: ProgressReporter,
+    ) -> RunEnd:
+        """Integrate segments up to a target, and return why the integration ended.
+
+        Parameters
+        ----------
+        integrator
+            The integrator, with the state that the run has reached.
+        target
+            Time (s) up to which to integrate. The result is "time" if it is reached.
+        last_target
+            Last target of the run, s.
+        progress
+            Shows the progress to the user.
+        """
+        end: RunEnd | None = None
+        while end is None:
+            end = self._integrate_segment(
+                integrator, target, min_step=MIN_STEP_FRACTION * last_target
+            )
+            # The text is only formed if it is shown.
+            progress.report_if_due(
+                lambda: f"{self.time:.4g} of {last_target:.6g} s",
+                done=self.time,
+                total=last_target,
+            )
+            if end is None and self.steps_tried >= MAX_TAYLOR_STEPS:
+                end = "too_many"
+        return end
 
     @property
     def min_independence(self) -> float:
@@ -513,8 +528,8 @@ class TaylorIntegration:
 
     def _integrate_segment(
         self, integrator: Integrator, target: float, min_step: float
-    ) -> tuple[int, RunEnd | None]:
-        """Integrate one segment; return the number of tried steps and why the run ends.
+    ) -> RunEnd | None:
+        """Integrate one segment, and return why the run ends.
 
         A segment consists of at most `STEPS_PER_SEGMENT` steps, and is stored. The reason
         is None if the run continues. If loads may change abruptly, the steps are compared
@@ -539,10 +554,9 @@ class TaylorIntegration:
         # Steps before this index agree with the loads. A shortened step is probed at once.
         # Otherwise the steps of the whole segment are probed together, which is faster.
         probed_steps = 0
-        steps_tried = 0
         end: RunEnd | None = None
         while end is None and len(steps) < STEPS_PER_SEGMENT:
-            steps_tried += 1
+            self.steps_tried += 1
             start = integrator.time
             event_count = len(integrator.seen_events)
             remaining = target - start
@@ -550,9 +564,8 @@ class TaylorIntegration:
             # The signs of the switch conditions that apply in this step.
             switch_signs = self.switch_signs
             if has_probes:
-                switch_signs = self._all_parameters(integrator)[
-                    self.layout.switch_parameters :
-                ]
+                parameters = self._all_parameters(integrator)
+                switch_signs = parameters[self.layout.switch_slice]
             outcome, length = integrator.step(min(remaining, self.max_step))
             if outcome == "not_finite":
                 end = "not_finite"
@@ -580,8 +593,9 @@ class TaylorIntegration:
                 continue
             # The first step that missed a change of a load is discarded, with those after
             # it, and repeated with a smaller length.
-            agreeing, self.max_step = self._probe_steps(integrator, steps[probed_steps:])
-            probed_steps += agreeing
+            probing = self._probe_steps(integrator, steps[probed_steps:])
+            probed_steps += probing.agreeing_steps
+            self.max_step = probing.max_next_step
             if probed_steps < len(steps):
                 end = None if self.max_step > min_step else "too_fast"
                 self._return_to_start(integrator, steps[probed_steps])
@@ -590,7 +604,7 @@ class TaylorIntegration:
                 self.max_step = MAX_TAYLOR_STEP_GROWTH * length
         if steps:
             self._store_segment(steps)
-        return steps_tried, end
+        return end
 
     def _store_segment(self, steps: Sequence[TaylorStep]) -> None:
         """Store steps as a segment, and update the largest measure of independence.
@@ -632,20 +646,19 @@ class TaylorIntegration:
         """Set the integrator back to the start of a step."""
         self.time = step.start
         parameters = self._all_parameters(integrator)
-        parameters[self.layout.switch_parameters :] = step.switch_signs
+        parameters[self.layout.switch_slice] = step.switch_signs
         events_before = integrator.seen_events[: step.event_count]
         integrator.start(step.series[:, 0], self.time, parameters)
         integrator.seen_events.extend(events_before)
 
     def _probe_steps(
         self, integrator: Integrator, steps: Sequence[TaylorStep]
-    ) -> tuple[int, float]:
-        """Return the number of steps that agree with the loads, and the longest next step.
+    ) -> "ProbeResult":
+        """Return how many steps agree with the loads, and the longest next step.
 
         A step agrees if its Taylor series also satisfy the equation of motion between its
-        ends. The first step that does not agree has to be repeated so that it ends before
-        the time at which it missed a change of a load. This limits the length (s) of the
-        next step. If all steps agree, the limit is infinite.
+        ends. The first step that does not agree has missed a change of a load. It has to be
+        repeated so that it ends before this change.
 
         Parameters
         ----------
@@ -655,16 +668,14 @@ class TaylorIntegration:
             Successive steps that have not been probed.
         """
         if not steps:
-            return 0, np.inf
+            return ProbeResult(agreeing_steps=0)
         probe = StepProbe(
             equation=self.equation,
             starts=np.array([step.start for step in steps]),
             lengths=np.array([step.length for step in steps]),
             series=np.array([step.series for step in steps]),
             # All steps of a segment have the same parameters except the switch signs.
-            common_parameters=self._all_parameters(integrator)[
-                : self.layout.switch_parameters
-            ],
+            common_parameters=self._all_parameters(integrator)[self.layout.common_slice],
             switch_signs=np.array([step.switch_signs for step in steps]),
         )
         # For each step, the fraction of its length (0 to 1) after which its first error was
@@ -672,11 +683,11 @@ class TaylorIntegration:
         error_fractions = find_first_errors(probe.compare, len(steps))
         for index, error_fraction in enumerate(error_fractions):
             if error_fraction <= 1.0:
-                # The next step ends before the error, so that it does not contain the
-                # change of the load. A least length lets it pass a change at its start.
+                # The next step ends before the error. It still has a least length, so that
+                # it passes a change of the load that is right at its start.
                 fraction = max(RETRY_FRACTION * error_fraction, MIN_RETRY_FRACTION)
-                return index, float(fraction * steps[index].length)
-        return len(steps), np.inf
+                return ProbeResult(index, float(fraction * steps[index].length))
+        return ProbeResult(agreeing_steps=len(steps))
 
     def _classify_event(self, integrator: Integrator) -> RunEnd:
         """Return the reason why the run ends at the last event."""
@@ -712,8 +723,8 @@ class TaylorIntegration:
         during its steps, so its present signs are read first and given back unchanged.
         """
         present_parameters = self._all_parameters(integrator)
-        self.switch_signs = present_parameters[self.layout.switch_parameters :]
-        new_parameters = self._parameters(interval_end)
+        self.switch_signs = present_parameters[self.layout.switch_slice]
+        new_parameters = self._make_parameters(interval_end)
         # The integrator has only the parameters up to the last one that the equation uses.
         used_count = len(integrator.parameters)
         integrator.parameters[:] = new_parameters[:used_count]
@@ -752,56 +763,108 @@ class TaylorIntegration:
             self.momentum_unit *= size
             momenta /= size
 
-    def _parameters(self, interval_end: float) -> Floats:
-        """Return the parameters for the interval from now to `interval_end` (s).
+    def _make_parameters(self, interval_end: float) -> Floats:
+        """Return the parameters of the equation for the interval from now to its end (s).
 
         The compiled equation reads them by their positions. `EquationLayout` defines this
-        order:
-
-        - the numbers of whole turns that were subtracted from the variables. They are added
-          again before a variable is compared with a joint limit,
-        - the unit of the momenta in the state (a number in sqrt(joule)), and its
-          reciprocal,
-        - a limit for the independence of the closure equations. The measure of independence
-          is zero where curves of configurations cross. The run ends below the limit,
-        - the lower and the upper value of each joint limit,
-        - the current time, then value and slope of each torque table from this time on,
-        - the sign of each switch condition. A load changes abruptly at a zero of its
-          condition. Its formula contains the sign, which the integrator reverses there.
+        order.
         """
-        duration = interval_end - self.time
-        table_values = [self.time]
+        table_parameters = [self.time]
         for table in self.tables:
-            # A table is linear up to the next knot. It is read within the interval, since
-            # a periodic table may jump at the ends.
-            early, late = table.at(self.time + duration * np.array([0.25, 0.75]))
-            # The value at the start and the slope, from the values at 1/4 and 3/4.
-            table_values += [1.5 * early - 0.5 * late, 2.0 * (late - early) / duration]
-        scales = [self.momentum_unit, 1.0 / self.momentum_unit, self.min_independence]
+            table_parameters += _linear_piece(table, self.time, interval_end)
         return np.array(
-            [*self.turns, *scales, *self.limit_values, *table_values, *self.switch_signs]
+            [
+                *self.turns,
+                self.momentum_unit,
+                1.0 / self.momentum_unit,
+                self.min_independence,
+                *self.limit_values,
+                *table_parameters,
+                *self.switch_signs,
+            ]
         )
 
     def _set_switch_signs(self, interval_end: float) -> None:
         """Compute the signs of the switch conditions at the start.
 
         A load changes abruptly at a zero of its switch condition, such as dry friction
-        where the sliding rate is zero. If a condition is zero at the start, its sign is
-        that of its rate, and positive if the rate is zero too. The parameters of the
-        equation apply up to `interval_end` (s), the next knot of a torque table.
+        where the sliding rate is zero. A condition or its rate can depend on the signs of
+        the conditions before it, which are parameters of the equation. The signs are
+        therefore computed one after the other.
+
+        Parameters
+        ----------
+        interval_end
+            Time (s) up to which the parameters apply: the next knot of a torque table.
         """
         switch_function = self.equation.switch_function
         if switch_function is None:
             return
         count = len(self.switch_signs)
-        # One after the other, since a condition or its rate can depend on the signs of the
-        # conditions before it. These signs are among the parameters.
         for k in range(count):
-            inputs = np.concatenate(
-                [self.start_state, [self.time], self._parameters(interval_end)]
+            # The parameters include the signs of conditions 0 to k - 1.
+            parameters = self._make_parameters(interval_end)
+            inputs = np.concatenate([self.start_state, [self.time], parameters])
+            # All conditions, then their rates by time.
+            outputs = switch_function(inputs[:, None])[:, 0]
+            self.switch_signs[k] = _choose_sign(
+                condition=outputs[k], condition_rate=outputs[count + k]
             )
-            # The function returns all conditions, then their rates by time.
-            signs = np.sign(switch_function(inputs[:, None])[:, 0])
-            condition_signs = signs[:count]
-            rate_signs = signs[count:]
-            self.switch_signs[k] = condition_signs[k] or rate_signs[k] or 1.0
+
+
+@dataclass(frozen=True)
+class ProbeResult:
+    """Result of probing successive steps.
+
+    Attributes
+    ----------
+    agreeing_steps
+        Number of steps, from the first one, that agree with the loads.
+    max_next_step
+        Longest length (s) of the next step. It is infinite if all steps agree.
+    """
+
+    agreeing_steps: int
+    max_next_step: float = np.inf
+
+
+def _list_events(
+    integrator: Integrator,
+) -> Iterator[tuple[float, IntegrationEventKind, int]]:
+    """Yield time (s), kind and pair variable of each event that an integrator has seen."""
+    for number, time in integrator.seen_events:
+        event = integrator.events[number]
+        yield time, event.kind, event.variable
+
+
+def _linear_piece(table: TorqueTable, start: float, end: float) -> tuple[float, float]:
+    """Return value at the start, and slope, of a torque table that is linear in between.
+
+    The table is read at 1/4 and 3/4 of the interval, since a periodic table may jump at
+    the ends.
+
+    Parameters
+    ----------
+    table
+        The torque table.
+    start, end
+        An interval of time (s) without knots of the table inside it.
+    """
+    duration = end - start
+    early, late = table.at(start + duration * np.array([0.25, 0.75]))
+    value_at_start = 1.5 * early - 0.5 * late
+    slope = 2.0 * (late - early) / duration
+    return value_at_start, slope
+
+
+def _choose_sign(condition: float, condition_rate: float) -> float:
+    """Return the sign (1 or -1) of a switch condition at the start of a motion.
+
+    If the condition is zero, its sign right after the start is that of its rate. The sign
+    is positive if the rate is zero too.
+    """
+    if condition != 0.0:
+        return float(np.sign(condition))
+    if condition_rate != 0.0:
+        return float(np.sign(condition_rate))
+    return 1.0

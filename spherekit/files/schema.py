@@ -301,7 +301,7 @@ class SchemaConversion:
             for key, item in value.items()
         }
 
-    def _convert_array(self, part: Any, value: Sequence[Any], path: KeyPath) -> Any:
+    def _convert_array(self, part: Any, value: Any, path: KeyPath) -> Any:
         """Return the converted items of an array as a tuple."""
         return tuple(
             self.convert(part.get("items"), item, (*path, index))
