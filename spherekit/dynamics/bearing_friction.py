@@ -301,7 +301,7 @@ def solve_bearing_friction(
     factors = loads.friction_coefficients * loads.evaluate_laws(
         laws, motion, timing.dq, timing.t
     )
-    solution = _solve_friction(without_friction, per_friction, factors)
+    solution = _solve_friction(FrictionEquation(without_friction, per_friction, factors))
     carried[is_finite] = solution.carried
     is_unknown[is_finite] = solution.is_unknown
     return CarriedLoads(carried, is_unknown, solution.iterations)
@@ -388,17 +388,14 @@ def _check_forces_determined(
     )
 
 
-def _solve_friction(
-    without_friction: Floats, per_friction: Floats, factors: Floats
-) -> CarriedLoads:
-    """Return the loads that pairs carry, from the equation of their friction torques f.
+@dataclass(frozen=True)
+class FrictionEquation:
+    """The equation of the friction torques f that depend on the loads of their pairs.
 
     At place j of pair k (a bearing or a contact) the load is a_kj + sum_l b_kjl f_l, and
-    the friction is f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|. Each iteration tries two new
-    values of f: the right side at the last f (fixed-point iteration), and a Newton step.
-    Each row takes the one with the smaller residual.
+    the friction is f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|.
 
-    Parameters
+    Attributes
     ----------
     without_friction
         (n, k, 2, 3) loads a at each place without friction, N or N m.
@@ -407,50 +404,75 @@ def _solve_friction(
         axis is the pair at which this friction acts.
     factors
         (n, k) factors r of the friction.
+    """
+
+    without_friction: Floats
+    per_friction: Floats
+    factors: Floats
+
+    def compute_loads(self, friction: Floats) -> Floats:
+        """Return the load vectors (n, k, 2, 3) for friction torques f (n, k)."""
+        # The letters are: n rows, k and l pairs, j places, a components.
+        return self.without_friction + np.einsum(
+            "nkjal,nl->nkja", self.per_friction, friction
+        )
+
+    def sum_loads(self, friction: Floats) -> Floats:
+        """Return the sums (n, k) of the sizes of the loads of each pair."""
+        return np.sum(np.linalg.norm(self.compute_loads(friction), axis=3), axis=2)
+
+    def find_contracting_rows(self) -> Bools:
+        """Return in which rows (n,) the friction has a single solution for certain.
+
+        The right side of the equation changes by at most B times a change of f, with
+        B_kl = |r_k| sum_j |b_kjl|. If the largest eigenvalue of B is below 1, the equation
+        is a contraction.
+        """
+        sensitivities = np.sum(np.linalg.norm(self.per_friction, axis=3), axis=2)
+        eigenvalues = np.linalg.eigvals(np.abs(self.factors)[..., None] * sensitivities)
+        return max_abs(eigenvalues, axis=1) < 1.0
+
+    def right_side_slope(self, friction: Floats) -> Floats:
+        """Return the derivatives (n, k, l) of the right side of pair k by f_l.
+
+        The derivative of |load| is the unit vector of the load times its derivative.
+        """
+        load_vectors = self.compute_loads(friction)
+        lengths = np.linalg.norm(load_vectors, axis=3, keepdims=True)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            directions = np.nan_to_num(load_vectors / lengths)
+        return np.einsum("nk,nkja,nkjal->nkl", self.factors, directions, self.per_friction)
+
+
+def _solve_friction(equation: FrictionEquation) -> CarriedLoads:
+    """Return the loads that pairs carry, from the equation of their friction torques f.
+
+    Each iteration tries two new values of f: the right side of the equation at the last f
+    (fixed-point iteration), and a Newton step. Each row takes the one with the smaller
+    residual.
 
     Returns
     -------
     The carried loads, the sums over the places. Friction is unknown in rows that have not
-    converged, or whose feedback is not below 1, so that there may be several solutions.
+    converged, or in which there may be several solutions.
     """
-    # The right side changes by at most B times a change of f, B_kl = |r_k| sum_j |b_kjl|.
-    # If the largest eigenvalue of B, the feedback, is below 1, the iteration contracts.
-    sensitivities = np.sum(np.linalg.norm(per_friction, axis=3), axis=2)
-    feedback = max_abs(
-        np.linalg.eigvals(np.abs(factors)[..., None] * sensitivities), axis=1
-    )
-    is_contracting = feedback < 1.0
-
-    def compute_loads(friction: Floats) -> Floats:
-        """Return the load vectors (n, k, 2, 3) for friction torques (n, k)."""
-        # The letters are: n rows, k and l pairs, j places, a components.
-        return without_friction + np.einsum("nkjal,nl->nkja", per_friction, friction)
-
-    def sum_loads(friction: Floats) -> Floats:
-        """Return the sums (n, k) of the sizes of the loads of each pair."""
-        return np.sum(np.linalg.norm(compute_loads(friction), axis=3), axis=2)
-
+    factors = equation.factors
+    is_contracting = equation.find_contracting_rows()
     friction = np.zeros_like(factors)
     identity = np.eye(factors.shape[1])
-    carried = sum_loads(friction)
+    carried = equation.sum_loads(friction)
     for iterations in count(1):
         previous = carried
         fixed_point = factors * carried
-
-        # The derivative of |load| is the unit vector of the load times its derivative.
-        load_vectors = compute_loads(friction)
-        lengths = np.linalg.norm(load_vectors, axis=3, keepdims=True)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            directions = np.nan_to_num(load_vectors / lengths)
-        slope = np.einsum("nk,nkja,nkjal->nkl", factors, directions, per_friction)
         # Rows that do not contract have no certain solution, and their matrix may be
         # singular.
+        slope = equation.right_side_slope(friction)
         matrix = np.where(is_contracting[:, None, None], identity - slope, identity)
         correction = np.linalg.solve(matrix, (fixed_point - friction)[..., None])[..., 0]
         newton = friction + correction
 
-        fixed_point_loads = sum_loads(fixed_point)
-        newton_loads = sum_loads(newton)
+        fixed_point_loads = equation.sum_loads(fixed_point)
+        newton_loads = equation.sum_loads(newton)
         fixed_point_residual = max_abs(fixed_point - factors * fixed_point_loads, axis=1)
         newton_residual = max_abs(newton - factors * newton_loads, axis=1)
         is_newton_better = (newton_residual < fixed_point_residual)[:, None]

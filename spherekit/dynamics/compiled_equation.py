@@ -190,11 +190,6 @@ def compile_equation(
         If the coordinates are not independent.
     """
     _check_expressible(mechanism)
-    # Torque tables and joint limits get fixed values here, so that runs with other values
-    # use the same equation.
-    common_mechanism = _remove_run_data(mechanism, coordinates)
-    step_tolerance = _limit_tolerance(tolerance, coordinates)
-    key = _cache_key(mechanism, step_tolerance, compact)
     arguments = EquationArguments(
         mechanism=mechanism,
         tolerance=tolerance,
@@ -202,6 +197,13 @@ def compile_equation(
         coordinates=coordinates,
         values=values,
     )
+    # The equation is derived for this mechanism. Its inputs are the coordinates, and torque
+    # tables and joint limits have fixed numbers, so that runs with other numbers share it.
+    common_mechanism = _remove_run_data(mechanism, coordinates)
+    step_tolerance = _limit_tolerance(tolerance, coordinates)
+    # Everything else on which the equation depends. An equation that was compiled with
+    # other `values` is used again.
+    key = _cache_key(mechanism, step_tolerance, compact)
     was_cached = True
 
     def compile_now() -> CompiledEquation:
@@ -316,7 +318,11 @@ def _limit_tolerance(tolerance: float, coordinates: Sequence[str]) -> float:
 
 
 def _cache_key(mechanism: Mechanism, step_tolerance: float, compact: bool) -> str:
-    """Return a text that distinguishes the compiled equations of one mechanism."""
+    """Return a text that distinguishes the compiled equations of one mechanism.
+
+    `mechanism` is that of the user. Its inputs matter even if other pairs are the
+    coordinates, because an event of the equation is a singularity of type II of the inputs.
+    """
     return repr(("motion", step_tolerance, compact, mechanism.input_pairs))
 
 

@@ -450,24 +450,49 @@ class Collocation:
                 if end is not None:
                     return end
                 t = target if tried == rest else step.stop
-                previous = step
-                state = self._close(step.end_state)
-                # Coordinates of the next step: the arc length of the curve along its
-                # tangent. With several degrees of freedom, they are weighted sums of the
-                # pair variables, which are replaced before they become nearly dependent.
-                if equation.freedoms == 1:
-                    self.rate_weights = rates[-1]
-                elif np.linalg.norm(rates[-1], 2) > MAX_VARIABLE_RATE:
-                    state, self.rate_weights = equation.renew_coordinates(
-                        state, self.rate_weights
-                    )
-                    # The series of the last step are those of the old coordinates.
-                    previous = None
+                state, previous = self._prepare_next_step(step, rates)
                 yield t
             if t < problem.until:
                 self._record_event("switch", t, self.steps[-1])
                 previous = None
         return SimulationEnd("time", problem.until, TIME_MESSAGE)
+
+    def _prepare_next_step(
+        self, step: CollocationStep, rates: Floats
+    ) -> tuple[Floats, CollocationStep | None]:
+        """Return the state at which the next step starts, and the step before it.
+
+        Also updates `rate_weights`, the coordinates of the next step. With one degree of
+        freedom the coordinate is the arc length of the curve along its present tangent.
+        With several, coordinates are weighted sums of the pair variables, which are
+        replaced before they become nearly dependent.
+
+        Parameters
+        ----------
+        step
+            The accepted step.
+        rates
+            (N, m, variables) derivatives of the pair variables by the m coordinates, at the
+            N nodes of the step.
+
+        Returns
+        -------
+        state
+            (states,) the state, with closed loops.
+        previous
+            The accepted step, whose series the next step continues. None if coordinates
+            were replaced, since its series are those of the old coordinates.
+        """
+        state = self._close(step.end_state)
+        last_rates = rates[-1]
+        if self.equation.freedoms == 1:
+            self.rate_weights = last_rates
+        elif np.linalg.norm(last_rates, 2) > MAX_VARIABLE_RATE:
+            state, self.rate_weights = self.equation.renew_coordinates(
+                state, self.rate_weights
+            )
+            return state, None
+        return state, step
 
     def _choose_first_length(self) -> float:
         """Return the length (s) of the first step, from speed and acceleration.
@@ -546,13 +571,7 @@ class Collocation:
         is_stiff = equation.freedoms == 1 and equation.loads.needs_step_probes
         # Position of the momentum in the state.
         momentum = equation.variable_count
-        # First guess: constant rates, or the series of the step before, continued.
-        if previous is None:
-            dynamics = self._evaluate_dynamics(np.array([start]), state[None])
-            rates = np.repeat(equation.state_rates(dynamics), NODE_COUNT, axis=0)
-        else:
-            series = previous.series[:CONTINUED_COEFFICIENTS]
-            rates = previous.evaluate_series(series, t)
+        rates = self._guess_rates(t, start, state, previous)
         integration = 0.5 * length * INTEGRATION_MATRIX
         states = state + integration @ rates
         tolerance = self.tolerance
@@ -594,15 +613,36 @@ class Collocation:
             if equation.freedoms == 1
             else self.rate_weights[None],
         )
-        # The error follows from the last Legendre coefficients of the rates. It stays
-        # infinite if the iteration failed.
+        # The error stays infinite if the iteration failed or a contact does not exist.
         if has_converged and np.all(dynamics.motion.status == Status.OK):
-            last_sizes = max_abs(step.series[-LAST_COEFFICIENTS:], axis=0)
-            truncation_errors = last_sizes * length / ERROR_DIVISOR
-            error = float(np.max(truncation_errors / scale)) / tolerance
+            error = float(np.max(_truncation_errors(step) / scale)) / tolerance
         if error <= 1.0 and not self._passes_probes(step, scale, tolerance):
             error = np.inf
         return StepAttempt(step=step, error=error, iterations=iterations, dynamics=dynamics)
+
+    def _guess_rates(
+        self, t: Floats, start: float, state: Floats, previous: CollocationStep | None
+    ) -> Floats:
+        """Return rates (N, states) at the nodes of a step, with which its iteration starts.
+
+        They are the rates of the step before, continued as a polynomial. Without such a
+        step they are the rates at the start, at all nodes.
+
+        Parameters
+        ----------
+        t
+            (N,) times of the nodes, s.
+        start
+            Time at the start of the step, s.
+        state
+            (states,) state at the start.
+        previous
+            The step before, None after a kink of a load.
+        """
+        if previous is None:
+            dynamics = self._evaluate_dynamics(np.array([start]), state[None])
+            return np.repeat(self.equation.state_rates(dynamics), NODE_COUNT, axis=0)
+        return previous.evaluate_series(previous.series[:CONTINUED_COEFFICIENTS], t)
 
     def _momentum_rate_slopes(
         self, t: Floats, states: Floats, rates: Floats, scale: Floats
@@ -1017,6 +1057,12 @@ def _make_state_scales(problem: Problem, state_size: int) -> Floats:
     scales[equation.momenta] = np.sqrt(largest_inertia)
     scales[equation.load_work_rows] = largest_inertia
     return scales
+
+
+def _truncation_errors(step: CollocationStep) -> Floats:
+    """Return estimated errors (states,) of a step, by the last coefficients of rates."""
+    last_sizes = max_abs(step.series[-LAST_COEFFICIENTS:], axis=0)
+    return last_sizes * step.length / ERROR_DIVISOR
 
 
 def _momentum_newton_matrix(slopes: Floats, length: float) -> Floats:

@@ -237,15 +237,7 @@ class NewtonEuler:
         """
         self.mechanism = mechanism
         self.frames = frames
-        # The unknowns: moments of each pair about directions about which it does not turn.
-        # With a pressure angle the moment of teeth about x (component 0) follows from that
-        # about y, so it is left out.
-        self.columns = [
-            (pair_number, component)
-            for pair_number, pair in enumerate(mechanism.pairs)
-            for component in range(pair.constraints)
-            if component or pair.pressure_angle is None
-        ]
+        self.columns = _list_moment_columns(mechanism)
         if forces:
             self.columns += _list_force_columns(mechanism)
         distances = [x.distance for x in mechanism.pairs if x.distance is not None]
@@ -266,23 +258,24 @@ class NewtonEuler:
         )
         column_pairs = [pair for pair, _ in self.columns]
         self._column_to_pair = np.eye(len(mechanism.pairs))[column_pairs]
+        self._has_equation = _list_equations(mechanism, forces)
+        self.matrix = self._assemble_matrix(column_pairs)
+        self._invert_systems(self._divide_equations(is_coupled=bool(distances)))
 
+    def _assemble_matrix(self, column_pairs: Sequence[int]) -> Floats:
+        """Return the matrix (n, equations, columns) of the wrenches of unit reactions.
+
+        `column_pairs` are the numbers of the pairs whose reactions the columns are.
+        """
         # Equations of forces are multiplied by the length, so that all are in N m.
         scaled_wrenches = self.unit_wrenches * np.repeat([1.0, self.length], 3)
-        ground_wrenches = _rotate_to_ground(frames[:, column_pairs], scaled_wrenches)
+        ground_wrenches = _rotate_to_ground(self.frames[:, column_pairs], scaled_wrenches)
         # (n, links, 6, columns) the wrench on each link by a unit of each reaction.
         matrix = (
             self._pair_to_link[column_pairs].T[:, None]
             * np.swapaxes(ground_wrenches, 1, 2)[:, None]
         )
-        # The ground has no equations, and links without a known centre of mass none of
-        # forces.
-        self._has_equation = np.zeros((link_count, 6), dtype=bool)
-        self._has_equation[1:, : 6 if forces else MOMENT_COMPONENTS] = True
-        for link in links_without_centre(mechanism):
-            self._has_equation[mechanism.link_number[link], MOMENT_COMPONENTS:] = False
-        self.matrix = matrix[:, self._has_equation]
-        self._invert_systems(self._divide_equations(is_coupled=bool(distances)))
+        return matrix[:, self._has_equation]
 
     def _divide_equations(self, is_coupled: bool) -> list[ReactionEquations]:
         """Return the systems of equations that are solved separately.
@@ -535,6 +528,40 @@ def links_without_centre(mechanism: Mechanism) -> list[str]:
         mass.link
         for mass in mechanism.masses
         if mass.link != mechanism.ground and (mass.mass is None or mass.centre is None)
+    ]
+
+
+def _list_equations(mechanism: Mechanism, forces: bool) -> Bools:
+    """Return (links, 6) which components of moment and force on a link have an equation.
+
+    The ground has no equations. Links without a known centre of mass have none of forces.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    forces
+        Whether there are equations of forces at all.
+    """
+    has_equation = np.zeros((len(mechanism.links), 6), dtype=bool)
+    has_equation[1:, : 6 if forces else MOMENT_COMPONENTS] = True
+    for link in links_without_centre(mechanism):
+        has_equation[mechanism.link_number[link], MOMENT_COMPONENTS:] = False
+    return has_equation
+
+
+def _list_moment_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
+    """Return the pair and the component of each unknown moment in the equations.
+
+    A pair transmits moments about the axes about which it does not turn. The moment of
+    teeth with a pressure angle about x (component 0) follows from that about y, so it is no
+    unknown.
+    """
+    return [
+        (pair_number, component)
+        for pair_number, pair in enumerate(mechanism.pairs)
+        for component in range(pair.constraints)
+        if component != 0 or pair.pressure_angle is None
     ]
 
 
