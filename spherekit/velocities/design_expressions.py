@@ -261,31 +261,68 @@ class DesignExpressions:
         # inputs and sizes instead, and the loops are always closed.
         if self.has_closed_form:
             return [differentiate(items, {size: 1.0}) for size in self.size_symbols]
-        sides = self.structure.pairs.sides_with_symbols
+        self._refuse_second_curvature_derivative(items)
+        by_variable = [
+            self._differentiate_by_variable(items, v)
+            for v in range(len(self.configuration_symbols))
+        ]
+        profile_columns = [
+            symbol
+            for side in self.structure.pairs.sides_with_symbols
+            for symbol in side.contact_symbols
+        ]
+        return [
+            self._differentiate_along_closed_loops(items, symbol, by_variable)
+            for symbol in (*self.size_symbols, *profile_columns)
+        ]
+
+    def _refuse_second_curvature_derivative(self, items: Sequence[Expr]) -> None:
+        """Raise `EngineError` if expressions contain d2k/ds2 of a profile.
+
+        k is the curvature of the profile at the contact, and s its arc length. If the
+        contact moves, d2k/ds2 changes by the third derivative, for which there is no
+        symbol.
+        """
         nodes = set(iterate_nodes(items))
+        sides = self.structure.pairs.sides_with_symbols
+        # The last derivative for which a profile has a symbol is d2k/ds2.
         if any(side.last_derivative in nodes for side in sides):
             raise EngineError(
                 f"{self.mechanism.name}: the derivatives of a linearised motion with "
                 "respect to sizes exist only for profiles that are circles; compare "
                 "designs with a sweep"
             )
-        by_variable = [
-            self._differentiate_by_variable(items, v)
-            for v in range(len(self.configuration_symbols))
-        ]
-        columns = (symbol for side in sides for symbol in side.contact_symbols)
+
+    def _differentiate_along_closed_loops(
+        self, items: Sequence[Expr], symbol: ExpressionNode, by_variable: list[list[Expr]]
+    ) -> list[Expr]:
+        """Return the total derivatives of expressions by a symbol, with inputs at rest.
+
+        If the symbol grows, the pair variables have to change, so that the loops stay
+        closed. The total derivative is the partial derivative by the symbol, plus the sum
+        over the variables of their derivative by the symbol times the partial derivative by
+        the variable.
+
+        Parameters
+        ----------
+        items
+            The expressions.
+        symbol
+            A size, or a column of a profile.
+        by_variable
+            For each variable the partial derivatives of the expressions.
+        """
         rates = self.coordinate_rates
-        derivatives: list[list[Expr]] = []
-        for size in (*self.size_symbols, *columns):
-            # The total derivative is
-            # d/d size + sum over the variables of (change of variable) d/d variable,
-            # where the changes keep the loops closed while the inputs rest.
-            changes = rates.solve_loops(rates.closure_residual_rates(size))
-            total = differentiate(items, {size: 1.0})
-            for change, partial in zip(changes, by_variable, strict=True):
-                total = [x + y * change for x, y in zip(total, partial, strict=True)]
-            derivatives.append(total)
-        return derivatives
+        # The derivatives of the variables that undo the opening of the loops.
+        variable_derivatives = rates.solve_loops(rates.closure_residual_rates(symbol))
+        total = differentiate(items, {symbol: 1.0})
+        for variable_derivative, partial in zip(
+            variable_derivatives, by_variable, strict=True
+        ):
+            total = [
+                x + y * variable_derivative for x, y in zip(total, partial, strict=True)
+            ]
+        return total
 
     def _differentiate_by_variable(
         self, items: Sequence[Expr], variable: int
@@ -622,11 +659,25 @@ class DesignExpressions:
         if has_common_pair:
             # The axis of a pair is defined even if the pair rests.
             return direction
-        # The relative velocity of links at rest is a rounding error, which has a direction
-        # too. Links count as at rest if their relative velocity is less than `NO_MOTION`
-        # times a reference: the velocity of one of the links, at least 1. The link with the
-        # larger number is used, as in the numerical analysis of a run. So these expressions
-        # and a run give NaN in the same rows.
+        return direction * self._one_or_nan_at_rest(link, other, moving)
+
+    def _one_or_nan_at_rest(self, link: int, other: int, moving: int) -> Expr:
+        """Return 1, or NaN in configurations in which two links are at relative rest.
+
+        The relative velocity of links at rest is a rounding error, which has a direction,
+        too. Multiplied by the result, this direction becomes NaN. Links count as at rest if
+        their relative velocity is less than `NO_MOTION` times a reference: the velocity of
+        one of the links, at least 1. The link with the larger number is used, as in the
+        numerical analysis of a run. So these expressions and a run give NaN in the same
+        rows.
+
+        Parameters
+        ----------
+        link, other
+            Numbers of the two links.
+        moving
+            Index of the moving input.
+        """
         w = self._link_velocities[moving]
         reference_velocity = w[max(link, other)]
         relative_velocity = w[link] - w[other]
@@ -635,8 +686,7 @@ class DesignExpressions:
         )
         square = dot(relative_velocity, relative_velocity)
         # The sign is -1 for links at rest, and its root is then NaN. Otherwise both are 1.
-        one_or_nan = function("sqrt", sign_of(square - square_limit))
-        return direction * one_or_nan
+        return function("sqrt", sign_of(square - square_limit))
 
     def _relative_direction(self, link_name: str, other_name: str, moving: int) -> Exprs:
         """Return the axis (3,) of the pair of two links, or the direction of their motion.
@@ -771,6 +821,19 @@ class DesignExpressions:
         """
         self._refuse_reaction_friction(moving)
         rates = self.coordinate_rates
+        load_state = self._load_state()
+        # `tau` and `w` are the rates of variables and links at the rate 1 of each input,
+        # times the determinant of the velocity equations (`scale`). Thus they contain no
+        # division. The forces have the same factor, so their sum is divided by it once.
+        forces = (
+            component_forces(components, load_state)[moving]
+            for components in self._load_components
+        )
+        return sum(forces, 0.0) / rates.scale
+
+    def _load_state(self) -> LoadState:
+        """Return the motion on which loads depend, as expressions."""
+        rates = self.coordinate_rates
         # Angles of passive pairs are computed without whole revolutions, on which loads
         # such as springs depend. `revolution_symbols` has the angle of the whole
         # revolutions (rad) of each of these pairs. `LoadState` needs their number.
@@ -779,7 +842,7 @@ class DesignExpressions:
             self._variable(pair): angle * (1.0 / TURN)
             for pair, angle in self.revolution_symbols.items()
         }
-        load_state = LoadState(
+        return LoadState(
             mechanism=self.mechanism,
             placed=rates.placed,
             tau=rates.tau,
@@ -796,14 +859,6 @@ class DesignExpressions:
             # A torque given by a table is a symbol.
             table_torque=self.table_symbols.__getitem__,
         )
-        # `tau` and `w` are the rates of variables and links at the rate 1 of each input,
-        # times the determinant of the velocity equations (`scale`). Thus they contain no
-        # division. The forces have the same factor, so their sum is divided by it once.
-        forces = (
-            component_forces(components, load_state)[moving]
-            for components in self._load_components
-        )
-        return sum(forces, 0.0) / rates.scale
 
     def _refuse_reaction_friction(self, moving: int) -> None:
         """Raise `ModelError` if friction of loads follows from reactions of pairs.

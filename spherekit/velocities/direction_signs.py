@@ -36,13 +36,6 @@ Larger: two zeros of v that are closer together are both noticed. Smaller: fewer
 """
 
 
-VelocityPath = Floats
-"""(8,) or (8, k) the relative angular velocity of a pole at one or k samples.
-
-Index 0 is the coordinate along the path (the input, or the number of the sample), 1 the
-sense of the input, 2 to 4 are v, and 5 to 7 the derivative dv of v by the coordinate.
-"""
-
 SignFunction = Callable[[Floats, Any, Any], Array]
 """Returns the factors +1 or -1 (poles, k) of k directions. The arguments are the directions
 (3, poles, k) before, their rows in the motion, and the index of the assembly mode, one for
@@ -69,6 +62,78 @@ class ComparedRows:
     may_reverse: Bools
 
 
+@dataclass(frozen=True, eq=False)
+class VelocityPath:
+    """The relative angular velocity v of the links of a pole at k samples along a path.
+
+    Attributes
+    ----------
+    coordinate
+        (k,) coordinate along the path: the input (rad) or, if there are several inputs, the
+        number of the sample.
+    sense
+        (k,) sense in which the input moves, 1 or -1.
+    v
+        (3, k) relative angular velocity, times the sense.
+    dv
+        (3, k) derivative of v by the coordinate, times the sense.
+    """
+
+    coordinate: Floats
+    sense: Floats
+    v: Floats
+    dv: Floats
+
+    def selection(self, samples: Any) -> "VelocityPath":
+        """Return the path at some of its samples, given by indices or a slice."""
+        return VelocityPath(
+            self.coordinate[samples],
+            self.sense[samples],
+            self.v[:, samples],
+            self.dv[:, samples],
+        )
+
+    def followed_by(self, other: "VelocityPath") -> "VelocityPath":
+        """Return the path of all samples of this path and then those of another one."""
+        return VelocityPath(
+            np.append(self.coordinate, other.coordinate),
+            np.append(self.sense, other.sense),
+            np.hstack([self.v, other.v]),
+            np.hstack([self.dv, other.dv]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LastSample:
+    """The last sample of a block at which the links of a pole move, and the sign there.
+
+    Attributes
+    ----------
+    path
+        The relative angular velocity at this sample (k = 1).
+    sign
+        +1.0 or -1.0, the sign of the direction of the pole at this sample.
+    """
+
+    path: VelocityPath
+    sign: float
+
+    def numbers(self) -> list[Any]:
+        """Return the sample as a list of eight numbers, and the sign."""
+        path = self.path
+        columns = [path.coordinate, path.sense, *path.v, *path.dv]
+        return [[float(column[0]) for column in columns], self.sign]
+
+    @staticmethod
+    def from_numbers(numbers: Sequence[float], sign: float) -> "LastSample":
+        """Return the sample whose `numbers` these are."""
+        coordinate, sense, *components = (np.array([number]) for number in numbers)
+        path = VelocityPath(
+            coordinate, sense, v=np.array(components[:3]), dv=np.array(components[3:])
+        )
+        return LastSample(path, sign)
+
+
 class SignContinuation:
     """The signs of pole directions at the end of a block of samples of one motion.
 
@@ -78,11 +143,8 @@ class SignContinuation:
     Attributes
     ----------
     last
-        The keys are three numbers: the number of the assembly mode, and the numbers of the
-        two links of a pole. The values are eight numbers of the last sample, and the sign
-        of the direction there. The eight numbers (`VelocityPath`) are the input, the sense
-        in which it moves, the relative angular velocity of the links (3) and its derivative
-        (3).
+        The last sample of each pole in each assembly mode. The keys are three numbers: the
+        number of the assembly mode, and the numbers of the two links of the pole.
     first_axis_sums
         By the number of the assembly mode, the sum (3,) of the axes and contact points of
         all pairs at the first sample of the mode. There, directions of poles are chosen
@@ -91,7 +153,7 @@ class SignContinuation:
 
     def __init__(self) -> None:
         """Begin without any signs."""
-        self.last: dict[tuple[int, ...], tuple[VelocityPath, float]] = {}
+        self.last: dict[tuple[int, ...], LastSample] = {}
         self.first_axis_sums: dict[int, Floats] = {}
 
     def state(self) -> dict[str, Any]:
@@ -101,9 +163,7 @@ class SignContinuation:
             "home": [
                 [mode, axis_sum.tolist()] for mode, axis_sum in self.first_axis_sums.items()
             ],
-            "last": [
-                [*key, path.tolist(), sign] for key, (path, sign) in self.last.items()
-            ],
+            "last": [[*key, *sample.numbers()] for key, sample in self.last.items()],
         }
 
     @classmethod
@@ -112,8 +172,8 @@ class SignContinuation:
         sign_continuation = cls()
         for mode, axis_sum in state["home"]:
             sign_continuation.first_axis_sums[mode] = np.array(axis_sum)
-        for *key, path, sign in state["last"]:
-            sign_continuation.last[tuple(key)] = np.array(path), sign
+        for *key, numbers, sign in state["last"]:
+            sign_continuation.last[tuple(key)] = LastSample.from_numbers(numbers, sign)
         return sign_continuation
 
 
@@ -353,33 +413,59 @@ def continue_signs(
                 )
                 if axis_sum @ pole_directions[:, moving[0]] < 0.0:
                     start_sign = -1.0
-            path = np.concatenate(
-                [
-                    coordinate[rows][None],
-                    sense[None],
-                    v[:, pole_index, columns],
-                    dv[:, pole_index, columns],
-                ]
-            )[:, moving]
+            path = VelocityPath(
+                coordinate[rows],
+                sense,
+                v[:, pole_index, columns],
+                dv[:, pole_index, columns],
+            ).selection(moving)
             may_reverse_between = open_gaps[moving[1:]] > open_gaps[moving[:-1]]
             moving_signs = _continue_along_path(
                 sign_continuation, key, start_sign, path, may_reverse_between
             )
-            # Rows that do not move have the sign of the last moving row before them.
-            repetitions = np.diff(moving, prepend=0, append=len(rows))
-            row_signs = np.repeat(np.append(1.0, moving_signs), repetitions)
-            # Directions without a velocity point to the side of the nearest one with it.
-            is_resting = has_direction[pole_index, columns] & ~is_moving
-            for k in np.flatnonzero(is_resting):
-                nearest = moving[np.argmin(np.abs(rows[moving] - rows[k]))]
-                nearest_direction = row_signs[nearest] * pole_directions[:, nearest]
-                row_signs[k] = (
-                    -1.0 if nearest_direction @ pole_directions[:, k] < 0.0 else 1.0
-                )
-            signs[pole_index, rows[0] : end_row] = np.repeat(
-                row_signs, np.diff(rows, append=end_row)
+            resting = np.flatnonzero(has_direction[pole_index, columns] & ~is_moving)
+            row_signs = _add_signs_at_rest(
+                rows, pole_directions, moving, moving_signs, resting
             )
+            # All rows between two compared ones have the sign of the first.
+            row_counts = np.diff(rows, append=end_row)
+            signs[pole_index, rows[0] : end_row] = np.repeat(row_signs, row_counts)
     return look_up_signs
+
+
+def _add_signs_at_rest(
+    rows: Indices,
+    directions: Floats,
+    moving: Indices,
+    moving_signs: Floats,
+    resting: Indices,
+) -> Floats:
+    """Return the signs (k,) of a pole at rows, of which some have no relative velocity.
+
+    Where the links of the pole rest relative to each other, the direction is known, but
+    cannot follow the velocity. It gets the sign that makes it agree with the direction at
+    the nearest row that has a velocity.
+
+    Parameters
+    ----------
+    rows
+        (k,) numbers of the rows.
+    directions
+        (3, k) directions without their signs.
+    moving, moving_signs
+        Indices (m,) of the rows that have a velocity, and their signs (m,).
+    resting
+        Indices of the rows that have a direction, but no velocity.
+    """
+    # Rows without a direction have the sign of the last moving row before them, or 1.
+    signs = np.ones(len(rows))
+    rows_until_next_moving = np.diff(np.append(moving, len(rows)))
+    signs[moving[0] :] = np.repeat(moving_signs, rows_until_next_moving)
+    for k in resting:
+        nearest = moving[np.argmin(np.abs(rows[moving] - rows[k]))]
+        nearest_direction = signs[nearest] * directions[:, nearest]
+        signs[k] = -1.0 if nearest_direction @ directions[:, k] < 0.0 else 1.0
+    return signs
 
 
 def _continue_along_path(
@@ -389,94 +475,105 @@ def _continue_along_path(
     path: VelocityPath,
     may_reverse: Bools,
 ) -> Floats:
-    """Return the continuous signs (k,) of a direction along a path of samples.
+    """Return the continuous signs (k,) of a pole direction along a path of samples.
 
     The direction is along the relative angular velocity v of the links of its pole. Where v
-    passes through zero and reverses between two samples, the sign changes. That is only
-    possible if the scalar product of v at both samples is negative. But v may also have
-    turned by more than 90 degrees, so `_find_reversals` interpolates v to decide.
-
-    Long motions are computed in blocks of samples. The last sample is stored, so that the
-    next block continues from there.
+    passes through zero and reverses between two samples, the sign changes. Long motions are
+    computed in blocks of samples. The first sign of a block follows in the same way from
+    the last sample of the previous block, which is stored.
 
     Parameters
     ----------
     sign_continuation
-        Signs at the end of the previous block. It is updated in place.
+        Last samples of the previous block. It is updated in place.
     key
         Three numbers: of the assembly mode and of the two links of the pole.
     start_sign
         The sign at the first sample, if there is no previous block.
     path
-        (8, k) at each sample: the coordinate (index 0), which is the input or, if there are
-        several inputs, the number of the sample; the sense in which the input moves, 1 or
-        -1 (1); v (2 to 4); and the derivative of v by the coordinate (5 to 7).
+        The velocity v at k samples.
     may_reverse
         (k - 1,) whether the gap between a sample and the next one has to be examined. The
         caller knows already that v does not reverse in the other gaps.
     """
-    # -1 for the gaps between two samples in which v reverses, otherwise 1.
-    reversals = np.ones(len(may_reverse))
-    if np.any(may_reverse):
-        reversals = np.where(may_reverse, _find_reversals(path), 1.0)
     first_sign = start_sign
-    if key in sign_continuation.last:
-        # v may also reverse between the last sample of the previous block and the first
-        # one of this block.
-        last_path, first_sign = sign_continuation.last[key]
-        last_v = last_path[2:5]
-        first_v = path[2:5, 0]
-        if last_v @ first_v < 0.0:
-            across_blocks = np.column_stack([last_path, path[:, 0]])
-            first_sign *= float(_find_reversals(across_blocks)[0])
-    # The sign of each sample is that of the one before, times the sign of the gap.
-    signs = np.cumprod(np.append(first_sign, reversals))
-    sign_continuation.last[key] = path[:, -1].copy(), float(signs[-1])
+    last_sample = sign_continuation.last.get(key)
+    if last_sample is not None:
+        across_blocks = last_sample.path.followed_by(path.selection([0]))
+        (sign_change,) = _sign_changes(across_blocks)
+        first_sign = last_sample.sign * float(sign_change)
+
+    sign_changes = np.ones(len(may_reverse))
+    if np.any(may_reverse):
+        sign_changes = np.where(may_reverse, _sign_changes(path), 1.0)
+    # The sign of each sample is that of the one before, times the change between them.
+    signs = np.cumprod(np.append(first_sign, sign_changes))
+    sign_continuation.last[key] = LastSample(path.selection([-1]), float(signs[-1]))
     return signs
 
 
-def _find_reversals(path: VelocityPath) -> Floats:
-    """Return whether a vector reverses between successive samples, as signs -1 and +1.
+def _sign_changes(path: VelocityPath) -> Floats:
+    """Return whether a velocity reverses between successive samples, as factors -1 and +1.
 
-    The vector is the relative angular velocity v of the links of a pole. If the scalar
-    product of its values at two samples is not negative, it counts as not reversed between
-    them. Otherwise it may have reversed, or have turned by more than a right angle without
-    becoming zero. To decide this, it is interpolated by a cubic Hermite polynomial, whose
-    reversals are counted. If the sense of the input changes between the samples,
-    derivatives by the coordinate cannot be used, and v is interpolated by a straight line.
+    The velocity v is the relative angular velocity of the links of a pole. If the scalar
+    product of v at two samples is not negative, v counts as not reversed between them.
+    Otherwise it may have reversed, or have turned by more than a right angle without
+    becoming zero. To decide this, v is interpolated, and its reversals are counted.
 
     Parameters
     ----------
     path
-        (8, k) at each of k samples: the coordinate (index 0), which is the input or, if
-        there are several inputs, the number of the sample; the sense in which the input
-        moves, 1 or -1 (1); v (2 to 4); and the derivative of v by the coordinate (5 to 7).
+        The velocity at k samples.
 
     Returns
     -------
     (k - 1,) -1 between two samples if v reverses an odd number of times, otherwise +1.
     """
-    coordinate = path[0]
-    sense = path[1]
-    v = path[2:5]
-    # A derivative that is not known (NaN) counts as zero.
-    dv = np.nan_to_num(path[5:])
-    reversals = np.ones(len(coordinate) - 1)
-    gaps = np.flatnonzero(dot_columns(v[:, 1:], v[:, :-1]) < 0.0)
-    if not len(gaps):
-        return reversals
+    sign_changes = np.ones(len(path.coordinate) - 1)
+    gaps = np.flatnonzero(dot_columns(path.v[:, 1:], path.v[:, :-1]) < 0.0)
+    if len(gaps):
+        v = _interpolate_in_gaps(path, gaps)
+        # v reverses where its scalar product with the next value is negative.
+        products = np.sum(v[:, 1:] * v[:, :-1], axis=0)
+        reversal_counts = np.sum(products < 0.0, axis=0)
+        sign_changes[gaps] = np.where(reversal_counts % 2 == 1, -1.0, 1.0)
+    return sign_changes
+
+
+def _interpolate_in_gaps(path: VelocityPath, gaps: Indices) -> Floats:
+    """Return the velocity v at positions between samples by cubic Hermite polynomials.
+
+    If the sense of the input changes between two samples, derivatives by the coordinate
+    cannot be used. v is then interpolated by a straight line.
+
+    Parameters
+    ----------
+    path
+        The velocity at k samples.
+    gaps
+        (m,) gap g is between the samples g and g + 1.
+
+    Returns
+    -------
+    (3, `HERMITE_SUBSTEPS` + 1, m) v at equally spaced positions in each gap, from the
+    sample before the gap to the sample after it.
+    """
+    start = path.selection(gaps)
+    stop = path.selection(gaps + 1)
     # With a length of zero, the derivatives at both ends have no effect.
-    lengths = np.where(sense[1:] == sense[:-1], np.diff(coordinate), 0.0)[gaps]
-    fractions = np.linspace(0.0, 1.0, HERMITE_SUBSTEPS + 1)[:, None]
-    start = v[:, None, gaps], dv[:, None, gaps]
-    stop = v[:, None, gaps + 1], dv[:, None, gaps + 1]
-    # (3, substeps + 1, gaps) v at positions between the samples.
-    interpolated = cubic_hermite(start, stop, lengths, fractions)
+    has_same_sense = start.sense == stop.sense
+    lengths = np.where(has_same_sense, stop.coordinate - start.coordinate, 0.0)
+    fractions = np.linspace(0.0, 1.0, HERMITE_SUBSTEPS + 1)
+    # The arrays have the axes component (3), position, gap (m). A derivative that is not
+    # known (NaN) counts as zero.
+    interpolated = cubic_hermite(
+        start=(start.v[:, None], np.nan_to_num(start.dv)[:, None]),
+        stop=(stop.v[:, None], np.nan_to_num(stop.dv)[:, None]),
+        length=lengths,
+        fraction=fractions[:, None],
+    )
     # At both ends v is known without the rounding errors of the interpolation. If it is
     # nearly zero there, these errors could reverse it.
-    interpolated[:, 0] = start[0][:, 0]
-    interpolated[:, -1] = stop[0][:, 0]
-    # v reverses where its scalar product with the next value is negative.
-    products = np.sum(interpolated[:, 1:] * interpolated[:, :-1], axis=0)
-    reversals[gaps] = (-1.0) ** np.sum(products < 0.0, axis=0)
-    return reversals
+    interpolated[:, 0] = start.v
+    interpolated[:, -1] = stop.v
+    return interpolated
