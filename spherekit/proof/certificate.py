@@ -20,7 +20,7 @@ from spherekit.proof.construction import Construction
 from spherekit.proof.decimal_mechanism import DecimalMechanism
 from spherekit.proof.enclosed_poles import enclose_poles
 from spherekit.proof.input_map import CONTAINS_TYPE_II, REGULAR, UNDECIDED, InputMap
-from spherekit.proof.modes_over_boxes import EquationSystem
+from spherekit.proof.modes_over_boxes import EquationSystem, SystemSolution
 from spherekit.proof.root_ball import CertifiedRoot
 from spherekit.proof.structure import Structure
 from spherekit.proof.tubes import CertifiedArc
@@ -514,29 +514,40 @@ def _system_tables(
     tables = []
     for system in systems:
         given_names = [names[variable] for variable in system.given]
-        solved_tables = []
-        for system_solution in system.solved:
-            # Each root has one complex number z for each unknown, which is e^(i angle) or,
-            # where `is_inverse` is true, its inverse.
-            solutions = [
-                {"inverse": is_inverse.tolist(), "z": [[z.real, z.imag] for z in root]}
-                for is_inverse, root in zip(
-                    system_solution.roots.inverse, system_solution.roots.z, strict=True
-                )
-            ]
-            # The angles (rad) of the given variables in this set.
-            given_angles = dict(
-                zip(given_names, system_solution.given.tolist(), strict=True)
-            )
-            solved_tables.append({"given": given_angles, "solutions": solutions})
         tables.append(
             {
                 "equations": [equation_names[row] for row in system.rows],
                 "unknowns": [names[variable] for variable in system.unknowns],
-                "solved": solved_tables,
+                "solved": [
+                    _system_solution_table(system_solution, given_names)
+                    for system_solution in system.solved
+                ],
             }
         )
     return tables
+
+
+def _system_solution_table(
+    system_solution: SystemSolution, given_names: Sequence[str]
+) -> dict[str, Any]:
+    """Return all solutions of a system at one set of given angles as a table.
+
+    Parameters
+    ----------
+    system_solution
+        The given angles and the solutions.
+    given_names
+        Names of the given variables.
+    """
+    roots = system_solution.roots
+    solutions = []
+    # A root has for each unknown the complex number e^(i angle), or its inverse where
+    # `is_inverse` is true.
+    for is_inverse, numbers in zip(roots.inverse, roots.z, strict=True):
+        real_and_imaginary_parts = [[z.real, z.imag] for z in numbers]
+        solutions.append({"inverse": is_inverse.tolist(), "z": real_and_imaginary_parts})
+    given_angles = dict(zip(given_names, system_solution.given.tolist(), strict=True))
+    return {"given": given_angles, "solutions": solutions}
 
 
 def _root_table(root: CertifiedRoot) -> dict[str, Any]:

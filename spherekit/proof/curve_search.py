@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -153,21 +152,34 @@ class CurveSearch:
         # half lengths of the boxes of arcs.
         can_fit = np.max(radii, axis=1) < np.max(self._limits)
         rows = np.flatnonzero(~is_covered & can_fit)
-        # (n, tried arcs) the numbers of the arcs with the nearest centres, the nearest
-        # first. The search tree accepts only angles from 0 to 2 pi.
-        _, neighbours = self._tree.query(
-            _within_one_turn(centres[rows]), k=range(1, tried_count + 1)
-        )
-        # Half width of each box along the sides of the oriented box: n boxes, k arcs, v
-        # variables, w sides.
-        reach = np.einsum("nv,nkvw->nkw", radii[rows], np.abs(self._frames[neighbours]))
-        # It is enlarged by bounds of the rounding errors of this sum and of coordinates, so
-        # that a box outside cannot count as inside.
-        is_inside = self._are_inside(
-            neighbours, centres[rows, None], reach * ROUND_UP + COORDINATE_ROUNDING_RAD
-        )
-        is_covered[rows] = np.any(is_inside, axis=1)
+        is_inside_arc = self._are_inside_near_arcs(centres[rows], radii[rows], tried_count)
+        is_covered[rows] = is_inside_arc
         return is_covered
+
+    def _are_inside_near_arcs(
+        self, centres: Floats, radii: Floats, tried_count: int
+    ) -> Bools:
+        """Return which boxes (n,) are surely inside the box of one of the nearest arcs.
+
+        Parameters
+        ----------
+        centres, radii
+            (n, v) centres and half widths (rad) of the boxes.
+        tried_count
+            Number of arcs with the nearest centres that are tried.
+        """
+        # (n, tried arcs) the numbers of the arcs, the nearest first. The search tree
+        # accepts only angles from 0 to 2 pi. A range of ranks keeps the axis of the arcs
+        # also if there is only one.
+        _, arcs = self._tree.query(_within_one_turn(centres), k=range(1, tried_count + 1))
+        # The half width of a box along a direction is the sum over the variables of its
+        # half widths times the magnitudes of the direction's components. The directions are
+        # the sides of the box of an arc: n boxes, k arcs, v variables, w sides.
+        half_widths = np.einsum("nv,nkvw->nkw", radii, np.abs(self._frames[arcs]))
+        # They are enlarged by bounds of the rounding errors of this sum and of coordinates,
+        # so that a box outside cannot count as inside.
+        reach = half_widths * ROUND_UP + COORDINATE_ROUNDING_RAD
+        return np.any(self._are_inside(arcs, centres[:, None], reach), axis=1)
 
     def _are_inside(self, pieces: Any, positions: Floats, reach: Floats | float) -> Bools:
         """Return whether positions (..., v) with a reach are inside the boxes of arcs.
@@ -266,19 +278,17 @@ class CurveSearch:
         # or 1 if the input is below, in or above the range.
         chain = find_chain(self.equations, first, self.side, self.crossings)
         if chain is not None:
-            # A closed chain is a whole curve. An earlier chain may be a part of it that
-            # could not be followed further. It is such a part if its start is in the box of
-            # an arc of the closed chain, which contains no other curve. It is then dropped.
-            closed_pieces = chain.pieces if chain.closed else ()
-            other_chains = []
-            for earlier in self.chains:
-                start = earlier.pieces[0]
-                if not any(
-                    piece.contains(start.centre, start.centre_error)
-                    for piece in closed_pieces
-                ):
-                    other_chains.append(earlier)
+            other_chains = self.chains
+            if chain.closed:
+                # A closed chain is a whole curve. An earlier chain that could not be
+                # followed further may be a part of it, and is dropped.
+                other_chains = [
+                    earlier
+                    for earlier in self.chains
+                    if not _is_part_of_closed_chain(earlier, chain)
+                ]
             self._set_chains([*other_chains, chain])
+        # `find_chain` adds the saddles that it meets to `crossings`.
         if new_saddles := self.crossings.saddles[saddle_count:]:
             self._cut_chains(new_saddles)
 
@@ -469,26 +479,14 @@ class CurveSearch:
         """
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]
-
-        def count_on_arm(end_arm: Arm | None, arms_from_end: list[Arm | None]) -> int:
-            """Return how many arcs at one end of the chain are on the arm of this end.
-
-            An arm is one of the branches of curves that leave a crossing. `end_arm` is the
-            arm on which the chain ends there. `arms_from_end` has the arm of each arc of
-            the chain, beginning at this end. None stands for no arm. The count stops at the
-            first arc that is not on `end_arm`.
-            """
-            on_arm = takewhile(
-                lambda arm: arm is not None and arm == end_arm, arms_from_end
-            )
-            return len([*on_arm])
-
         first_arm, last_arm = self.crossings.chain_ends(pieces, chain.closed)
-        first_count = count_on_arm(first_arm, arms)
-        last_count = count_on_arm(last_arm, arms[::-1])
+        first_count = _count_leading_arcs(arms, first_arm)
+        last_count = _count_leading_arcs(arms[::-1], last_arm)
+        # Both counts overlap if all arcs are on one arm. The slice is then empty.
+        inner_pieces = pieces[first_count : len(pieces) - last_count]
         return any(
             self.crossings.may_contain(piece.centre, piece.centre_error)
-            for piece in pieces[first_count : len(pieces) - last_count]
+            for piece in inner_pieces
         )
 
     def problems(self) -> list[str]:
@@ -503,6 +501,41 @@ class CurveSearch:
         if any(chain.may_repeat_start() for chain in self.chains):
             problems.append("a curve may have been gone round twice")
         return problems
+
+
+def _count_leading_arcs(arms: Sequence[Arm | None], end_arm: Arm | None) -> int:
+    """Return how many arcs at one end of a chain are on the arm of this end.
+
+    An arm is one of the branches of curves that leave a saddle, a place where curves cross
+    or nearly do.
+
+    Parameters
+    ----------
+    arms
+        The arm of each arc of the chain, None for no arm, beginning at this end.
+    end_arm
+        The arm on which the chain ends there, None for no arm.
+    """
+    if end_arm is None:
+        return 0
+    count = 0
+    for arm in arms:
+        if arm != end_arm:
+            break
+        count += 1
+    return count
+
+
+def _is_part_of_closed_chain(part: Chain, closed_chain: Chain) -> bool:
+    """Return whether a chain is a part of the curve that a closed chain represents.
+
+    It is if its start is in the box of an arc of the closed chain, because this box
+    contains no other curve.
+    """
+    start = part.pieces[0]
+    return any(
+        piece.contains(start.centre, start.centre_error) for piece in closed_chain.pieces
+    )
 
 
 def _may_pass_saddle(chain: Chain, saddles: Sequence[Saddle]) -> bool:

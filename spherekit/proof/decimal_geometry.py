@@ -5,7 +5,7 @@ float64 number next to it. A tolerance widens every such ball.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,6 +120,24 @@ def _great_circle_tangents(
 
 
 @dataclass(frozen=True)
+class _ContactCircle:
+    """A circle along which a link touches another one, in balls.
+
+    A ball is a number with a bound of its error.
+
+    Attributes
+    ----------
+    centre
+        Unit vector (3,) in link axes. The centre of a great circle is its pole.
+    radius
+        Angular radius (rad).
+    """
+
+    centre: Vector
+    radius: Ball
+
+
+@dataclass(frozen=True)
 class DecimalGeometry:
     """The sizes of a mechanism as the decimal numbers of its file.
 
@@ -219,50 +237,78 @@ class DecimalGeometry:
             Number of the contact among the pairs of the mechanism. Its profiles are
             circles.
         """
-        mechanism = self.mechanism
-        frames = self.revolute_frames()
-        pair = mechanism.pairs[contact]
+        pair = self.mechanism.pairs[contact]
         table = self.pair_table(pair.name)
         # Whether the circles are beside each other (-1) or one inside the other (1).
         sense = -1 if pair.contact == "external" else 1
-
-        def pair_axis(name: str, link: str) -> Vector:
-            """Return the axis of an R pair in one of its links."""
-            # The rows of a frame are the zero direction, the side and the axis of the pair.
-            return frames[name][mechanism.pair(name).links.index(link)][2]
-
-        if "axes" in table:
-            # Bevel gears: the file names the shaft of each gear, an R pair, and gives teeth
-            # or half angles. In the link of a gear, the axis of its shaft points to the
-            # centre of its circle. The angle between the shafts is measured in the carrier,
-            # the link in which both turn. The axis of a shaft can have the opposite
-            # direction there. `shaft.sense` is then -1, otherwise 1.
-            centres = tuple(map(pair_axis, table["axes"], pair.links))
-            joined_links = {name: mechanism.pair(name).links for name in frames}
-            gear_carrier = find_gear_carrier(
-                joined_links, link_axes(mechanism), pair.links, table["axes"]
-            )
-            first_shaft, second_shaft = (
-                shaft.sense * pair_axis(shaft.pair, gear_carrier.link)
-                for shaft in gear_carrier.shafts
-            )
-            radii = self._cone_half_angles(table, first_shaft, second_shaft, sense)
+        is_bevel_gear_pair = "axes" in table
+        if is_bevel_gear_pair:
+            circles = self._gear_circles(table, pair.links, sense)
         else:
-            circles = (self._profile_circle(table, link, pair_axis) for link in pair.links)
-            centres, radii = zip(*circles, strict=True)
+            frames = self.revolute_frames()
+            circles = [self._profile_circle(table, link, frames) for link in pair.links]
 
         # Only the ratio of the sines is used, in which the wheels turn. Numbers of teeth
         # have the same ratio without an error, so they replace the sines.
         if "teeth" in table:
             sines = [exact_ball(teeth) for teeth in table["teeth"]]
         else:
-            sines = [radius.sin() for radius in radii]
+            sines = [circle.radius.sin() for circle in circles]
         return CircleContact(
-            frames=[azimuth_frame(centre) for centre in centres],
-            radii=radii,
+            frames=[azimuth_frame(circle.centre) for circle in circles],
+            radii=[circle.radius for circle in circles],
             sines=sines,
             sense=sense,
         )
+
+    def _gear_circles(
+        self, table: Mapping[str, Any], gears: tuple[str, str], sense: int
+    ) -> list[_ContactCircle]:
+        """Return the circles along which two bevel gears roll.
+
+        The file names the shaft of each gear, an R pair, and gives teeth or half angles. In
+        the link of a gear, the axis of its shaft points to the centre of its circle. The
+        angle between the shafts is measured in the carrier, the link in which both turn.
+
+        Parameters
+        ----------
+        table
+            Table of the contact in the file.
+        gears
+            Names of the links of both gears.
+        sense
+            1 for internal, -1 for external contact.
+        """
+        frames = self.revolute_frames()
+        shaft_names = table["axes"]
+        centres = [
+            self._pair_axis(frames, shaft_name, gear)
+            for shaft_name, gear in zip(shaft_names, gears, strict=True)
+        ]
+        joined_links = {name: self.mechanism.pair(name).links for name in frames}
+        gear_carrier = find_gear_carrier(
+            joined_links, link_axes(self.mechanism), gears, shaft_names
+        )
+        # `shaft.sense` is -1 if the axis of a shaft has the opposite direction in the
+        # carrier, otherwise 1.
+        first_shaft, second_shaft = (
+            shaft.sense * self._pair_axis(frames, shaft.pair, gear_carrier.link)
+            for shaft in gear_carrier.shafts
+        )
+        radii = self._cone_half_angles(table, first_shaft, second_shaft, sense)
+        return [
+            _ContactCircle(centre, radius)
+            for centre, radius in zip(centres, radii, strict=True)
+        ]
+
+    def _pair_axis(self, frames: Frames, pair: str, link: str) -> Vector:
+        """Return the axis (3,) of an R pair in the axes of one of its links.
+
+        `frames` has the frames of each R pair in both links.
+        """
+        side = self.mechanism.pair(pair).links.index(link)
+        # The rows of a frame are the zero direction, the side and the axis of the pair.
+        return frames[pair][side][2]
 
     def contact_starts(self, contact: int) -> Array:
         """Return the arc lengths (2,) rad along both circles at which a contact starts."""
@@ -336,16 +382,12 @@ class DecimalGeometry:
         return first, shaft_angle + sense * first
 
     def _profile_circle(
-        self,
-        table: Mapping[str, Any],
-        link: str,
-        pair_axis: Callable[[str, str], Vector],
-    ) -> tuple[Vector, Ball]:
-        """Return the centre (3,) in link axes and the radius (rad) of the circle of a link.
+        self, table: Mapping[str, Any], link: str, frames: Frames
+    ) -> _ContactCircle:
+        """Return the circle along which a link touches another one.
 
-        The numbers are balls, which have a bound of their error. Two links touch along
-        these circles, which the file gives in different ways: the centre as a direction or
-        by the name of an R pair, the radius of a roller or of a profile.
+        The file gives the circle in different ways: the centre as a direction or by the
+        name of an R pair, the radius of a roller or of a profile.
 
         Parameters
         ----------
@@ -353,8 +395,8 @@ class DecimalGeometry:
             Table of the contact in the file.
         link
             Name of the link.
-        pair_axis
-            Returns the axis of a pair (first argument) in a link (second argument).
+        frames
+            By name of an R pair: its frames in both links.
         """
         # The circle of a roller is under the key "follower", that of any other link under
         # the name of the link in "profiles".
@@ -363,14 +405,16 @@ class DecimalGeometry:
             circle = table["profiles"][link]
         if "axis" in circle:
             # The name of an R pair of the link, on whose axis the centre is.
-            centre = pair_axis(circle["axis"], link)
+            centre = self._pair_axis(frames, circle["axis"], link)
         else:
             # A key such as "centre_xyz", or "pole_lonlat" of a great circle.
             key = next(key for key in circle if key.startswith(("centre", "pole")))
             centre = self._direction(circle[key], key)
         radius = circle.get("roller", circle.get("radius"))
-        # A circle without a radius is a great circle about its pole.
-        return centre, pi_ball() / 2 if radius is None else self.angle_ball(radius)
+        if radius is None:
+            # A circle without a radius is a great circle about its pole.
+            return _ContactCircle(centre, pi_ball() / 2)
+        return _ContactCircle(centre, self.angle_ball(radius))
 
 
 def decimal_text(number: float) -> str:

@@ -42,7 +42,7 @@ from spherekit.proof.balls import (
     solve_balls,
     upper_magnitude,
 )
-from spherekit.proof.decimal_geometry import DecimalGeometry
+from spherekit.proof.decimal_geometry import CircleContact, DecimalGeometry
 from spherekit.proof.structure import Structure, extract_structure
 from spherekit.wording import listing
 
@@ -117,32 +117,25 @@ class DecimalMechanism(DecimalGeometry):
         # The numbers of the sliding contacts that couplers replace.
         for contact in self.structure.couplers:
             circle_contact = self.circle_contact(contact)
-            # The axes of a coupler can be chosen: its first pair axis is the z axis. The
-            # second pair axis is in the y-z plane. The arc between both axes is that
-            # between the centres of the circles. In the coupler, the zero directions point
-            # to the contact. The angle of each of its pairs is therefore the azimuth of the
-            # contact about the centre of a circle.
-            sine, cosine = circle_contact.centre_arc.sin_cos()
-            first_axis = exact_balls([0.0, 0.0, 1.0])
-            second_axis = np.array([exact_ball(0.0), sine, cosine])
-            directions = circle_contact.contact_directions(first_axis, second_axis)
-            for circle_frame, axis, direction in zip(
-                circle_contact.frames, (first_axis, second_axis), directions, strict=True
-            ):
-                coupler_frame = np.stack([direction, np.cross(axis, direction), axis])
-                frames.append((circle_frame, coupler_frame))
+            frames += zip(
+                circle_contact.frames, _coupler_frames(circle_contact), strict=True
+            )
         return frames
 
     def known_angles(self, inputs: Sequence[Ball]) -> list[Ball]:
         """Return the angles (rad) of the inputs, then those of the followers.
 
-        Followers are the pairs whose angles follow from the inputs through wheels. Two
-        wheels in mesh have the radii r1 and r2 and turn by the angles a1 and a2 relative to
-        the link that carries both. They roll the same length, so sin(r1) a1 - sin(r2) a2 is
-        constant. If the wheels touch from outside, the axis of one of them is reversed, and
-        its radius is pi - r, so that the same equation holds. Each angle is the sum of the
-        angles of the R pairs between wheel and carrier, with signs. The constant is known
-        in one position. These linear equations, one for each mesh, determine the followers.
+        Followers are the pairs whose angles follow from the inputs through wheels. Each
+        pair of wheels in mesh gives one linear equation of pair angles:
+
+            relations @ angles = constants.
+
+        Two wheels in mesh have the radii r1 and r2 and turn by the angles a1 and a2
+        relative to the link that carries both. They roll the same length, so
+        sin(r1) a1 - sin(r2) a2 is constant. If the wheels touch from outside, the axis of
+        one of them is reversed, and its radius is pi - r, so that the same equation holds.
+        Each of a1 and a2 is the sum of the angles of the R pairs between wheel and carrier,
+        with signs.
 
         Parameters
         ----------
@@ -155,23 +148,36 @@ class DecimalMechanism(DecimalGeometry):
         structure = self.structure
         relations = self._mesh_relations()
         if isinstance(self.mechanism.geometry, PoseGeometry):
-            # Nothing has rolled in the reference pose, in which the file gives the angles.
-            # A pair without an angle in the file has the angle 0 there. The constants are
-            # the sums of these angles.
-            pose_angles = self.pair_angles("value")
-            constants = relations @ [
-                pose_angles.get(pair, exact_ball(0.0)) for pair in structure.pairs
-            ]
+            constants = self._constants_from_pose(relations)
         else:
-            # The file gives sizes of links. The contact is at a length along each circle
-            # from the start of this circle. If all pair angles are zero, these lengths are
-            # L1 and L2. If a wheel turns forwards, the contact moves backwards along its
-            # circle, so they are L1 - sin(r1) a1 and L2 - sin(r2) a2. Wheels in mesh have
-            # equal lengths, so the constant is L1 - L2.
-            constants = self._rolled_lengths_at_zero() @ exact_balls([1.0, -1.0])
+            constants = self._constants_from_rolled_lengths()
         right_side = constants - relations[:, structure.inputs] @ np.array(inputs)
         followers = self._solve_followers(relations, right_side[:, None])[:, 0]
         return [*inputs, *followers]
+
+    def _constants_from_pose(self, relations: Array) -> Array:
+        """Return the constants (meshes,) of the mesh equations of a file with a pose.
+
+        The equations apply in the reference pose, in which the file gives the angles. A
+        pair without an angle in the file has the angle 0 there.
+
+        `relations` (meshes, pairs) are the factors of all pair angles.
+        """
+        pose_angles = self.pair_angles("value")
+        return relations @ [
+            pose_angles.get(pair, exact_ball(0.0)) for pair in self.structure.pairs
+        ]
+
+    def _constants_from_rolled_lengths(self) -> Array:
+        """Return the constants (meshes,) of the mesh equations of a file with sizes.
+
+        The contact is at a length along each circle from the start of this circle. If all
+        pair angles are zero, these lengths are L1 and L2. If a wheel turns forwards, the
+        contact moves backwards along its circle, so they are L1 - sin(r1) a1 and
+        L2 - sin(r2) a2. Wheels in mesh have equal lengths. The constant
+        sin(r1) a1 - sin(r2) a2 is therefore L1 - L2.
+        """
+        return self._rolled_lengths_at_zero() @ exact_balls([1.0, -1.0])
 
     def follower_ratios(self) -> Array:
         """Return the rates (followers, inputs) of the followers at unit rates of inputs.
@@ -440,3 +446,27 @@ def read_decimals(
     if structure.wheels:
         return decimal_mechanism.with_gear_meshes()
     return decimal_mechanism
+
+
+def _coupler_frames(circle_contact: CircleContact) -> list[Frame]:
+    """Return the frames of both pairs of a coupler in the coupler.
+
+    A coupler is a link that replaces the sliding contact of two circles. R pairs join it to
+    both links at the centres of the circles. The axes of a coupler can be chosen: the first
+    pair axis is its z axis, and the second one is in its y-z plane. The arc between both
+    pair axes is that between the centres of the circles.
+
+    The zero directions of the pairs point to the contact. The angle of each pair is
+    therefore the azimuth of the contact about the centre of a circle.
+
+    Returns
+    -------
+    Two frames (3, 3) with the rows: zero direction, side, and axis of the pair.
+    """
+    sine, cosine = circle_contact.centre_arc.sin_cos()
+    axes = (exact_balls([0.0, 0.0, 1.0]), np.array([exact_ball(0.0), sine, cosine]))
+    directions = circle_contact.contact_directions(*axes)
+    return [
+        np.stack([direction, np.cross(axis, direction), axis])
+        for axis, direction in zip(axes, directions, strict=True)
+    ]
