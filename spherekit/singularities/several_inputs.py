@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, SmallIntegers
+from spherekit.arrays import Bools, Floats, Integers, SmallIntegers
 from spherekit.geometry.vectors import all_finite, cross, nans
 from spherekit.planning.pole_plan import Pole, pole_of
 from spherekit.positions.motion import Motion
@@ -76,51 +76,79 @@ ROW_TYPE_LABELS = {
 
 
 @dataclass(frozen=True)
-class RowClassification:
-    """Types of singularity of n configurations with g inputs.
+class SingleInputMotions:
+    """The g motions of n configurations in which one input moves and the others are locked.
 
-    At type I inputs can move while the output rests, at type II the output can move while
-    the inputs rest. The types follow from the rates that close the loops. Input i "moves
-    alone" in the motion in which all other inputs are locked. If there is only one such
-    motion, it is scaled to unit length and called the unit motion.
+    The motion of input i is scaled so that the vector of the rates of all pair variables
+    has length 1. It is not unique if the links can move in several ways while the other
+    inputs are locked.
 
     Attributes
     ----------
-    input_rate, output_rate
-        (n, g) rate of input i, and size of the output's angular velocity, in the unit
-        motion in which input i moves alone; NaN if that motion is not unique.
-    alone
-        (n, g, 3) unit vectors along the output's angular velocity in the unit motion in
-        which input i moves alone.
-    type_two
-        (n,) transmission measure from 0 to 1, which vanishes at type II.
-    type_one
-        (n,) measure from 0 to 1, which vanishes at type I: there, possible rates of the
-        inputs leave the output at rest. It is the sine of the smallest angle between the
-        linear space of the possible rates of inputs and output, and the space of all rates
-        with the output at rest.
-    hold
-        (n,) how firmly locked inputs hold the links: the smallest singular value of the
-        closure equations with locked inputs. It is zero if any link can then move.
-        (`type_two` is zero if the output link can.)
-    reciprocal_condition
-        (n,) smallest singular value of the closure Jacobian divided by the largest one.
-    type
-        (n,) `RowType` of each row: type I, II or III, regular, self-motion or unknown.
-    group
-        (n,) group of a row of type I, II or III; 0 for all other rows. If all inputs but
-        one are locked, the mechanism has one degree of freedom. There is one such mechanism
-        for each input. The group is 1 if at least one of them is singular, and 2 if none
-        is.
+    input_rate
+        (n, g) rate of the input that moves; NaN if its motion is not unique.
+    output_rate
+        (n, g) size of the output's angular velocity; NaN if the motion is not unique.
+    output_direction
+        (n, g, 3) unit vectors along the output's angular velocity, in ground axes; NaN if
+        the output rests.
     """
 
     input_rate: Floats
     output_rate: Floats
-    alone: Floats
-    type_two: Floats
-    hold: Floats
-    type_one: Floats
+    output_direction: Floats
+
+
+@dataclass(frozen=True)
+class SingularityMeasures:
+    """How near n configurations are to singularities of each type.
+
+    At type I inputs can move while the output rests. At type II the output can move while
+    the inputs rest.
+
+    Attributes
+    ----------
+    type_one_sine
+        (n,) measure from 0 to 1, zero at type I. It is the sine of the smallest angle
+        between two linear spaces of rates of inputs and output: the possible rates, and all
+        rates with the output at rest.
+    type_two_transmission
+        (n,) transmission measure from 0 to 1, zero at type II.
+    locked_singular_value
+        (n,) smallest singular value of the closure equations with locked inputs, zero if
+        any link can then move. (`type_two_transmission` is zero if the output link can.)
+    reciprocal_condition
+        (n,) smallest singular value of the closure Jacobian divided by the largest one.
+    has_self_motion
+        (n,) whether links can move while inputs and output rest.
+    """
+
+    type_one_sine: Floats
+    type_two_transmission: Floats
+    locked_singular_value: Floats
     reciprocal_condition: Floats
+    has_self_motion: Bools
+
+
+@dataclass(frozen=True)
+class RowClassification:
+    """Types of singularity of n configurations, and the numbers from which they follow.
+
+    Attributes
+    ----------
+    single_input_motions
+        Rates in the motions in which one input moves and the others are locked.
+    measures
+        How near the configurations are to singularities of each type.
+    type
+        (n,) `RowType` of each configuration.
+    group
+        (n,) 1 for a row of type I, II or III if at least one motion of a single input is
+        singular, 2 if none is. 0 for rows of other types.
+    """
+
+    single_input_motions: SingleInputMotions
+    measures: SingularityMeasures
     type: SmallIntegers
     group: SmallIntegers
 
@@ -270,18 +298,20 @@ def coefficients(
         d[motion.failed] = np.nan
         u[motion.failed] = np.nan
         classification = classify_rows(motion, space, output)
+    single_input_motions = classification.single_input_motions
+    measures = classification.measures
     return OutputCoefficients(
         w=w,
         u=u,
         c=c,
         d=d,
-        input_rate=classification.input_rate,
-        output_rate=classification.output_rate,
-        alone=classification.alone,
-        type_two=classification.type_two,
-        hold=classification.hold,
-        type_one=classification.type_one,
-        reciprocal_condition=classification.reciprocal_condition,
+        input_rate=single_input_motions.input_rate,
+        output_rate=single_input_motions.output_rate,
+        alone=single_input_motions.output_direction,
+        type_two=measures.type_two_transmission,
+        hold=measures.locked_singular_value,
+        type_one=measures.type_one_sine,
+        reciprocal_condition=measures.reciprocal_condition,
         type=classification.type,
         group=classification.group,
     )
@@ -413,11 +443,6 @@ def classify_rows(
 ) -> RowClassification:
     """Return the singularity types of rows, from the rates that close the loops.
 
-    Let N be g independent rates that close the loops, N_a their rows of the inputs, and E N
-    the rates of the output. At type II the output can move while the inputs rest. At type I
-    inputs can move while the output rests. Both are decided by measures that vanish at the
-    type.
-
     Parameters
     ----------
     motion
@@ -427,117 +452,208 @@ def classify_rows(
     output
         The output, whose link is a body of the loops.
     """
-    input_variables = _input_variables(motion)
-    tree = space.tree
-    input_rates = space.basis[:, input_variables]
-    output_rates = output.equations(space.linearisation) @ space.basis
-    vectors = space.linearisation.vectors
-
-    transmission = Transmission(
-        tree, tuple(input_variables), output.link, output.relative_to, output.pointing
+    single_input_motions = _find_single_input_motions(motion, space, output)
+    measures = _measure_singularities(motion, space, output)
+    row_type = _decide_types(measures)
+    return RowClassification(
+        single_input_motions=single_input_motions,
+        measures=measures,
+        type=row_type,
+        group=_decide_groups(row_type, single_input_motions),
     )
-    # Type II.
-    pointed = transmission.output_directions(space.linearisation.rotations)
-    type_two = transmission.measure(vectors, pointed)
+
+
+def _find_single_input_motions(
+    motion: Motion, space: TangentSpace, output: OutputStationary
+) -> SingleInputMotions:
+    """Return the rates of inputs and output if one input moves and the others are locked.
+
+    Let N be g independent rates that close the loops, and N_a their rows of the inputs. The
+    motions are combinations of N: input i moves alone with the coefficients in column i of
+    the inverse of N_a. The adjugate is used instead, which is the inverse times det N_a and
+    is finite at singularities, too. In its motions the rate of the input is det N_a.
+
+    Parameters
+    ----------
+    motion, space, output
+        As in `classify_rows`.
+    """
+    input_rates = space.basis[:, _input_variables(motion)]  # N_a
+    output_rates = output.equations(space.linearisation) @ space.basis
     determinant = np.linalg.det(input_rates)
     if not space.has_fixed_sense:
         # The sign of the basis is arbitrary, so the sign of the determinant has no meaning.
         determinant = np.abs(determinant)
 
-    # Motions in which input i moves alone, all others being locked: column i of the inverse
-    # of N_a, here times det N_a. It is not unique if the adjugate has no such column.
-    alone = adjugate(input_rates)
-    alone_size = np.linalg.norm(alone, axis=1)
-    is_unique = alone_size > SINGULAR_TRANSMISSION * np.max(
-        alone_size, axis=1, keepdims=True
-    )
-    angular_velocity = output.angular_velocity(space, space.basis @ alone)
+    # Column i has the coefficients of the motion of input i. The motion is not unique if
+    # the column is zero, compared with the largest one. N is orthonormal, so the size of
+    # the column is also that of the vector of all rates.
+    coefficients_by_input = adjugate(input_rates)
+    sizes = np.linalg.norm(coefficients_by_input, axis=1)
+    largest_size = np.max(sizes, axis=1, keepdims=True)
+    is_unique = sizes > SINGULAR_TRANSMISSION * largest_size
+    unique_sizes = np.where(is_unique, sizes, np.nan)
+    output_sizes = np.linalg.norm(output_rates @ coefficients_by_input, axis=1)
+
+    angular_velocity = output.angular_velocity(space, space.basis @ coefficients_by_input)
     speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
-    is_turning = speed > SINGULAR_TRANSMISSION * alone_size[..., None]
-    alone_size = np.where(is_unique, alone_size, np.nan)
-    input_rate = determinant[:, None] / alone_size
-    output_rate = np.linalg.norm(output_rates @ alone, axis=1) / alone_size
-
-    # Type I, self-motions and loss of rank; then the type of each row.
-    type_one, has_self_motion = _measure_type_one(input_rates, output_rates)
-    reciprocal_condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
-    loses_rank = reciprocal_condition < SINGULAR_TRANSMISSION
-    # The values of RowType: I is 1, II is 2, III is their sum.
-    is_type_one = (type_one < SINGULAR_TRANSMISSION) & ~loses_rank
-    is_type_two = type_two < SINGULAR_TRANSMISSION
-    row_type = is_type_one + 2 * is_type_two
-    is_self_motion = (row_type == RowType.REGULAR) & (loses_rank | has_self_motion)
-    row_type[is_self_motion] = RowType.SELF_MOTION
-    row_type[~np.isfinite(type_two)] = RowType.UNKNOWN
-
-    # Group 1: for at least one input that moves alone, the rate of the input or of the
-    # output vanishes in the unit motion, or the motion is not unique (NaN). Group 2: for no
-    # input.
-    alone_tolerance = ALONE_SINGULAR_FACTOR * SINGULAR_TRANSMISSION
-    alone_rates = np.array([input_rate, output_rate])
-    is_singular_alone = np.any(~(np.abs(alone_rates) > alone_tolerance), axis=(0, 2))
-    is_of_type = np.isin(row_type, (RowType.I, RowType.II, RowType.III))
-    group = is_of_type * (2 - is_singular_alone)
-    return RowClassification(
-        input_rate=input_rate,
-        output_rate=output_rate,
-        alone=angular_velocity / np.where(is_turning, speed, np.nan),
-        type_two=type_two,
-        hold=input_authority(tree, input_variables, vectors)[0],
-        type_one=np.where(np.isfinite(type_two), type_one, np.nan),
-        reciprocal_condition=reciprocal_condition,
-        type=row_type.astype(np.int8),
-        group=group.astype(np.int8),
+    is_turning = speed > SINGULAR_TRANSMISSION * sizes[..., None]
+    return SingleInputMotions(
+        input_rate=determinant[:, None] / unique_sizes,
+        output_rate=output_sizes / unique_sizes,
+        output_direction=angular_velocity / np.where(is_turning, speed, np.nan),
     )
 
 
-def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats, Bools]:
-    """Return the measure of type I, and whether there are self-motions.
+def _measure_singularities(
+    motion: Motion, space: TangentSpace, output: OutputStationary
+) -> SingularityMeasures:
+    """Return how near configurations are to singularities of types I and II.
 
-    The rates of inputs and output that can occur together are a linear space. Type I means
-    that it contains rates with the output at rest and inputs that move. The measure is the
-    sine of the smallest principal angle between this space and the space of all rates with
-    the output at rest.
+    Parameters
+    ----------
+    motion, space, output
+        As in `classify_rows`.
+    """
+    input_variables = _input_variables(motion)
+    vectors = space.linearisation.vectors
+    transmission = Transmission(
+        space.tree, tuple(input_variables), output.link, output.relative_to, output.pointing
+    )
+    pointed = transmission.output_directions(space.linearisation.rotations)
+    type_two_transmission = transmission.measure(vectors, pointed)
 
-    If there are more independent motions than the m rates of the output, some motions have
-    the output at rest in every configuration. Their principal angles are always zero and
-    say nothing, so only the m largest angles count.
+    occurring_rates = _find_occurring_rates(
+        input_rates=space.basis[:, input_variables],
+        output_rates=output.equations(space.linearisation) @ space.basis,
+    )
+    type_one_sine = _smallest_sine_to_rest(occurring_rates)
+    locked_singular_value, _ = input_authority(space.tree, input_variables, vectors)
+    return SingularityMeasures(
+        type_one_sine=np.where(np.isfinite(type_two_transmission), type_one_sine, np.nan),
+        type_two_transmission=type_two_transmission,
+        locked_singular_value=locked_singular_value,
+        reciprocal_condition=np.where(motion.failed, np.nan, space.reciprocal_condition),
+        has_self_motion=occurring_rates.has_self_motion,
+    )
+
+
+def _decide_types(measures: SingularityMeasures) -> SmallIntegers:
+    """Return the `RowType` (n,) of configurations from their measures."""
+    loses_rank = measures.reciprocal_condition < SINGULAR_TRANSMISSION
+    # Where the closure equations lose rank, their rates do not decide about type I.
+    is_type_one = (measures.type_one_sine < SINGULAR_TRANSMISSION) & ~loses_rank
+    is_type_two = measures.type_two_transmission < SINGULAR_TRANSMISSION
+    is_self_motion = ~is_type_one & ~is_type_two & (loses_rank | measures.has_self_motion)
+
+    row_type = np.full(len(loses_rank), RowType.REGULAR, dtype=np.int8)
+    row_type[is_type_one] = RowType.I
+    row_type[is_type_two] = RowType.II
+    row_type[is_type_one & is_type_two] = RowType.III
+    row_type[is_self_motion] = RowType.SELF_MOTION
+    row_type[~np.isfinite(measures.type_two_transmission)] = RowType.UNKNOWN
+    return row_type
+
+
+def _decide_groups(
+    row_type: SmallIntegers, single_input_motions: SingleInputMotions
+) -> SmallIntegers:
+    """Return the group (n,) of Di Gregorio's discussion to which each row belongs.
+
+    If all inputs but one are locked, the mechanism has one degree of freedom. There is one
+    such mechanism for each input. A row of type I, II or III is in group 1 if at least one
+    of them is singular, and in group 2 if none is. Other rows are in no group (0).
+
+    Parameters
+    ----------
+    row_type
+        (n,) `RowType` of each row.
+    single_input_motions
+        The motions of these mechanisms.
+    """
+    # A mechanism is singular if its input or output rests, or if its motion is not unique,
+    # so that the rate is NaN. The comparison is written so that NaN counts.
+    tolerance = ALONE_SINGULAR_FACTOR * SINGULAR_TRANSMISSION
+    is_input_moving = np.abs(single_input_motions.input_rate) > tolerance
+    is_output_moving = np.abs(single_input_motions.output_rate) > tolerance
+    is_singular_alone = np.any(~(is_input_moving & is_output_moving), axis=1)
+
+    is_of_type = np.isin(row_type, (RowType.I, RowType.II, RowType.III))
+    group = np.zeros(len(row_type), dtype=np.int8)
+    group[is_of_type & is_singular_alone] = 1
+    group[is_of_type & ~is_singular_alone] = 2
+    return group
+
+
+@dataclass(frozen=True)
+class _OccurringRates:
+    """Rates of g inputs and of the output that can occur together, at n configurations.
+
+    Attributes
+    ----------
+    input_part, output_part
+        (n, g, k) rates of the inputs and (n, m, k) rates of the output in k motions. Both
+        parts together, one below the other, are orthonormal columns. Motions that move
+        neither inputs nor output have zero columns, which are the last ones.
+    rank
+        (n,) number of the other columns.
+    """
+
+    input_part: Floats
+    output_part: Floats
+    rank: Integers
+
+    @property
+    def has_self_motion(self) -> Bools:
+        """(n,) whether a motion moves neither the inputs nor the output."""
+        motion_count = self.output_part.shape[2]
+        return self.rank < motion_count
+
+
+def _find_occurring_rates(input_rates: Floats, output_rates: Floats) -> _OccurringRates:
+    """Return an orthonormal basis of the rates of inputs and output that occur together.
 
     Parameters
     ----------
     input_rates, output_rates
-        (n, g, g) rates of the g inputs and (n, m, g) rates of the output, in g independent
+        (n, g, k) rates of the g inputs and (n, m, k) rates of the output, in k independent
         motions.
-
-    Returns
-    -------
-    type_one
-        (n,) the sine: 0 if inputs can move while the output rests.
-    has_self_motion
-        (n,) whether a motion moves neither the inputs nor the output.
     """
-    input_count = input_rates.shape[1]
-    output_count = output_rates.shape[1]
-    motion_count = input_rates.shape[2]
+    _, input_count, motion_count = input_rates.shape
     svd = decompose(np.concatenate([input_rates, output_rates], axis=1))
+    # The first left singular vectors, one for each motion, are the basis. The others are
+    # rates that do not occur. At a singular value of zero, neither inputs nor output move.
     is_moving = svd.values > SINGULAR_TRANSMISSION
-    # The first left singular vectors, one for each motion, are an orthonormal basis of the
-    # rates of inputs and output that occur together. The others are rates that do not
-    # occur. If the singular value is zero, neither inputs nor output move, and the vector
-    # is set to zero.
-    output_part = svd.left[:, input_count:, :motion_count] * is_moving[:, None]
-    # The singular values of the rates of the output are the sines of the principal angles
-    # to the rates with the output at rest, the largest first. There are at most m. The
-    # vectors that were set to zero add sines of 0 at the end, which do not count. The rank
-    # is the number of the other vectors, so the first min(rank, m) sines count. The last of
-    # these is the smallest one. If nothing moves (rank 0), the measure is 1.
-    sines = np.linalg.svd(output_part, compute_uv=False)
-    rank = np.sum(is_moving, axis=1)
-    counted_angles = np.minimum(rank, output_count)
-    smallest = sines[np.arange(len(sines)), np.maximum(counted_angles - 1, 0)]
-    type_one = np.where(counted_angles > 0, smallest, 1.0)
-    has_self_motion = rank < motion_count
-    return type_one, has_self_motion
+    basis = svd.left[:, :, :motion_count] * is_moving[:, None]
+    return _OccurringRates(
+        input_part=basis[:, :input_count],
+        output_part=basis[:, input_count:],
+        rank=np.sum(is_moving, axis=1),
+    )
+
+
+def _smallest_sine_to_rest(occurring_rates: _OccurringRates) -> Floats:
+    """Return the measure (n,) of type I, zero if inputs can move while the output rests.
+
+    It is the sine of the smallest principal angle between two linear spaces of rates of
+    inputs and output: those that can occur, and all those with the output at rest.
+
+    If there are more independent motions than the m rates of the output, some motions have
+    the output at rest in every configuration. Their principal angles are always zero and
+    say nothing, so only the m largest angles count.
+    """
+    # The sines of the principal angles are the singular values of the rates of the output
+    # in an orthonormal basis, the largest first.
+    sines = np.linalg.svd(occurring_rates.output_part, compute_uv=False)
+    # There is one angle for each column of the basis that is not zero, of which at most m
+    # count. The last of these is the smallest.
+    output_count = occurring_rates.output_part.shape[1]
+    counted_angles = np.minimum(occurring_rates.rank, output_count)
+    # If nothing moves, no angle counts, and the measure is 1.
+    smallest_sine = np.ones(len(sines))
+    (rows,) = np.nonzero(counted_angles > 0)
+    smallest_sine[rows] = sines[rows, counted_angles[rows] - 1]
+    return smallest_sine
 
 
 @dataclass(frozen=True)
