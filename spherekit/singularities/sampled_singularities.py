@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Integers
+from spherekit.arrays import Array, Bools, Floats, Integers
 from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_plan import pole_of
@@ -151,37 +151,32 @@ class SampledSingularities:
         passed
             (n,) inputs (rad) of the rows if they are a simulation, otherwise None.
         """
-        names = position_analysis.mechanism.links
         self.whole = position_analysis
         self._values = values
-        # An output is a pair of links (o, s): link o relative to link s.
-        output_links = [link for output in outputs for link in output]
-        # The part of the mechanism that determines the positions of these links.
-        part = find_placing_part(position_analysis, output_links)
+        part = find_placing_part(
+            position_analysis, [link for output in outputs for link in output]
+        )
         self.position_analysis = part.position_analysis
         # For each assembly mode of the part, those of the whole mechanism that contain it.
         self._whole_modes = part.whole_modes
         self._driven = self.position_analysis.solver.input_variable
         self.configurations: Configurations = self.position_analysis.configurations
         self.curves = [item.curve for item in self.configurations.curves]
-        named_outputs = [(names[o], names[s]) for o, s in outputs]
-        # All singular configurations on the curves.
+        # The part has other numbers of links, so outputs are passed by names of links.
+        names = position_analysis.mechanism.links
         self.report = SingleFreedomSingularities(
-            self.position_analysis, self.curves, named_outputs
+            self.position_analysis, self.curves, [(names[o], names[s]) for o, s in outputs]
         )
+
         part_values = values[:, part.variables]
         self.curve, self.s = self._find_curve_points(part_values, assembly_mode)
         distances = self._distances_to_crossings(part_values)
-        is_on_curve = self.curve >= 0
-        # Where curves cross, the closure equations are singular. Curves are followed only
-        # up to a little before the crossing, so a row in this gap is on no curve.
-        is_near_crossing = distances.any_crossing < NEAR_CROSSING_RAD
-        self.status = np.where(is_near_crossing, Status.AT_SINGULARITY, Status.MODE_LOST)
-        self.status[is_on_curve] = Status.OK
+        self.status = self._decide_status(distances)
         is_at_crossing = distances.located_crossing < AT_CROSSING_RAD
-        self.crossed = ~is_on_curve & is_at_crossing
+        self.crossed = (self.curve < 0) & is_at_crossing
+
         self.range: tuple[float, float] = position_analysis.range
-        # The inputs `passed` are those of a simulation, which passes a part of each curve.
+        # The part of each curve that a simulation passes; None for other motions.
         self._passed_ranges: dict[int, tuple[float, float]] | None = None
         if passed is not None:
             self.range = float(np.min(passed)), float(np.max(passed))
@@ -243,6 +238,18 @@ class SampledSingularities:
                 located_crossing = np.fmin(located_crossing, distance)
         return _CrossingDistances(any_crossing, located_crossing)
 
+    def _decide_status(self, distances: "_CrossingDistances") -> Array:
+        """Return the status (n,) of each row, which says why a row is on no curve.
+
+        Where curves cross, the closure equations are singular. Curves are followed only up
+        to a little before the crossing. A row in this gap is on no curve, and its status is
+        AT_SINGULARITY.
+        """
+        is_near_crossing = distances.any_crossing < NEAR_CROSSING_RAD
+        status = np.where(is_near_crossing, Status.AT_SINGULARITY, Status.MODE_LOST)
+        status[self.curve >= 0] = Status.OK
+        return status
+
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
         """Return the numbers of the assembly modes of pieces of curves.
 
@@ -282,9 +289,8 @@ class SampledSingularities:
         """
         first_curve, _ = places[0]
         inputs = self._find_inputs(first_curve, values[self._driven], margin)
-        if self._passed_ranges is not None and first_curve not in self._passed_ranges:
-            # The simulation passes nothing of the curve. All occurrences are then outside,
-            # and the first one is enough to report the configuration.
+        if not self._passes_curve(first_curve):
+            # One occurrence is enough to report that the configuration is outside.
             inputs = inputs[:1]
         is_passed = any(self._is_passed(curve, s) for curve, s in places)
         for q in inputs:
@@ -347,16 +353,14 @@ class SampledSingularities:
         """
         arc_curve = self.curves[curve]
         input_on_curve = float(arc_curve.at(s).values[0, self._driven])
-        # A piece of a closed curve may begin in the lap before and end in the lap after. In
-        # each lap the arc length grows by `length`, and the input by `rise`.
+        # A piece of a closed curve may begin in the lap before and end in the lap after.
         laps = (0, 1, -1) if arc_curve.closed else (0,)
         for lap in laps:
+            # In each lap the arc length grows by `length`, and the input by `rise`.
             s_in_lap = s + lap * arc_curve.length
             input_in_lap = input_on_curve + lap * arc_curve.rise[self._driven]
             for piece in self.configurations.curves[curve].pieces:
-                start = piece.start - PIECE_END_TOLERANCE_RAD
-                stop = piece.stop + PIECE_END_TOLERANCE_RAD
-                if start <= s_in_lap <= stop:
+                if _includes(piece, s_in_lap):
                     # `shift`, some whole periods, moves the piece into the range.
                     yield piece, input_in_lap + piece.shift
 
@@ -379,11 +383,15 @@ class SampledSingularities:
             return periods_between % periods_in_range == 0
         return periods_between == 0
 
+    def _passes_curve(self, curve: int) -> bool:
+        """Return whether a simulation has rows on a curve; True without a simulation."""
+        return self._passed_ranges is None or curve in self._passed_ranges
+
     def _is_passed(self, curve: int, s: float) -> bool:
         """Return whether a simulation passes an arc length; True without a simulation."""
         if self._passed_ranges is None:
             return True
-        if curve not in self._passed_ranges:
+        if not self._passes_curve(curve):
             return False
         low, high = self._passed_ranges[curve]
         arc_curve = self.curves[curve]
@@ -417,20 +425,13 @@ class SampledSingularities:
         """
         passed_ranges: dict[int, tuple[float, float]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
+            # Rows on other curves in between are skipped.
             (rows,) = np.nonzero(self.curve == number)
             curve = self.curves[number]
             s = self.s[rows]
             if curve.closed:
-                # Arc lengths of the rows are within one lap. The whole laps between
-                # successive rows are counted as follows. The input changes by `rise` in a
-                # lap, so its change divided by `rise` is roughly the distance in laps. The
-                # difference of both arc lengths is the part of this distance within a lap.
-                # It is subtracted, and the rest is rounded. If the input only swings on the
-                # curve, it tells nothing about laps (`rise` is 0). Successive rows are then
-                # taken to be at most half a lap apart.
-                rise = curve.rise[self._driven] or np.inf
-                laps = np.diff(q[rows]) / rise - np.diff(s) / curve.length
-                s = s + curve.length * np.append(0.0, np.cumsum(np.round(laps)))
+                rise = float(curve.rise[self._driven])
+                s = _continue_over_laps(s, q[rows], curve.length, rise)
             passed_ranges[number] = float(np.min(s)), float(np.max(s))
         return passed_ranges
 
@@ -475,23 +476,48 @@ class SampledSingularities:
         -------
         (n,) angles (rad); for type I NaN where both rates vanish.
         """
-        curve_motion = self.report.curve_motions[curve]
-        output_links = self.report.outputs[output]
-        link_motion = curve_motion.links_at(s)
         if kind is Type.I:
-            # `speeds` returns the relative angular velocity of two links by the arc length,
-            # as an absolute value, and its derivative. `report.input` are the links of the
-            # input. If both speeds are at most `MIN_OUTPUT_MOTION`, that is zero up to
-            # rounding, their ratio is unknown.
-            output_speed, _ = link_motion.speeds(output_links)
-            input_speed, _ = link_motion.speeds(self.report.input)
-            is_moving = np.hypot(output_speed, input_speed) > MIN_OUTPUT_MOTION
-            return np.where(is_moving, np.arctan2(output_speed, input_speed), np.nan)
-        # `_driven` is the number of the variable of the input, which is locked.
-        tree = curve_motion.curve.closure.tree
-        transmission = Transmission(tree, (self._driven,), *output_links)
-        # `vectors` has the angular velocity per unit rate of each variable.
-        return np.arcsin(transmission.measure(link_motion.motion.vectors))
+            return self._angle_to_type_one(curve, s, output)
+        return self._angle_to_type_two(curve, s, output)
+
+    def _angle_to_type_one(self, curve: int, s: Floats, output: int) -> Floats:
+        """Return the angle (n,) whose tangent is the velocity coefficient of an output.
+
+        It is zero where the output rests while the input moves, and NaN where both rest.
+
+        Parameters
+        ----------
+        curve, s, output
+            As in `angle`.
+        """
+        link_motion = self.report.curve_motions[curve].links_at(s)
+        # `speeds` returns the relative angular velocity of two links by the arc length, as
+        # an absolute value, and its derivative.
+        output_speed, _ = link_motion.speeds(self.report.outputs[output])
+        input_speed, _ = link_motion.speeds(self.report.input)
+        # Speeds up to `MIN_OUTPUT_MOTION` are zero up to rounding.
+        is_moving = np.hypot(output_speed, input_speed) > MIN_OUTPUT_MOTION
+        return np.where(is_moving, np.arctan2(output_speed, input_speed), np.nan)
+
+    def _angle_to_type_two(self, curve: int, s: Floats, output: int) -> Floats:
+        """Return the angle (n,) whose sine is the transmission measure of an output.
+
+        It is zero where the output can move while the input rests.
+
+        Parameters
+        ----------
+        curve, s, output
+            As in `angle`.
+        """
+        curve_motion = self.report.curve_motions[curve]
+        locked_variables = (self._driven,)
+        output_link, reference_link = self.report.outputs[output]
+        transmission = Transmission(
+            curve_motion.curve.closure.tree, locked_variables, output_link, reference_link
+        )
+        # The measure needs the angular velocity per unit rate of each variable.
+        velocity_vectors = curve_motion.links_at(s).motion.vectors
+        return np.arcsin(transmission.measure(velocity_vectors))
 
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return how near the rows are to singularities, for each output.
@@ -521,25 +547,45 @@ class SampledSingularities:
         columns: dict[tuple[int, Form], dict[str, Floats]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
             (rows,) = np.nonzero(self.curve == number)
-            s = self.s[rows]
-            angles = self.transmission_angles(self.curves[number].at(s).values)
-            for output, transmission in enumerate(angles):
-                curve_relations = self.report.evaluate_relations(number, s, output)
-                values_of_both_forms = {
+            curve_measures = self._measures_on_curve(number, self.s[rows])
+            for output_and_form, values_by_name in curve_measures.items():
+                if output_and_form not in columns:
+                    columns[output_and_form] = {
+                        name: nans(len(self.s)) for name in values_by_name
+                    }
+                for name, values in values_by_name.items():
+                    columns[output_and_form][name][rows] = values
+        return dict(sorted(columns.items()))
+
+    def _measures_on_curve(
+        self, number: int, s: Floats
+    ) -> dict[tuple[int, Form], dict[str, Floats]]:
+        """Return the columns (m,) of `measures` for points of one curve.
+
+        Parameters
+        ----------
+        number, s
+            Number of the curve, and arc lengths (m,) on it (rad).
+
+        Returns
+        -------
+        The columns by name, for each output and form of its relation c y' = d q'.
+        """
+        curve_measures: dict[tuple[int, Form], dict[str, Floats]] = {}
+        angles = self.transmission_angles(self.curves[number].at(s).values)
+        for output, transmission in enumerate(angles):
+            curve_relations = self.report.evaluate_relations(number, s, output)
+            distances_and_margins = self._distances_and_margins(number, s, output)
+            for relation in curve_relations.relations:
+                curve_measures[output, relation.form] = {
                     "input_rate": curve_relations.input_rate,
                     "output_rate": curve_relations.output_rate,
                     "transmission": transmission,
-                    **self._distances_and_margins(number, s, output),
+                    **distances_and_margins,
+                    "c": relation.c,
+                    "d": relation.d,
                 }
-                for relation in curve_relations.relations:
-                    values = {**values_of_both_forms, "c": relation.c, "d": relation.d}
-                    empty_columns = {name: nans(len(self.s)) for name in values}
-                    output_columns = columns.setdefault(
-                        (output, relation.form), empty_columns
-                    )
-                    for name, values_of_rows in values.items():
-                        output_columns[name][rows] = values_of_rows
-        return dict(sorted(columns.items()))
+        return curve_measures
 
     def _distances_and_margins(
         self, curve: int, s: Floats, output: int
@@ -733,32 +779,94 @@ class SampledSingularities:
         -------
         (n,) absolute differences (rad), NaN if the curve has no such singularity.
         """
+        singularities = self._singular_positions(number, output, kind)
+        curve = self.curves[number]
+        inputs = curve.at(s).values[:, self._driven]
+        # Number of the first singularity behind each arc length. NaN stands for none before
+        # the first one, and for none after the last one.
+        next_number = np.searchsorted(singularities.s, s)
+        input_before = np.append(np.nan, singularities.q)[next_number]
+        input_after = np.append(singularities.q, np.nan)[next_number]
+        # `fmin` ignores NaN.
+        return np.fmin(np.abs(input_before - inputs), np.abs(input_after - inputs))
+
+    def _singular_positions(
+        self, number: int, output: int, kind: Type
+    ) -> "_SingularPositions":
+        """Return the singularities of one type on a curve, and its crossings.
+
+        Singularities of a closed curve repeat in each lap. They are listed for three laps,
+        so that each point of the curve has one before and one after it.
+
+        Parameters
+        ----------
+        number, output, kind
+            Number of the curve, index of the output, and type of the singularity.
+        """
         curve = self.curves[number]
         # Singular points state their output by the numbers of its two links.
         links = self.report.outputs[output]
-        # Arc length and configuration (variables,) of each singularity: points of this type
-        # on the curve, and crossings with other curves, at which the curve ends.
-        singularities = [
-            (point.s, point.values)
-            for point in self.report.points
-            if (point.curve, point.output, point.type) == (number, links, kind)
-        ]
-        singularities += self.crossing_ends(number)
-        # Columns: arc length and input of each singularity, in order of arc length. For a
-        # closed curve those of the laps before and after are added. In a lap the arc length
-        # grows by the length of the curve, the input by `rise`.
-        positions = np.reshape(
-            [(arc_length, values[self._driven]) for arc_length, values in singularities],
-            (-1, 2),
-        )
+        arc_lengths: list[float] = []
+        inputs: list[float] = []
+        for point in self.report.points:
+            if point.curve == number and point.output == links and point.type == kind:
+                arc_lengths.append(point.s)
+                inputs.append(point.values[self._driven])
+        for end, values in self.crossing_ends(number):
+            arc_lengths.append(end)
+            inputs.append(values[self._driven])
+        s = np.array(arc_lengths, dtype=float)
+        q = np.array(inputs, dtype=float)
         if curve.closed:
-            lap = np.array([curve.length, curve.rise[self._driven]])
-            positions = np.concatenate([positions - lap, positions, positions + lap])
-        positions = positions[np.argsort(positions[:, 0])]
-        next_number = np.searchsorted(positions[:, 0], s)
-        # Inputs of the singularities before and after each arc length. NaN at both ends
-        # means that there is none before the first or after the last one.
-        singular_inputs = np.pad(positions[:, 1], 1, constant_values=np.nan)
-        neighbours = singular_inputs[[next_number, next_number + 1]]
-        inputs = curve.at(s).values[:, self._driven]
-        return np.fmin.reduce(np.abs(neighbours - inputs))
+            # In a lap the arc length grows by the length of the curve, the input by `rise`.
+            rise = curve.rise[self._driven]
+            s = np.concatenate([s - curve.length, s, s + curve.length])
+            q = np.concatenate([q - rise, q, q + rise])
+        order = np.argsort(s)
+        return _SingularPositions(s[order], q[order])
+
+
+@dataclass(frozen=True)
+class _SingularPositions:
+    """k singularities on one curve, in order of arc length.
+
+    Attributes
+    ----------
+    s, q
+        (k,) arc lengths and inputs (rad).
+    """
+
+    s: Floats
+    q: Floats
+
+
+def _includes(piece: Piece, s: float) -> bool:
+    """Return whether a piece of a curve includes an arc length, within a tolerance."""
+    start = piece.start - PIECE_END_TOLERANCE_RAD
+    stop = piece.stop + PIECE_END_TOLERANCE_RAD
+    return start <= s <= stop
+
+
+def _continue_over_laps(s: Floats, q: Floats, length: float, rise: float) -> Floats:
+    """Return arc lengths of rows on a closed curve, continued from lap to lap.
+
+    The given arc lengths are within one lap. The whole laps between successive rows are
+    counted from the input, which changes by the same amount in each lap: the change of the
+    input tells the distance in laps, up to rounding to whole laps. If it only swings, it
+    does not tell. Successive rows are then taken to be at most half a lap apart.
+
+    Parameters
+    ----------
+    s, q
+        (n,) arc lengths within one lap, and inputs (rad) of successive rows.
+    length, rise
+        Length of the curve and change of the input in one lap (rad); the latter is 0 if the
+        input only swings.
+    """
+    distances_in_laps = np.zeros(len(s) - 1)
+    if rise != 0.0:
+        distances_in_laps = np.diff(q) / rise
+    parts_within_lap = np.diff(s) / length
+    whole_laps = np.round(distances_in_laps - parts_within_lap)
+    laps_since_first_row = np.append(0.0, np.cumsum(whole_laps))
+    return s + length * laps_since_first_row
