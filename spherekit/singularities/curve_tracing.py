@@ -150,25 +150,36 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def end_finished_curves(self, rows: Indices) -> None:
         """End curves that are complete, and all curves when the time limit is reached.
 
-        Each curve is followed in both directions from its start: the first half of all rows
-        are the curves in one direction, the second half the same curves in the other one. A
-        curve that closed in the first direction is complete, so its second direction ends
-        with status OK. At the time limit, curves end with the status MODE_LOST, like other
-        curves that cannot be followed further.
+        Each curve is followed in both directions from its start. A curve that closed in the
+        first direction is complete, so its second direction ends with status OK. At the
+        time limit, curves end with the status MODE_LOST, like other curves that cannot be
+        followed further.
 
         Parameters
         ----------
         rows
             Rows of the curves that are followed at present, of both directions.
         """
-        half = len(self.end_status) // 2
-        second_half = rows[rows >= half]
-        is_closed = self.is_closed[second_half - half]
-        self.end_status[second_half[is_closed]] = Status.OK
+        self._end_closed_curves(rows)
         unfinished = rows[self.end_status[rows] == UNFINISHED]
         # The text names the step that is left out when there is no more time.
         if len(unfinished) and not self.time_limit.goes_on("the rest of a singular curve"):
             self.end_status[unfinished] = Status.MODE_LOST
+
+    def _end_closed_curves(self, rows: Indices) -> None:
+        """End the second direction of curves that closed in the first direction.
+
+        Parameters
+        ----------
+        rows
+            Rows of the curves that are followed at present. If n curves are followed, row k
+            is the first direction of curve k, and row n + k the second one.
+        """
+        curve_count = len(self.end_status) // 2
+        second_directions = rows[rows >= curve_count]
+        first_directions = second_directions - curve_count
+        is_closed = self.is_closed[first_directions]
+        self.end_status[second_directions[is_closed]] = Status.OK
 
     def try_steps(
         self, rows: Indices, nodes: _LocusNodes, distances: Floats
@@ -271,19 +282,22 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         values
             (k, V) variables of the starts, moved by whole periods (rad).
         """
+        # (k, V) unit vectors of the singular motions.
+        start_motions = starts.points.motions
+        cosine = np.vecdot(start_motions, nodes.points.motions)
         # Unit vectors are the same motion, up to the sign, if their cosine is near 1 or -1.
-        # `SAME_LAP_COSINE` is the smallest size of the cosine with which a curve closes.
-        # `sense` is the sign, or NaN for another motion.
-        cosine = np.vecdot(starts.points.motions, nodes.points.motions)[:, None]
-        sense = np.where(np.abs(cosine) < SAME_LAP_COSINE, np.nan, np.sign(cosine))
+        is_other_motion = np.abs(cosine) < SAME_LAP_COSINE
+        sense = np.where(is_other_motion, np.nan, np.sign(cosine))
+        moved_values = np.where(np.isnan(sense)[:, None], np.nan, values)
         points = replace(
             starts.points,
-            values=np.where(np.isnan(sense), np.nan, values),
-            motions=sense * starts.points.motions,
-            motion_derivatives=sense[:, None] * starts.points.motion_derivatives,
+            values=moved_values,
+            motions=sense[:, None] * start_motions,
+            # (k, V, 1) derivatives along the only tangent.
+            motion_derivatives=sense[:, None, None] * starts.points.motion_derivatives,
         )
         # The base class reads `values` of the nodes, this class also their `points`.
-        return replace(starts, values=points.values, points=points)
+        return replace(starts, values=moved_values, points=points)
 
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: _LocusNodes, is_verified: Bools

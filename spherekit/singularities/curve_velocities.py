@@ -51,6 +51,22 @@ reciprocal condition number. Larger or smaller: as for `CONFIGURATION_ERROR_FACT
 
 
 @dataclass(frozen=True)
+class _AxisEstimate:
+    """The axis of one pole at n configurations, from one source.
+
+    Attributes
+    ----------
+    direction
+        (n, 3) unit vectors along the axis, of arbitrary sense.
+    error
+        (n,) bounds of their errors (rad), NaN for unknown axes.
+    """
+
+    direction: Floats
+    error: Floats
+
+
+@dataclass(frozen=True)
 class PoleAxes:
     """Axes of poles at n configurations.
 
@@ -177,40 +193,40 @@ class LinkMotion:
         """
         directions: dict[Pole, Floats] = {}
         errors: dict[Pole, Floats] = {}
-        rows = np.arange(len(self.values))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             planned_poles = None if plan is None else PlannedPoles(plan, self.motion)
             for pole in poles:
-                candidates = [self._axis_by_velocity(pole), self._axis_by_derivative(pole)]
+                estimates: list[_AxisEstimate] = []
                 if planned_poles is not None:
+                    # The plan has components along the first axis.
                     planned_direction = planned_poles.directions[pole].T
-                    candidates.insert(0, (planned_direction, planned_poles.errors[pole]))
-                # (sources, n, 3) directions and (sources, n) errors.
-                candidate_directions = np.stack([axis for axis, _ in candidates])
-                candidate_errors = np.stack([error for _, error in candidates])
-                # An error of 1 rad stands for an unknown axis. If no source knows the axis,
-                # the direction of the first one is taken, which has no meaning.
-                candidate_errors = np.nan_to_num(candidate_errors, nan=1.0)
-                candidate_errors = np.minimum(candidate_errors, 1.0)
-                best = np.argmin(candidate_errors, axis=0)
-                directions[pole] = candidate_directions[best, rows]
-                errors[pole] = candidate_errors[best, rows]
+                    estimates.append(
+                        _AxisEstimate(planned_direction, planned_poles.errors[pole])
+                    )
+                estimates.append(self._axis_by_velocity(pole))
+                estimates.append(self._axis_by_derivative(pole))
+                best = _choose_most_accurate(estimates)
+                directions[pole] = best.direction
+                errors[pole] = best.error
         return PoleAxes(directions, errors)
 
-    def _axis_by_velocity(self, pole: Pole) -> tuple[Floats, Floats]:
-        """Return the axis (n, 3) along the angular velocity, and its error bound (n,)."""
+    def _axis_by_velocity(self, pole: Pole) -> _AxisEstimate:
+        """Return the axis along the relative angular velocity of the pole's links."""
         w, _ = self.relative(*pole)
         speed, _ = self.speeds(pole)
-        return w / speed[:, None], self.rounding / speed
+        return _AxisEstimate(direction=w / speed[:, None], error=self.rounding / speed)
 
-    def _axis_by_derivative(self, pole: Pole) -> tuple[Floats, Floats]:
-        """Return the axis (n, 3) along the derivative of w, and its error bound (n,).
+    def _axis_by_derivative(self, pole: Pole) -> _AxisEstimate:
+        """Return the axis along the derivative of the relative angular velocity.
 
         w is the angular velocity of the pole's second link relative to the first, along the
-        axis. This method is used near a zero of w, where the direction of w is lost in
-        rounding. At the zero, the derivative w' by the arc length is along the axis. At the
-        arc length x from the zero, it is not, because the axis has turned in between. The
-        error is at most x times the rate at which the axis turns, plus rounding.
+        axis, and w' its derivative by the arc length. This method is used near a zero of w,
+        where the direction of w is lost in rounding. At the zero, w' is along the axis. At
+        the arc length x from the zero, it is not, because the axis has turned in between:
+
+            error = x * (1 + turning rate of the axis) + rounding error of w / |w'|
+
+        The distance x is estimated as |w| / |w'|.
         """
         _, dw = self.relative(*pole)
         speed, growth = self.speeds(pole)  # |w| and |w'|
@@ -221,7 +237,7 @@ class LinkMotion:
         # there, so that any finite rate gives the same error.
         turning_rate = np.where(np.isnan(turning_rate), 1.0, turning_rate)
         error = distance_from_zero * turning_rate + self.rounding / growth
-        return dw / growth[:, None], error
+        return _AxisEstimate(direction=dw / growth[:, None], error=error)
 
     def _axis_turning_rate(self, pole: Pole) -> Floats:
         """Return the angle (n,) through which an axis turns per unit of arc length.
@@ -229,20 +245,33 @@ class LinkMotion:
         It is the part of w' at right angles to the axis, divided by |w|. Here w is the
         relative angular velocity along the axis, and w' its derivative by the arc length.
         Where w is exactly zero, it has no direction, and the rate is NaN.
-
-        Near a zero of w its direction is only rounding, and the formula gives huge numbers
-        without a meaning. The result is therefore at most 1 / e, where e is the error bound
-        (rad) of the axis along w. Near the zero, e and this limit are about 1. Elsewhere e
-        is so small that the limit has no effect.
         """
         _, dw = self.relative(*pole)
         speed, _ = self.speeds(pole)
-        axis, axis_error = self._axis_by_velocity(pole)
-        along_axis = axis * np.vecdot(axis, dw)[:, None]
+        axis = self._axis_by_velocity(pole)
+        along_axis = axis.direction * np.vecdot(axis.direction, dw)[:, None]
         across_axis = dw - along_axis
         turning_rate = np.linalg.norm(across_axis / speed[:, None], axis=1)
-        limit = 1.0 / np.clip(axis_error, EPS, 1.0)
+        # Near a zero of w its direction is only rounding, so that the quotient is huge and
+        # has no meaning. The error of the direction is then about 1 rad, and the result is
+        # limited to about 1. Elsewhere the error is so small that the limit has no effect.
+        limit = 1.0 / np.clip(axis.error, EPS, 1.0)
         return np.minimum(turning_rate, limit)
+
+
+def _choose_most_accurate(estimates: Sequence[_AxisEstimate]) -> _AxisEstimate:
+    """Return at each configuration the estimate of an axis with the smallest error.
+
+    The error of an unknown axis, and the largest one, is 1 rad. If errors are equal, the
+    earlier estimate is taken, also if all are unknown.
+    """
+    # The first axis of both arrays numbers the estimates.
+    directions = np.stack([estimate.direction for estimate in estimates])
+    errors = np.stack([estimate.error for estimate in estimates])
+    errors = np.minimum(np.nan_to_num(errors, nan=1.0), 1.0)
+    best = np.argmin(errors, axis=0)
+    rows = np.arange(len(best))
+    return _AxisEstimate(direction=directions[best, rows], error=errors[best, rows])
 
 
 def bound_velocity_rounding(
@@ -271,7 +300,7 @@ def bound_velocity_rounding(
     # at crossings of curves.
     equations = bordered(jacobian, tangents)
     reciprocal_condition = bordered_reciprocal_condition(equations, left_inverse(equations))
-    reciprocal_condition = np.maximum(reciprocal_condition, EPS)
+    reciprocal_condition = np.maximum(reciprocal_condition, EPS)  # prevents division by 0
     reciprocal_condition[is_crossing] = 1.0
     amplification = (
         CONFIGURATION_ERROR_FACTOR / reciprocal_condition
@@ -371,18 +400,20 @@ class CurveMotion:
         """
         # The first row is the start of the curve.
         start_and_s = np.append(self.curve.s[0], s)
-        # Accurate axes of arbitrary sense. `_continuous_direction` is less accurate near
-        # points at which the links rest, and only gives the sense.
-        directions = self.pole_axes(start_and_s, poles).directions
-        for pole, direction in directions.items():
+        axes = self.pole_axes(start_and_s, poles)
+        oriented: dict[Pole, Floats] = {}
+        for pole, direction in axes.directions.items():
+            # It is less accurate near points at which the links rest, and only gives the
+            # sense.
             continuous = self._continuous_direction(start_and_s, pole)
             # The axis at the start keeps its sense. If it is opposite to the continuous
             # direction, all other axes must be opposite to it, too.
             is_opposite = np.vecdot(direction, continuous) < 0.0
-            is_reversed = is_opposite != is_opposite[0]
+            is_opposite_at_start = is_opposite[0]
+            is_reversed = is_opposite[1:] != is_opposite_at_start
             signs = np.where(is_reversed, -1.0, 1.0)
-            directions[pole] = signs[1:, None] * direction[1:]
-        return directions
+            oriented[pole] = signs[:, None] * direction[1:]
+        return oriented
 
     def signed_rate(self, s: Floats, pole: Pole) -> tuple[Floats, Floats]:
         """Return the relative rate (n,) of a pole's links, and its derivative by s (n,).
@@ -394,13 +425,13 @@ class CurveMotion:
         return np.vecdot(w, direction), np.vecdot(dw, direction)
 
     def _continuous_direction(self, s: Floats, pole: Pole) -> Floats:
-        """Return unit vectors (n, 3) along a pole, continuous on the whole curve.
+        """Return unit vectors (n, 3) along a pole axis, continuous on the whole curve.
 
         They are along w, the angular velocity of the pole's second link relative to the
-        first. At the start of the curve they have its direction. At each zero at which w
-        reverses, the sign changes: direction of w, opposite direction, and so on. Near
-        zeros they are along the derivative of w. They are zero if the links never move
-        relative to each other.
+        first, and have its direction at the start of the curve. Each time w passes zero, it
+        reverses, but the unit vectors do not: they are opposite to w behind the first zero,
+        have its direction again behind the second one, and so on. They are zero if the
+        links never move relative to each other.
 
         Parameters
         ----------
@@ -409,25 +440,63 @@ class CurveMotion:
         pole
             The numbers of the two links.
         """
-        links = self.links_at(s)
         rest_points = self.rest_points(pole)
         if rest_points is None:
             return np.zeros((len(s), 3))
-        w, dw = links.relative(*pole)
-        # `speed` is |w|, and `growth` is |dw|. Near a simple zero of w, the distance from
-        # it is about speed / growth.
-        speed, growth = links.speeds(pole)
+        speed, growth = self.links_at(s).speeds(pole)  # |w| and |dw|
+        # The distance from a simple zero of w is about speed / growth.
         is_near_rest = speed <= NEAR_REST_RAD * growth
-        sense_of_w = self._sense_after_reversals(rest_points, s)
-        # On both sides of a zero, dw has the direction that w has behind the zero. The
-        # sense of dw is therefore that of w at a point that is surely behind the zero,
-        # which is at most `NEAR_REST_RAD` ahead.
-        sense_of_dw = self._sense_after_reversals(rest_points, s + 2.0 * NEAR_REST_RAD)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            direction_by_w = w / (speed * sense_of_w)[:, None]
-            direction_by_dw = dw / (growth * sense_of_dw)[:, None]
-        direction = np.where(is_near_rest[:, None], direction_by_dw, direction_by_w)
+        direction = np.where(
+            is_near_rest[:, None],
+            self._direction_by_derivative(s, pole, rest_points),
+            self._direction_by_velocity(s, pole, rest_points),
+        )
         return np.nan_to_num(direction)
+
+    @np.errstate(invalid="ignore", divide="ignore")
+    def _direction_by_velocity(
+        self, s: Floats, pole: Pole, rest_points: RestPoints
+    ) -> Floats:
+        """Return the continuous direction (n, 3) of a pole axis, from the velocity w.
+
+        It is inaccurate near a zero of w, and NaN at the zero.
+
+        Parameters
+        ----------
+        s, pole
+            (n,) arc lengths (rad), and the two links.
+        rest_points
+            The zeros of w, their relative angular velocity.
+        """
+        links = self.links_at(s)
+        w, _ = links.relative(*pole)
+        speed, _ = links.speeds(pole)
+        sense = self._sense_after_reversals(rest_points, s)
+        return w / (speed * sense)[:, None]
+
+    @np.errstate(invalid="ignore", divide="ignore")
+    def _direction_by_derivative(
+        self, s: Floats, pole: Pole, rest_points: RestPoints
+    ) -> Floats:
+        """Return the continuous direction (n, 3) of a pole axis near zeros of w.
+
+        On both sides of a zero, the derivative dw has the direction that w has behind the
+        zero. The sense of dw is therefore that of w behind the zero.
+
+        Parameters
+        ----------
+        s, pole
+            (n,) arc lengths (rad) within about `NEAR_REST_RAD` of a zero, and the links.
+        rest_points
+            The zeros of w, their relative angular velocity.
+        """
+        links = self.links_at(s)
+        _, dw = links.relative(*pole)
+        _, growth = links.speeds(pole)
+        # A zero ahead of s is at most about `NEAR_REST_RAD` away.
+        s_behind_zero = s + 2.0 * NEAR_REST_RAD
+        sense = self._sense_after_reversals(rest_points, s_behind_zero)
+        return dw / (growth * sense)[:, None]
 
     def _sense_after_reversals(self, rest_points: RestPoints, s: Floats) -> Floats:
         """Return 1.0 after an even number of reversals of a relative motion, else -1.0.
@@ -469,49 +538,76 @@ class CurveMotion:
         if curve.closed:
             # A zero at the start of a closed curve is one at its end, too. It counts once.
             zeros = zeros.merge_seam(curve.length)
-        is_double = zeros.double
         # Rounding moves the zeros of one component. Newton's method moves them to the
         # minimum of the whole vector nearby, which is more accurate.
-        s = self._refine_zeros(zeros.places, is_double, pole)
-        # Bounds of the errors of the arc lengths, first as if all zeros were simple.
-        # `slope` is the size of the derivative of the relative rate by s, and
-        # `links.rounding` a bound of the rounding error of the rate.
+        s = self._refine_zeros(zeros.places, zeros.double, pole)
+        errors = self._bound_zero_errors(s, zeros.double, pole)
+        # The links rest where the whole vector vanishes. At other zeros only the component
+        # along `PROJECTION` vanishes.
+        is_rest = self.links_at(s).rests(pole) & self._is_apart_from_crossings(s, errors)
+        return RestPoints(s[is_rest], zeros.double[is_rest], errors[is_rest])
+
+    def _bound_zero_errors(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
+        """Return bounds (k,) of the errors of zeros of a relative angular velocity (rad).
+
+        Let r be the bound of the rounding error of the velocity.
+
+        - A simple zero moves by r over the slope of the velocity at the zero. The rounding
+          error of the arc length is added.
+        - At a double zero the velocity touches zero like a parabola, c x^2 / 2 at the
+          distance x, with the second derivative c. It is below r up to x = sqrt(2 r / c).
+
+        Parameters
+        ----------
+        s, is_double
+            (k,) arc lengths of the zeros (rad), and whether they are double.
+        pole
+            The two links.
+        """
+        length = self.curve.length
         links = self.links_at(s)
         _, slope = links.speeds(pole)
-        rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * curve.length
-        # A simple zero moves by the error of the rate over its slope. `EPS` prevents a
-        # division by zero.
+        rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * length
+        # `EPS` prevents a division by zero.
         errors = links.rounding / np.maximum(slope, EPS) + rounding_of_s
-        # Double zeros get another bound. Near one the rate is a parabola, c x^2 / 2 at the
-        # distance x, which is below the rounding r up to x = sqrt(2 r / c). The slope there
-        # is c x, so the second derivative c is estimated from the slope at a distance of a
-        # thousandth of the length, towards the middle of the curve. Larger distances: the
-        # curve is no parabola; smaller: the slope is only rounding.
-        step = 1e-3 * curve.length
+        # The slope at the distance x from a double zero is c x, so c follows from the slope
+        # at a distance of a thousandth of the length, towards the middle of the curve.
+        # Larger distances: the curve is no parabola; smaller: the slope is only rounding.
+        step = 1e-3 * length
         double_s = s[is_double]
-        aside = np.where(double_s > 0.5 * curve.length, -step, step)
+        aside = np.where(double_s > 0.5 * length, -step, step)
         _, slope_aside = self.links_at(double_s + aside).speeds(pole)
         curvature = np.maximum(slope_aside / step, EPS)
         errors[is_double] = np.sqrt(2.0 * links.rounding[is_double] / curvature)
-        errors = np.minimum(errors, curve.length)
-        # The links rest where the whole vector vanishes. At other zeros only the component
-        # along `PROJECTION` vanishes.
-        is_rest = links.rests(pole)
-        distances_to_ends = (s, curve.length - s)
-        for end_status, distance in zip(curve.ends, distances_to_ends, strict=True):
-            if end_status == Status.AT_SINGULARITY:
-                # At a crossing with other curves, where this curve ends, every rate may
-                # vanish. A zero that cannot be distinguished from this end is left out: one
-                # nearer than four times its error. Larger: more zeros are left out.
-                is_rest &= distance > 4.0 * errors
-        return RestPoints(s[is_rest], is_double[is_rest], errors[is_rest])
+        return np.minimum(errors, length)
+
+    def _is_apart_from_crossings(self, s: Floats, errors: Floats) -> Bools:
+        """Return whether zeros can be distinguished from crossings of curves.
+
+        At a crossing with other curves, where this curve ends, every rate may vanish. A
+        zero must be farther from such an end than four times its error. Larger: more zeros
+        are left out.
+
+        Parameters
+        ----------
+        s, errors
+            (k,) arc lengths of the zeros, and bounds of their errors (rad).
+        """
+        start_status, stop_status = self.curve.ends
+        is_apart = np.ones(len(s), dtype=bool)
+        if start_status == Status.AT_SINGULARITY:
+            is_apart &= s > 4.0 * errors
+        if stop_status == Status.AT_SINGULARITY:
+            is_apart &= self.curve.length - s > 4.0 * errors
+        return is_apart
 
     def _refine_zeros(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
-        """Return the points with the smallest relative rate near simple zeros.
+        """Return zeros of one component of a velocity, moved to minima of its length.
 
-        The given zeros are those of one component of the relative angular velocity w.
-        Gauss-Newton steps lead to the minimum of the length of w: each changes the arc
-        length by -(w . w') / (w' . w'), with the derivative w' by the arc length.
+        The vector w is the relative angular velocity of two links. A zero of one component
+        is near a zero of the whole vector, or w does not vanish there. Gauss-Newton steps
+        lead to the minimum of the length of w: each changes the arc length by
+        -(w . w') / (w' . w'), with the derivative w' by the arc length.
 
         Parameters
         ----------
@@ -520,12 +616,17 @@ class CurveMotion:
             are not changed: w' vanishes there as well, so the steps are not determined.
         pole
             The two links.
+
+        Returns
+        -------
+        (k,) arc lengths of the minima (rad).
         """
         for _ in range(REST_NEWTON_STEPS):
             w, dw = self.links_at(s).relative(*pole)
+            # The least divisor prevents a division by zero.
             step = np.vecdot(w, dw) / np.maximum(np.vecdot(dw, dw), EPS**2)
-            # A longer step shows that only the component vanishes, and not the vector.
-            is_unchanged = is_double | (np.abs(step) > NEAR_REST_RAD)
-            s = np.where(is_unchanged, s, s - step)
+            # A long step shows that only the component vanishes, and not the vector.
+            only_component_vanishes = np.abs(step) > NEAR_REST_RAD
+            s = np.where(is_double | only_component_vanishes, s, s - step)
         # A step may leave the curve at its start, s = 0.
         return np.maximum(s, 0.0)

@@ -80,7 +80,7 @@ class ParallelAxes:
     def sine(self, poles: SixPoles) -> Floats:
         """Return the largest sine (n,) between two of the axes, NaN if one is unknown."""
         vectors = poles.stacked(self.axes)  # (n, axes, 3)
-        # The length of the vector product of two unit vectors is the sine.
+        # All products of two axes. The length of the product of unit vectors is the sine.
         products = cross(vectors[:, :, None], vectors[:, None])
         return np.max(np.linalg.norm(products, axis=-1), axis=(1, 2))
 
@@ -113,14 +113,14 @@ class CoincidentPlanes:
         parallel, they determine no plane. The result is then the largest sine of the angles
         between all six axes and the plane nearest to them. It is NaN if an axis is unknown.
         """
-        # `plane` returns the normal of the plane of three axes, and the sine of the largest
-        # angle between two of them.
-        first_normal, first_sine = poles.plane(self.first)
-        second_normal, second_sine = poles.plane(self.second)
+        # The sine of the largest angle between two of the axes that span each plane.
+        first_normal, first_largest_sine = poles.plane(self.first)
+        second_normal, second_largest_sine = poles.plane(self.second)
+        smaller_sine = np.minimum(first_largest_sine, second_largest_sine)
+        has_parallel_axes = smaller_sine < VANISHING_SINE
         sine_between_planes = np.linalg.norm(cross(first_normal, second_normal), axis=-1)
         all_axes = poles.stacked([*self.first, *self.second])
         sine_to_common_plane = _sine_to_best_plane(all_axes)
-        has_parallel_axes = np.minimum(first_sine, second_sine) < VANISHING_SINE
         return np.where(has_parallel_axes, sine_to_common_plane, sine_between_planes)
 
     def describe(self, links: FourLinks, names: Sequence[str]) -> str:
@@ -300,14 +300,16 @@ def _condition_of_three_links(
     """
     # The name of a pole axis is that of its two links: "ir" for links i and r, "os" for o
     # and s. "or_" has an underscore, because "or" is a word of Python.
-    third_axis = find_third_axis(relation.form, relation.links)
+    input_axis = "ir"
     output_axis = "os" if relation.form == "i" else "or_"
-    axes_by_kind = {
-        "I": ("ir", third_axis.name),
-        "II": (output_axis, third_axis.name),
-        "III": (third_axis.name, output_axis, "ir"),
+    third = find_third_axis(relation.form, relation.links)
+    parallel_axes_by_kind = {
+        "I": (input_axis, third.name),
+        "II": (output_axis, third.name),
+        "III": (third.name, output_axis, input_axis),
     }
-    return {kind + third_axis.label_suffix: (ParallelAxes(axes_by_kind[kind]),)}
+    condition = ParallelAxes(parallel_axes_by_kind[kind])
+    return {kind + third.label_suffix: (condition,)}
 
 
 @dataclass(frozen=True)

@@ -101,22 +101,31 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
     fixed, input_link = ends[mechanism.pair_number[mechanism.inputs[0].pair]]
     if input_link == 0:
         fixed, input_link = input_link, fixed
-    # The output link is joined to the fixed link by the pair that is not driven. The sum of
-    # the two links of this pair, minus the fixed link, is the output link.
-    (output,) = (
-        sum(links) - fixed for links in ends if fixed in links and input_link not in links
-    )
-    # The link numbers are 0, 1, 2 and 3, whose sum is 6.
-    coupler = 6 - fixed - input_link - output
+    # In the loop, the output link is the other neighbour of the fixed link, and the coupler
+    # is the link that remains.
+    neighbours = {link for pair_ends in ends if fixed in pair_ends for link in pair_ends}
+    (output,) = neighbours - {fixed, input_link}
+    (coupler,) = set(range(4)) - {fixed, input_link, output}
     return fixed, input_link, coupler, output
 
 
 def class_of(g: ArrayLike, a: ArrayLike, h: ArrayLike, b: ArrayLike) -> NDArray[np.str_]:
     """Return the class of four-bars by Grashof's criterion, from the arcs of their links.
 
-    The input turns fully if T1 T2 > 0 and T3 T4 > 0, the output if T1 T3 < 0 and T2 T4 < 0,
-    where T1 to T4 are sums of the four arcs (McCarthy and Soh 2011, section 7.2). If one of
-    the sums is zero, all links can lie in one great circle: the four-bar is change-point.
+    The classes follow from four sums T1 to T4 of the arcs (McCarthy and Soh 2011, section
+    7.2). The input turns fully if T1 T2 > 0 and T3 T4 > 0, the output if T1 T3 < 0 and
+    T2 T4 < 0. If one of the sums is zero, the four-bar is change-point: all links can lie
+    in one great circle. Otherwise the classes are:
+
+    ===================  ====================  =============  =============
+    input turns fully    output turns fully    T1 T2 T3 T4    class
+    ===================  ====================  =============  =============
+    yes                  yes                   positive       double-crank
+    yes                  no                    positive       crank-rocker
+    no                   yes                   positive       rocker-crank
+    no                   no                    positive       double-rocker
+    no                   no                    negative       triple-rocker
+    ===================  ====================  =============  =============
 
     Parameters
     ----------
@@ -136,10 +145,7 @@ def class_of(g: ArrayLike, a: ArrayLike, h: ArrayLike, b: ArrayLike) -> NDArray[
     sums = np.stack([t1, t2, t3, t4])
     input_turns_fully = (t1 * t2 > 0.0) & (t3 * t4 > 0.0)
     output_turns_fully = (t1 * t3 < 0.0) & (t2 * t4 < 0.0)
-    # The first condition that is fulfilled decides. If the product of all four sums is
-    # positive, Grashof's criterion is fulfilled: one link can turn fully relative to its
-    # neighbours. If neither input nor output turns fully, it is the coupler: a
-    # double-rocker. If the product is negative, no link turns fully: a triple-rocker.
+    # The first condition that is fulfilled decides.
     return np.select(
         [
             np.min(np.abs(sums), axis=0) < CHANGE_POINT_TOLERANCE_RAD,

@@ -33,6 +33,12 @@ smaller. Larger: more relations are not determined; smaller: a plane is determin
 rounding."""
 
 
+SIGN_OF_D_FOR_DIFFERENCE = 1.0
+"""Sign in the formula of d if the third rotation is output minus input; see `ThirdAxis`."""
+SIGN_OF_D_FOR_SUM = -1.0
+"""The same if the third rotation is output plus input."""
+
+
 class Type(StrEnum):
     """What rests at a singularity: the output (I), the input (II), or both.
 
@@ -225,21 +231,18 @@ class Relation:
 class ThirdAxis:
     """The third pole axis of the relation c y' = d q' between the rates of three links.
 
-    q' is the rate of the input, y' that of the output. Each is the relative rate of two
-    links. If one link takes part in both, there are three links. Their three pole axes
-    (axes of relative rotation) are in one plane with the unit normal n: the axis u_q of the
-    input, the axis u_y of the output, and a third axis p.
+    Input and output are rotations of one link relative to another, with the rates q' and y'
+    about the pole axes u_q and u_y. If they share a link, there are three links. Their
+    third relative rotation, with the rate r' about the third axis p, is the difference or
+    the sum of the two:
 
-    Input and output are rotations of one link relative to another. There are two cases:
+    - y' u_y - q' u_q = r' p if the shared link is the moving link of both or the reference
+      link of both. Then c = n . (u_y x p) and d = n . (u_q x p).
+    - y' u_y + q' u_q = r' p if it moves in one and is the reference in the other. Then
+      c = n . (u_y x p) and d = -n . (u_q x p).
 
-    - The shared link is the moving link of both or the reference link of both. The third
-      rotation is then the difference, y' u_y - q' u_q = r' p.
-    - The shared link moves in one and is the reference in the other. The third rotation is
-      then the sum, y' u_y + q' u_q = r' p.
-
-    The cross product of both sides with p eliminates the rate r'. Its scalar product with n
-    is c y' = d q'. So c = n . (u_y x p), and d = n . (u_q x p) for the difference, or
-    d = -n . (u_q x p) for the sum.
+    The formulas follow from the vector product of each equation with p, which eliminates
+    r', and the scalar product with n, the unit normal of the plane of all three axes.
 
     Attributes
     ----------
@@ -281,29 +284,43 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
 
     Returns
     -------
-    The name of the axis; the sign of d in the relation c y' = d q' of the rates, -1 for the
-    sum and 1 for the difference; and the number of the case in R. Di Gregorio's lecture on
-    singularities, such as ".2". Only two cases have one.
+    The axis, with the sign of d in the relation c y' = d q' of the rates, and the number of
+    the case in R. Di Gregorio's lecture on singularities, such as ".2". Only two cases have
+    one.
     """
-    difference = 1.0
-    total = -1.0
     if form == "ii":
-        # o and i, both relative to r. The difference is o relative to i. If i is also s,
-        # the names "os" and "io" mean the same axis.
-        return ThirdAxis("os" if links.s == links.i else "io", difference, "")
+        return _third_axis_seen_from_input_reference(links)
+    return _third_axis_of_shared_link(links)
+
+
+def _third_axis_seen_from_input_reference(links: FourLinks) -> ThirdAxis:
+    """Return the third axis if output o and input i both rotate relative to r (form ii).
+
+    The difference of both rotations is that of o relative to i. If i is also s, the names
+    "os" and "io" mean the same axis.
+    """
+    name = "os" if links.s == links.i else "io"
+    return ThirdAxis(name, SIGN_OF_D_FOR_DIFFERENCE, label_suffix="")
+
+
+def _third_axis_of_shared_link(links: FourLinks) -> ThirdAxis:
+    """Return the third axis if two of the links i, r, o and s are the same link (form i).
+
+    The output is the rotation of o relative to s, the input that of i relative to r.
+    """
     if links.i == links.s:
         # The output is o relative to i, the input is i relative to r. The sum is o relative
         # to r.
-        return ThirdAxis("or_", total, "")
+        return ThirdAxis("or_", SIGN_OF_D_FOR_SUM, label_suffix="")
     if links.o == links.r:
         # The output is r relative to s, the input is i relative to r. The sum is i relative
         # to s.
-        return ThirdAxis("is_", total, "")
+        return ThirdAxis("is_", SIGN_OF_D_FOR_SUM, label_suffix="")
     if links.o == links.i:
         # The same link, relative to s and relative to r. The difference is r relative to s.
-        return ThirdAxis("rs", difference, ".2")
-    # o and i, both relative to r = s. The difference is o relative to i.
-    return ThirdAxis("io", difference, ".3")
+        return ThirdAxis("rs", SIGN_OF_D_FOR_DIFFERENCE, label_suffix=".2")
+    # The case r = s: o and i, both relative to r. The difference is o relative to i.
+    return ThirdAxis("io", SIGN_OF_D_FOR_DIFFERENCE, label_suffix=".3")
 
 
 def make_relation(
@@ -391,16 +408,27 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
     possible in each row. The one at an acute angle with the vector of the row before is
     taken, so that the vectors are continuous along a curve of configurations.
     """
-    # The normals of the plane of the axes. "ir" is the axis of the input, the rotation of
-    # link i relative to r. `sine` is the largest sine of the angle between two of the axes.
+    # "ir" is the axis of the input, the rotation of link i relative to r. `sine` is the
+    # largest sine of the angle between two of the axes.
     normals, sine = poles.plane((output_name, "ir", third_name))
-    normals[~(sine > ONE_LINE_SINE)] = np.nan
-    # A normal of the plane is reversed if it is opposite to that of the row before, so the
-    # signs of all rows are products of these reversals. Rows without a plane are left out.
-    rows = np.flatnonzero(all_finite(normals, 1))
-    reversals = np.ones(len(rows))
-    cosines = np.vecdot(normals[rows[1:]], normals[rows[:-1]])
-    reversals[1:] = np.where(cosines < 0.0, -1.0, 1.0)
-    normals[rows] *= np.cumprod(reversals)[:, None]
-    # The result is in the plane and at right angles to the third axis.
-    return cross(getattr(poles, third_name), normals)
+    has_plane = sine > ONE_LINE_SINE
+    normals[~has_plane] = np.nan
+    third_axis = getattr(poles, third_name)
+    # If the third axis and the normals are continuous, so is the result.
+    return cross(third_axis, _with_continuous_signs(normals))
+
+
+def _with_continuous_signs(vectors: Floats) -> Floats:
+    """Return vectors (n, 3) with signs at which none is opposite to the row before.
+
+    Rows with NaN are skipped: the next row is compared with the last one without NaN.
+    """
+    rows = np.flatnonzero(all_finite(vectors, 1))
+    cosines = np.vecdot(vectors[rows[1:]], vectors[rows[:-1]])
+    # The comparisons are those of the given vectors. A reversal therefore counts for all
+    # rows behind it, and the sign of a row is the product of all signs up to it.
+    signs = np.ones(len(rows))
+    signs[1:] = np.where(cosines < 0.0, -1.0, 1.0)
+    continuous = vectors.copy()
+    continuous[rows] *= np.cumprod(signs)[:, None]
+    return continuous

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.numerics.minima import find_local_minima
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.singularities.input_output_relation import Type
@@ -83,14 +83,7 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
       the output.
 
     Configurations that are singular themselves are not included. Some mechanisms have small
-    angles everywhere. The limit is smaller then:
-
-    - If the velocity coefficient is below 1 on a whole curve, as in a gear reducer, the
-      limit is multiplied by its largest value on the curve.
-    - If all arcs between the axes of links are small, the transmission measure is small,
-      too. Its limit is multiplied by the largest sine of such an arc. If dyads (two links
-      in series) place the output, one of them must also be within `near` of being stretched
-      or folded.
+    angles everywhere; `_sine_limits` has smaller limits for them.
 
     Parameters
     ----------
@@ -126,30 +119,15 @@ def _near_misses_on_curve(
         Largest angle of a near miss (rad).
     """
     angle = partial(sampled.angle, kind, number, output=output)
-    curve = sampled.curves[number]
-    # Minima of the sine are near misses if they are between these limits. Smaller ones are
-    # singularities.
-    largest_sine = np.sin(near)
-    least_sine = SINGULAR_TRANSMISSION
-    if kind is Type.I:
-        # The tangent of the angle is the velocity coefficient. The output of a gear reducer
-        # is slow throughout. If the coefficient is below 1 on the whole curve, the upper
-        # limit is therefore relative to its greatest value.
-        greatest_coefficient = np.tan(np.nanmax(angle(curve.s), initial=0.0))
-        largest_sine *= min(1.0, greatest_coefficient)
-    else:
-        # The transmission measure is small if all arcs between the axes of links are small.
-        # Both limits are therefore relative to the largest sine of such an arc.
-        largest_sine *= sampled.largest_arc_sine
-        least_sine *= sampled.largest_arc_sine
-    positions, sines = local_minima(sampled, number, angle, largest_sine)
+    limits = _sine_limits(sampled, kind, number, angle, near)
+    positions, sines = local_minima(sampled, number, angle, limits.largest)
     misses: list[NearMiss] = []
-    for s in positions[sines > least_sine]:
+    for s in positions[sines > limits.least]:
         # The configuration, with one row.
-        values = curve.at(s).values
+        values = sampled.curves[number].at(s).values
         # The transmission measure may be small because arcs are short. The angle of a dyad
-        # does not depend on their lengths. If dyads place the output and none is near its
-        # dead centre, the point is no near miss.
+        # (two links in series) does not depend on their lengths. If dyads place the output
+        # and none is near its dead centre, the point is no near miss.
         if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
             continue
         (distance,) = sampled.angle(kind, number, s[None], output)
@@ -169,6 +147,62 @@ def _near_misses_on_curve(
                 )
             )
     return misses
+
+
+@dataclass(frozen=True)
+class _SineLimits:
+    """Sines between which a local minimum is a near miss of a type of singularity.
+
+    Attributes
+    ----------
+    least
+        Minima up to this sine are singularities.
+    largest
+        Minima above this sine are not near.
+    """
+
+    least: float
+    largest: float
+
+
+def _sine_limits(
+    sampled: SampledSingularities,
+    kind: Type,
+    number: int,
+    angle: AngleFunction,
+    near: float,
+) -> _SineLimits:
+    """Return the sines between which minima of the distance from a type are near misses.
+
+    Some mechanisms have small distances everywhere, which the limits take into account:
+
+    - Type I: the output of a gear reducer is slow throughout. If the velocity coefficient
+      is below 1 on the whole curve, the upper limit is multiplied by its largest value.
+    - Type II: the transmission measure is small if all arcs between the axes of links are
+      small. Both limits are multiplied by the largest sine of such an arc.
+
+    Parameters
+    ----------
+    sampled
+        The singularities on all curves.
+    kind, number
+        The type, and the number of the curve.
+    angle
+        The distance from the type along the curve.
+    near
+        Largest angle of a near miss (rad).
+    """
+    largest_sine = np.sin(near)
+    if kind is Type.I:
+        # The tangent of the angle is the velocity coefficient.
+        greatest_angle = np.nanmax(angle(sampled.curves[number].s), initial=0.0)
+        greatest_coefficient = np.tan(greatest_angle)
+        largest_sine *= min(1.0, greatest_coefficient)
+        return _SineLimits(least=SINGULAR_TRANSMISSION, largest=largest_sine)
+    return _SineLimits(
+        least=SINGULAR_TRANSMISSION * sampled.largest_arc_sine,
+        largest=largest_sine * sampled.largest_arc_sine,
+    )
 
 
 def least_transmission(
@@ -291,29 +325,57 @@ def local_minima(
         (k,) arc lengths (rad) of the minima, and the sines at them.
     """
     curve = sampled.curves[number]
-    grid = curve.s
-    if curve.closed:
-        # A minimum at the start of a closed curve must have a cell of the grid on both
-        # sides to be found. Two cells of the next lap are added at the end, so that it is
-        # found there. Minima are taken from one lap, from the second point of the grid on.
-        grid = np.append(grid, grid[1:3] + curve.length)
 
     def squared_sine(s: Floats) -> Floats:
         """Return the squared sines (n,), which are smooth and have the same minima."""
         return np.sin(angles(s)) ** 2
 
-    positions, squares = find_local_minima(squared_sine, grid, limit**2)
+    squared_limit = limit**2
     if curve.closed:
-        # Positions beyond the first lap are reduced to it.
-        is_in_one_lap = (positions >= grid[1]) & (positions < grid[1] + curve.length)
-        positions = np.mod(positions[is_in_one_lap], curve.length)
-        squares = squares[is_in_one_lap]
+        positions, squares = _minima_in_lap(squared_sine, curve, squared_limit)
+    else:
+        positions, squares = find_local_minima(squared_sine, curve.s, squared_limit)
+
+    # Pieces of closed curves have ends, too, where the input leaves the range.
     ends = _find_ends(sampled, number)
     end_squares = squared_sine(ends.s)
-    is_minimum = end_squares <= np.minimum(squared_sine(ends.inward_s), limit**2)
-    positions = np.append(positions, ends.s[is_minimum])
-    squares = np.append(squares, end_squares[is_minimum])
+    is_below_limit = end_squares <= squared_limit
+    is_minimum = end_squares <= squared_sine(ends.inward_s)
+    is_included = is_below_limit & is_minimum
+    positions = np.append(positions, ends.s[is_included])
+    squares = np.append(squares, end_squares[is_included])
     return positions, np.sqrt(squares)
+
+
+def _minima_in_lap(
+    function: Callable[[Floats], Floats], curve: ArcCurve, limit: float
+) -> tuple[Floats, Floats]:
+    """Return the local minima of a function in one lap of a closed curve.
+
+    A minimum is found only if the grid has a cell on both sides of it. One at the start of
+    the curve, s = 0, is therefore found at the end of the lap, behind which two cells of
+    the next lap are added. For this purpose the lap does not begin at the start of the
+    curve but at the second point of its grid.
+
+    Parameters
+    ----------
+    function
+        Values (n,) of the function at arc lengths (n,).
+    curve
+        The closed curve.
+    limit
+        Minima with a larger value are left out.
+
+    Returns
+    -------
+    positions, values
+        (k,) arc lengths (rad) from 0 to the length of the curve, and the minima.
+    """
+    next_lap = curve.s[1:3] + curve.length
+    positions, values = find_local_minima(function, np.append(curve.s, next_lap), limit)
+    lap_start = curve.s[1]
+    is_in_lap = (positions >= lap_start) & (positions < lap_start + curve.length)
+    return np.mod(positions[is_in_lap], curve.length), values[is_in_lap]
 
 
 @dataclass(frozen=True)
@@ -356,22 +418,51 @@ def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     number
         Number of the curve.
     """
-    curve = sampled.curves[number]
     ends = _find_piece_ends(sampled, number)
-    is_included = np.zeros(len(ends.s), dtype=bool)
-    has_whole_periods = sampled.count_periods_in_range(number) > 0
-    if not has_whole_periods:
-        for limit in sampled.range:
-            is_included |= np.abs(ends.q - limit) < RANGE_END_TOLERANCE_RAD
-    if not curve.closed:
-        start_status, stop_status = curve.ends
-        if start_status is not Status.AT_SINGULARITY:
-            is_included |= np.abs(ends.s) < RANGE_END_TOLERANCE_RAD
-        if stop_status is not Status.AT_SINGULARITY:
-            is_included |= np.abs(ends.s - curve.length) < RANGE_END_TOLERANCE_RAD
+    is_at_range_limit = _is_at_range_limit(sampled, number, ends)
+    is_at_curve_end = _is_at_curve_end(sampled.curves[number], ends)
+    is_included = is_at_range_limit | is_at_curve_end
     return _PieceEnds(
         s=ends.s[is_included], inward_s=ends.inward_s[is_included], q=ends.q[is_included]
     )
+
+
+def _is_at_range_limit(
+    sampled: SampledSingularities, number: int, ends: _PieceEnds
+) -> Bools:
+    """Return whether (k,) ends of pieces are at the limits of the range of the input.
+
+    A range of whole periods has no limits, because configurations repeat.
+
+    Parameters
+    ----------
+    sampled, number
+        The range, and the number of the curve.
+    ends
+        k ends of pieces of the curve.
+    """
+    low, high = sampled.range
+    if sampled.count_periods_in_range(number) > 0:
+        return np.zeros(len(ends.s), dtype=bool)
+    is_at_low = np.abs(ends.q - low) < RANGE_END_TOLERANCE_RAD
+    is_at_high = np.abs(ends.q - high) < RANGE_END_TOLERANCE_RAD
+    return is_at_low | is_at_high
+
+
+def _is_at_curve_end(curve: ArcCurve, ends: _PieceEnds) -> Bools:
+    """Return whether (k,) ends of pieces are ends of the curve at which it truly ends.
+
+    A closed curve has no ends. An end at which other curves cross is no true end.
+    """
+    is_at_end = np.zeros(len(ends.s), dtype=bool)
+    if curve.closed:
+        return is_at_end
+    start_status, stop_status = curve.ends
+    if start_status is not Status.AT_SINGULARITY:
+        is_at_end |= np.abs(ends.s) < RANGE_END_TOLERANCE_RAD
+    if stop_status is not Status.AT_SINGULARITY:
+        is_at_end |= np.abs(ends.s - curve.length) < RANGE_END_TOLERANCE_RAD
+    return is_at_end
 
 
 def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:

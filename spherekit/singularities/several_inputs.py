@@ -9,7 +9,7 @@ of these quantities are finite at singularities.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from itertools import combinations
@@ -222,9 +222,7 @@ class OutputCoefficients:
     @property
     def triples(self) -> Floats:
         """(n, k) triple products of the u of any three inputs."""
-        threes = np.array([*combinations(range(self.u.shape[1]), 3)], dtype=int)
-        with np.errstate(invalid="ignore"):
-            return np.linalg.det(self.u[:, threes.reshape(-1, 3)])
+        return _triple_products(self.u)
 
 
 @dataclass(frozen=True)
@@ -424,13 +422,15 @@ def _pole_axis(
     if pole == input_pole:
         direction = input_axis
     else:
-        direction = angular_velocities[:, pole[0]] - angular_velocities[:, pole[1]]
-    size = np.linalg.norm(direction, axis=1, keepdims=True)
+        first, second = pole
+        direction = angular_velocities[:, first] - angular_velocities[:, second]
     # In this motion the vector of the rates of all variables has unit length. A relative
     # angular velocity below this limit counts as zero, as it does in the measures of
     # singularities, and has no direction.
-    axis = direction / np.where(size > SINGULAR_TRANSMISSION, size, np.nan)
-    return np.where(np.isfinite(planned_axes[pole]), planned_axes[pole], axis)
+    size = np.linalg.norm(direction, axis=1, keepdims=True)
+    axis_by_rates = direction / np.where(size > SINGULAR_TRANSMISSION, size, np.nan)
+    planned_axis = planned_axes[pole]
+    return np.where(np.isfinite(planned_axis), planned_axis, axis_by_rates)
 
 
 def _input_variables(motion: Motion) -> list[int]:
@@ -657,18 +657,18 @@ def _smallest_sine_to_rest(occurring_rates: _OccurringRates) -> Floats:
 
 
 @dataclass(frozen=True)
-class _VanishingCandidates:
-    """Quantities that may vanish at a singularity.
+class _SingularityCause:
+    """A quantity that vanishes at some singularities, and what it then means.
 
     Attributes
     ----------
-    phrases
-        What is reported for each quantity if it vanishes.
+    phrase
+        What is reported if the quantity vanishes.
     sizes
-        (n, phrases) the quantities at n rows.
+        (n,) the quantity at n rows, NaN if it is not to be reported.
     """
 
-    phrases: Sequence[str]
+    phrase: str
     sizes: Floats
 
 
@@ -715,20 +715,19 @@ def what_vanishes(
     d = np.where(np.isfinite(result.d), result.d, result.output_rate)
     u = np.where(np.isfinite(result.u), result.u, result.alone)
     inputs = motion.mechanism.names_of(motion.assembly.inputs)
-    # Sets of quantities in the order of the report. A set is used only for rows in which no
-    # quantity of an earlier set vanishes.
-    tiers = _vanishing_candidates(inputs, c, d, replace(result, u=u))
+    direction = None
     if pointing is not None:
         direction = np.matvec(motion.rotations[:, output.relative_to], pointing)
-        tiers = _insert_direction(tiers, inputs, u, direction)
 
     phrases_by_row: list[list[str]] = [[] for _ in c]
-    for tier in tiers:
-        is_vanishing = np.abs(tier.sizes) < VANISHING_SIZE
+    for causes in _possible_causes(inputs, c, d, u, direction):
         for row, phrases in enumerate(phrases_by_row):
             if not phrases:
-                numbers = np.flatnonzero(is_vanishing[row]).tolist()
-                phrases_by_row[row] = [tier.phrases[number] for number in numbers]
+                phrases_by_row[row] = [
+                    cause.phrase
+                    for cause in causes
+                    if np.abs(cause.sizes[row]) < VANISHING_SIZE
+                ]
     for row in np.flatnonzero(result.type == RowType.SELF_MOTION).tolist():
         moving_links = _describe_self_motion(motion.rows(slice(row, row + 1)), output)
         phrases_by_row[row] = [moving_links]
@@ -746,10 +745,10 @@ def what_vanishes(
     return [" ".join(phrases) for phrases in phrases_by_row]
 
 
-def _vanishing_candidates(
-    inputs: Sequence[str], c: Floats, d: Floats, result: OutputCoefficients
-) -> list[_VanishingCandidates]:
-    """Return the quantities that may vanish, in the order in which they are reported.
+def _possible_causes(
+    inputs: Sequence[str], c: Floats, d: Floats, u: Floats, direction: Floats | None
+) -> list[list[_SingularityCause]]:
+    """Return the possible causes of a singularity, in the order in which they are reported.
 
     If input i moves with the rate q_i' while the others are locked, the output turns about
     the pole axis u_i with the angular velocity w_i, and c_i w_i = d_i q_i'.
@@ -760,107 +759,119 @@ def _vanishing_candidates(
         Names of the g inputs.
     c, d
         (n, g) the coefficients of each input.
-    result
-        Only its pole axes u (n, g, 3), and their triple products, are used.
+    u
+        (n, g, 3) unit vectors along the pole axes.
+    direction
+        (n, 3) the output direction, which rests if the output link turns about it. None if
+        the orientation of the link is the output. All vectors are in ground axes.
 
     Returns
     -------
-    Two sets of quantities. The second set is reported only in rows in which no quantity of
-    the first one vanishes.
-
-    - The first set has the coefficients, the largest sine between two axes (0 if all
-      coincide) and the triple products (0 if three axes are coplanar: the three inputs then
-      turn the output about axes in a plane only).
-    - The second set has the sines between any two axes. They are 0 if two inputs turn the
-      output about the same axis.
+    Lists of causes. A list is reported only in rows in which no cause of an earlier list
+    applies.
     """
-    pairs_of_inputs = list(combinations(inputs, 2))
-    threes_of_inputs = list(combinations(inputs, 3))
-    # (n, pairs of inputs) sines of the angles between two axes.
-    sines = np.linalg.norm(_cross_products(result.u), axis=2)
-    largest_sine = np.max(sines, axis=1, keepdims=True)
-    # If all axes coincide, it is not reported in addition that they are coplanar.
-    volumes = np.where(largest_sine < VANISHING_SIZE, np.nan, result.triples)
-    reported_first = _VanishingCandidates(
-        [
-            *[f"c_{name}=0" for name in inputs],
-            *[f"d_{name}=0" for name in inputs],
-            f"u of {', '.join(inputs)} coincide",
-            *[f"u of {', '.join(three)} coplanar" for three in threes_of_inputs],
-        ],
-        np.hstack([c, d, largest_sine, volumes]),
-    )
-    reported_second = _VanishingCandidates(
-        [f"u_{a} and u_{b} along one line" for a, b in pairs_of_inputs], sines
-    )
-    return [reported_first, reported_second]
+    coefficient_causes = [
+        *[_SingularityCause(f"c_{name}=0", c[:, i]) for i, name in enumerate(inputs)],
+        *[_SingularityCause(f"d_{name}=0", d[:, i]) for i, name in enumerate(inputs)],
+    ]
+    all_axes_causes = _causes_of_all_axes(inputs, u)
+    two_axes_causes = _causes_of_two_axes(inputs, u)
+    if direction is None:
+        return [coefficient_causes + all_axes_causes, two_axes_causes]
+    along_direction_causes = _causes_along_direction(inputs, u, direction)
+    return [
+        coefficient_causes + along_direction_causes + all_axes_causes,
+        two_axes_causes,
+        _causes_coplanar_with_direction(inputs, u, direction),
+    ]
 
 
-def _insert_direction(
-    tiers: Sequence[_VanishingCandidates],
-    inputs: Sequence[str],
-    u: Floats,
-    direction: Floats,
-) -> list[_VanishingCandidates]:
-    """Return the quantities that may vanish, with those that concern a pointing direction.
+def _causes_of_all_axes(inputs: Sequence[str], u: Floats) -> list[_SingularityCause]:
+    """Return the causes that all pole axes (n, g, 3) coincide, or that three are coplanar.
 
-    A quantity that vanishes explains why a row is singular. The quantities are in tiers: a
-    tier is reported only in rows in which no quantity of an earlier tier vanishes. A tier
-    has a phrase and a column of numbers, which are zero in singular rows, for each
-    quantity.
+    If three axes are coplanar, the three inputs turn the output about axes in a plane only.
+    """
+    largest_sine = np.max(np.linalg.norm(_cross_products(u), axis=2), axis=1)
+    causes = [_SingularityCause(f"u of {', '.join(inputs)} coincide", largest_sine)]
+    # Axes that coincide are coplanar, too, which is not reported in addition.
+    do_coincide = largest_sine < VANISHING_SIZE
+    volumes = np.where(do_coincide[:, None], np.nan, _triple_products(u))
+    for number, three in enumerate(combinations(inputs, 3)):
+        causes.append(
+            _SingularityCause(f"u of {', '.join(three)} coplanar", volumes[:, number])
+        )
+    return causes
 
-    The output is a direction. It rests if the output link turns about it. If one input
-    moves alone, the link turns about a pole axis, so the direction rests if this axis is
-    along it. If two pole axes are coplanar with the direction, a combined motion of both
-    inputs turns the link about it.
+
+def _causes_of_two_axes(inputs: Sequence[str], u: Floats) -> list[_SingularityCause]:
+    """Return for any two inputs the cause that their pole axes (n, g, 3) coincide."""
+    sines = np.linalg.norm(_cross_products(u), axis=2)
+    return [
+        _SingularityCause(f"u_{a} and u_{b} along one line", sines[:, number])
+        for number, (a, b) in enumerate(combinations(inputs, 2))
+    ]
+
+
+def _causes_along_direction(
+    inputs: Sequence[str], u: Floats, direction: Floats
+) -> list[_SingularityCause]:
+    """Return for each input the cause that it turns the output about its direction.
 
     Parameters
     ----------
-    tiers
-        Two tiers (`_vanishing_candidates`). The first one begins with two coefficients, c_i
-        and d_i, of each input. Sines and triple products of pole axes follow. The second
-        tier has the sines between any two pole axes.
-    inputs
-        Names of the g inputs.
-    u
-        (n, g, 3) pole axes, about which the output turns if one input moves alone.
+    inputs, u
+        Names of the g inputs, and their pole axes (n, g, 3).
     direction
-        (n, 3) the pointing direction in ground axes.
-
-    Returns
-    -------
-    Three tiers. The first one has the sines between each pole axis and the direction in
-    addition. The third one has the triple products of two pole axes and the direction.
+        (n, 3) the output direction.
     """
-    first, second = tiers
-    # The first tier begins with the coefficients c and d of g inputs, in 2 g columns. The
-    # sines between axes and direction are inserted after these, so that they are reported
-    # before other conditions on axes.
-    after_coefficients = 2 * len(inputs)
     sines = np.linalg.norm(cross(u, direction[:, None]), axis=2)
-    along_direction = [f"u_{name} along the direction" for name in inputs]
-    phrases = list(first.phrases)
-    phrases[after_coefficients:after_coefficients] = along_direction
-    sizes = np.hstack(
-        [first.sizes[:, :after_coefficients], sines, first.sizes[:, after_coefficients:]]
-    )
-    # (n, pairs of inputs) triple products of two axes and the direction, in the order of
-    # `combinations`.
+    return [
+        _SingularityCause(f"u_{name} along the direction", sines[:, i])
+        for i, name in enumerate(inputs)
+    ]
+
+
+def _causes_coplanar_with_direction(
+    inputs: Sequence[str], u: Floats, direction: Floats
+) -> list[_SingularityCause]:
+    """Return for any two inputs the cause that both turn the output about its direction.
+
+    A combined motion of two inputs turns the output about its direction if their pole axes
+    are coplanar with it.
+
+    Parameters
+    ----------
+    inputs, u
+        Names of the g inputs, and their pole axes (n, g, 3).
+    direction
+        (n, 3) the output direction.
+    """
     volumes = np.matvec(_cross_products(u), direction)
-    coplanar = _VanishingCandidates(
-        [
-            f"u_{a} and u_{b} coplanar with the direction"
-            for a, b in combinations(inputs, 2)
-        ],
-        volumes,
-    )
-    return [_VanishingCandidates(phrases, sizes), second, coplanar]
+    return [
+        _SingularityCause(
+            f"u_{a} and u_{b} coplanar with the direction", volumes[:, number]
+        )
+        for number, (a, b) in enumerate(combinations(inputs, 2))
+    ]
 
 
 def _cross_products(axes: Floats) -> Floats:
-    """Return the cross products (n, pairs, 3) of any two of g axes (n, g, 3)."""
+    """Return the cross products (n, pairs, 3) of any two of g axes (n, g, 3).
+
+    The pairs are in the order of `itertools.combinations`.
+    """
     first, second = np.triu_indices(axes.shape[1], 1)
     return cross(axes[:, first], axes[:, second])
+
+
+def _triple_products(axes: Floats) -> Floats:
+    """Return the triple products (n, threes) of any three of g axes (n, g, 3).
+
+    The threes are in the order of `itertools.combinations`.
+    """
+    threes = np.array([*combinations(range(axes.shape[1]), 3)], dtype=int)
+    with np.errstate(invalid="ignore"):
+        return np.linalg.det(axes[:, threes.reshape(-1, 3)])
 
 
 def _describe_self_motion(motion: Motion, output: OutputStationary) -> str:

@@ -67,27 +67,31 @@ class SingularCurve:
     def s(self) -> Floats:
         """(n,) arc lengths (rad) of the nodes, in the space of the variables.
 
-        They are the lengths of the cubic polynomials between successive nodes that have the
-        tangents of the curve at both ends (Hermite), by Gauss integration. With the unit
-        vector e of a chord of length L and the unit tangents t0 and t1 at its ends, the
-        derivative of the cubic by x, which goes from 0 to 1, is
+        The lengths between successive nodes are those of cubic polynomials that have the
+        tangents of the curve at both nodes (Hermite). With the unit vector e of a chord of
+        length L and the unit tangents t0 and t1 at its ends, the derivative of the cubic by
+        x, which goes from 0 to 1, is
 
-            L (t0 + 2 x (e - t0 - a) + 3 x^2 a),   a = t0 + t1 - 2 e.
+            L (t0 + x (b + 3 x a)),   a = t0 + t1 - 2 e,   b = 2 (e - t0 - a).
+
+        The length of a cubic is the integral of the size of its derivative, by the Gauss
+        quadrature.
         """
         # Axes of the arrays: chord, Gauss point, variable. A curve has one tangent, with
         # the index 0.
         tangents = self.nodes.tangents[:, None, :, 0]
-        start_tangents = tangents[:-1]
-        directions = self.chords.directions[:, None]
-        chord_lengths = self.chords.chord_lengths
-        # The Gauss points are in (-1, 1), and x in (0, 1).
+        t0 = tangents[:-1]
+        t1 = tangents[1:]
+        e = self.chords.directions[:, None]
+        a = t0 + t1 - 2.0 * e
+        b = 2.0 * (e - t0 - a)
+        # Gauss points and weights are those of the range from -1 to 1. Here the range is
+        # from 0 to 1, half as long.
         x = 0.5 * (GAUSS_POINTS[:, None] + 1.0)
-        cubic_term = start_tangents + tangents[1:] - 2.0 * directions
-        quadratic_term = 2.0 * (directions - start_tangents - cubic_term)
-        # The derivative over the length of the chord.
-        derivative = start_tangents + x * (quadratic_term + 3.0 * x * cubic_term)
-        relative_lengths = np.linalg.norm(derivative, axis=2) @ (0.5 * GAUSS_WEIGHTS)
-        return np.append(0.0, np.cumsum(relative_lengths * chord_lengths))
+        weights = 0.5 * GAUSS_WEIGHTS
+        derivative_over_length = t0 + x * (b + 3.0 * x * a)
+        relative_lengths = np.linalg.norm(derivative_over_length, axis=2) @ weights
+        return np.append(0.0, np.cumsum(relative_lengths * self.chords.chord_lengths))
 
     def points_on_chords(self, chord_numbers: Indices, parts: Floats) -> LocusPoints:
         """Return points of the curve between its nodes.

@@ -10,6 +10,7 @@ freedom, type I occurs along curves.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -302,12 +303,8 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
         space = other_locus.tangent_space(points.values)
         return other_locus.measure(space).value
 
-    # Runs of successive nodes of the type: the first node of each run, and the node after
-    # its last one.
     is_of_type = report.has_type(report.types(curve.nodes.values))
-    starts = np.flatnonzero(np.diff(is_of_type, prepend=False) & is_of_type)
-    stops = np.flatnonzero(np.diff(is_of_type, append=False) & is_of_type) + 1
-    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+    for start, stop in _find_runs(is_of_type):
         if stop - start == 1:
             # A single node is no curve.
             continue
@@ -324,3 +321,22 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
             # From these, further points of the part can be computed later.
             traced=(report, part),
         )
+
+
+def _find_runs(is_included: Bools) -> list[tuple[int, int]]:
+    """Return the runs of successive items of a sequence that are included.
+
+    For example, F T T F T has the runs (1, 3) and (4, 5).
+
+    Returns
+    -------
+    For each run the index of its first item, and the index after its last one.
+    """
+    runs: list[tuple[int, int]] = []
+    start = 0
+    for has_value, items in groupby(is_included.tolist()):
+        stop = start + len(list(items))
+        if has_value:
+            runs.append((start, stop))
+        start = stop
+    return runs

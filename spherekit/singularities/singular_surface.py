@@ -354,15 +354,7 @@ def _subdivide_triangle(
     Three vertices for each triangle. The list is empty if one end of a side is inside and
     the other one outside, but the side has no new vertex at which it could be cut.
     """
-    # The inside part: corners that are inside and new vertices, in the order of the border.
-    polygon: list[int] = []
-    for k in range(3):
-        if is_inside[k]:
-            polygon.append(corners[k])
-        if side_vertices[k] != NO_VERTEX:
-            polygon.append(side_vertices[k])
-        elif is_inside[k] != is_inside[(k + 1) % 3]:
-            return []
+    polygon = _inside_polygon(corners, side_vertices, is_inside)
     if not polygon:
         return []
     if len(polygon) == 6:
@@ -373,11 +365,40 @@ def _subdivide_triangle(
     # the new vertex m be on side 12. With the apex m the triangles are m23 and m31. With
     # corner 1 as the apex, one would be 1m2, whose three vertices are on one line.
     apex_position = 0
-    for k, vertex in enumerate(polygon):
-        if vertex in side_vertices:
-            apex_position = k
+    for position, vertex in enumerate(polygon):
+        is_new_vertex = vertex in side_vertices
+        if is_new_vertex:
+            apex_position = position
             break
     return _fan_triangles(polygon, apex_position)
+
+
+def _inside_polygon(
+    corners: list[int], side_vertices: list[int], is_inside: list[bool]
+) -> list[int]:
+    """Return the vertices of the inside part of a triangle, in the order of its border.
+
+    They are the corners that are inside, and the new vertices on the sides. The list is
+    empty if the part has none, or if a side has to be cut but has no new vertex.
+
+    Parameters
+    ----------
+    corners, side_vertices, is_inside
+        As in `_subdivide_triangle`.
+    """
+    polygon: list[int] = []
+    for start in range(3):
+        end = (start + 1) % 3
+        if is_inside[start]:
+            polygon.append(corners[start])
+        # The side from corner `start` to corner `end`.
+        side_vertex = side_vertices[start]
+        has_to_be_cut = is_inside[start] != is_inside[end]
+        if side_vertex != NO_VERTEX:
+            polygon.append(side_vertex)
+        elif has_to_be_cut:
+            return []
+    return polygon
 
 
 def _fan_triangles(polygon: list[int], apex_position: int) -> list[tuple[int, ...]]:

@@ -119,6 +119,55 @@ def _follow_slices(
     time_limit
         No further curves are followed after this time.
     """
+    locked_variables = np.delete(solver.driven, free_input).tolist()
+    locked_values = np.delete(input_values, free_input, axis=1)
+    # Configurations of each slice that are on no curve yet.
+    remaining_starts = _slice_starts(solver, free_input, input_values)
+    while True:
+        unfinished = [
+            number for number, starts in enumerate(remaining_starts) if len(starts)
+        ]
+        if not unfinished:
+            return
+        if not time_limit.goes_on(f"curves of {counted(len(unfinished), 'slice')}"):
+            return
+        # The next curve of each slice, from its first remaining start.
+        closure = solver.closure.locked(locked_variables, locked_values[unfinished])
+        first_starts = np.stack([remaining_starts[number][0] for number in unfinished])
+        curves = follow_arcs(closure, first_starts, longest=MAX_SLICE_CURVE_LENGTH_RAD)
+        for number, curve in zip(unfinished, curves, strict=True):
+            # The start of the curve is done, also if no curve could be followed from it.
+            other_starts = remaining_starts[number][1:]
+            if curve is None:
+                remaining_starts[number] = other_starts
+            else:
+                is_passed = curve.passes(other_starts)
+                remaining_starts[number] = other_starts[~is_passed]
+                yield curve
+
+
+def _slice_starts(
+    solver: PositionSolver, free_input: int, input_values: Floats
+) -> list[Floats]:
+    """Return configurations of each slice, at which its curves may start.
+
+    They are the assembly modes at values of the free input that are spread evenly over one
+    revolution.
+
+    Parameters
+    ----------
+    solver
+        The position solver of the mechanism.
+    free_input
+        Position of the free input among the inputs.
+    input_values
+        (slices, inputs) values of the inputs (rad). The column of the free input is not
+        used.
+
+    Returns
+    -------
+    For each slice the variables (starts, V) of the configurations (rad).
+    """
     # Modes take little time in closed form, that is, if all groups of links are dyads.
     # Otherwise they have to be searched, so fewer values are examined.
     if solver.assembly.has_closed_form:
@@ -126,32 +175,14 @@ def _follow_slices(
     else:
         value_count = FREE_INPUT_VALUES_OF_GROUPS
     free_values = (np.arange(value_count) + 0.5) * (2.0 * np.pi / value_count) - np.pi
-    # All values of the free input in the first slice, then in the second one, and so on.
-    q = np.repeat(input_values, value_count, axis=0)
-    q[:, free_input] = np.tile(free_values, len(input_values))
-    starts, row = configurations(solver, q)
-    locked_variables = np.delete(solver.driven, free_input).tolist()
-    locked_values = np.delete(input_values, free_input, axis=1)
-
-    # Configurations of each slice that are on no curve yet.
-    remaining_starts = {
-        slice_number: starts[row // value_count == slice_number]
-        for slice_number in range(len(input_values))
-    }
-    while unfinished := [number for number, left in remaining_starts.items() if len(left)]:
-        # The next curve of each slice, from its first remaining start.
-        if not time_limit.goes_on(f"curves of {counted(len(unfinished), 'slice')}"):
-            return
-        closure = solver.closure.locked(locked_variables, locked_values[unfinished])
-        first_starts = np.stack([remaining_starts[number][0] for number in unfinished])
-        curves = follow_arcs(closure, first_starts, longest=MAX_SLICE_CURVE_LENGTH_RAD)
-        for number, curve in zip(unfinished, curves, strict=True):
-            # The start of the curve is done, also if no curve could be followed from it.
-            remaining_starts[number] = remaining_starts[number][1:]
-            if curve is not None:
-                is_passed = curve.passes(remaining_starts[number])
-                remaining_starts[number] = remaining_starts[number][~is_passed]
-                yield curve
+    # One row for each slice and free value, with the slice of each row.
+    slice_count = len(input_values)
+    slice_of_row = np.repeat(np.arange(slice_count), value_count)
+    q = input_values[slice_of_row]
+    q[:, free_input] = np.tile(free_values, slice_count)
+    starts, rows = configurations(solver, q)
+    slice_of_start = slice_of_row[rows]
+    return [starts[slice_of_start == number] for number in range(slice_count)]
 
 
 @dataclass(frozen=True)
@@ -220,10 +251,7 @@ def cut(
         after = locked_values[free_input + 1 :]
         grid = np.array([*product(*before, [0.0], *after)])
 
-        # Reversed binary digits of 0, 1, 2, ... (van der Corput) are spread evenly.
-        digits = f"0{(len(grid) - 1).bit_length()}b"
-        order = sorted(range(len(grid)), key=lambda k: format(k, digits)[::-1])
-        input_values = grid[order]
+        input_values = grid[_spread_order(len(grid))]
         # The remaining time is divided equally among the inputs that have not been free.
         remaining_inputs = len(ranges) - free_input
         share = time_limit.part(1.0 / remaining_inputs)
@@ -237,6 +265,21 @@ def cut(
     # Singularities within boxes of these sides, between slices, can be missed.
     gaps = tuple((high - low) / values_of_each for low, high in ranges)
     return LockedInputSection(tuple(curves), gaps, "; ".join(notes))
+
+
+def _spread_order(count: int) -> list[int]:
+    """Return the numbers below `count` in an order whose beginnings are spread evenly.
+
+    Numbers are sorted by their binary digits in reverse order (van der Corput). For
+    example, 8 numbers have the order 0, 4, 2, 6, 1, 5, 3, 7.
+    """
+    digit_count = (count - 1).bit_length()
+
+    def reversed_digits(number: int) -> str:
+        """Return the binary digits of a number, the lowest one first."""
+        return f"{number:0{digit_count}b}"[::-1]
+
+    return sorted(range(count), key=reversed_digits)
 
 
 def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:

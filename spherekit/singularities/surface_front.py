@@ -14,7 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.vectors import all_finite
 from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.input_revolutions import in_range, less_periods
 from spherekit.singularities.curve_starts import LocusPointSearch
@@ -227,12 +228,24 @@ class SurfaceFront:
         self.triangles.append((a, b, c))
         for start, end, opposite in ((a, b, c), (b, c, a), (c, a, b)):
             self.directed_edges.add((start, end))
-            edge = _sorted_edge(start, end)
-            if edge in self.open_edges:
-                del self.open_edges[edge]
-            else:
-                self.open_edges[edge] = opposite
-                self.waiting_edges.append(edge)
+            self._open_or_close_edge(_sorted_edge(start, end), opposite)
+
+    def _open_or_close_edge(self, edge: Edge, opposite: int) -> None:
+        """Register the first triangle on an edge, which is then open, or the second one.
+
+        An open edge waits for its second triangle. It may get it as a side of a triangle
+        that is added to another edge; it is then skipped when its turn comes.
+
+        Parameters
+        ----------
+        edge, opposite
+            The edge, and the third vertex of the new triangle.
+        """
+        if edge in self.open_edges:
+            del self.open_edges[edge]
+        else:
+            self.open_edges[edge] = opposite
+            self.waiting_edges.append(edge)
 
     def _compute_vertices(
         self, bases: Sequence[int], offsets: Sequence[complex]
@@ -257,37 +270,76 @@ class SurfaceFront:
         crossing of surfaces, on another sheet, or far from the tangent plane.
         """
         starts = self.vertices.rows(np.array(bases))
+        # (k, 2) coordinates along the two tangents (k, V, 2) of each base.
         coordinates = np.stack([np.real(offsets), np.imag(offsets)], axis=1)
-        guess = starts.values + np.matvec(starts.tangents, coordinates)
-        motion_guess = starts.motions + np.matvec(starts.motion_derivatives, coordinates)
-        # Newton's method moves the guess at right angles to the tangent plane. Two linear
-        # equations say that the coordinates along the two tangents do not change.
-        plane_rows = np.swapaxes(starts.tangents, 1, 2)
-        targets = np.matvec(plane_rows, guess)
-        points = self.report.locus.correct(guess, motion_guess, plane_rows, targets)
-        # Where surfaces cross, all these equations together are nearly singular.
-        is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
-        is_regular = points.is_on_locus & ~is_crossing
-        # The singular values of the product of two orthonormal bases are the cosines of the
-        # angles between the tangent planes. The last one is the smallest.
-        overlap = np.where(is_regular[:, None, None], plane_rows @ points.tangents, 0.0)
-        plane_cosine = np.linalg.svd(overlap, compute_uv=False)[:, -1]
-        # Sheets that pass each other have different singular motions, whose signs are
-        # arbitrary.
-        motion_cosine = np.abs(np.vecdot(points.motions, starts.motions))
-        # A point that is farther than half an edge from the tangent plane belongs to
-        # another part of the surface.
-        distance = np.linalg.norm(points.values - guess, axis=1)
-        is_accepted = (
-            is_regular
-            & (plane_cosine >= SAME_SHEET_COSINE)
-            & (motion_cosine >= SAME_SHEET_COSINE)
-            & (distance <= 0.5 * self.edge_length)
-        )
+        plane_positions = starts.values + np.matvec(starts.tangents, coordinates)
+        points = self._project_onto_surface(starts, coordinates, plane_positions)
+        is_accepted = self._continues_surface(points, starts, plane_positions)
         return [
             points.rows(slice(row, row + 1)) if accepted else None
             for row, accepted in enumerate(is_accepted.tolist())
         ]
+
+    def _project_onto_surface(
+        self, starts: LocusPoints, coordinates: Floats, plane_positions: Floats
+    ) -> LocusPoints:
+        """Return the singular configurations at right angles above tangent planes.
+
+        Parameters
+        ----------
+        starts
+            The k vertices at which the planes touch the surface.
+        coordinates
+            (k, 2) position in each plane, along its two tangents (rad).
+        plane_positions
+            (k, V) the same positions as values of the variables (rad).
+        """
+        motion_guess = starts.motions + np.matvec(starts.motion_derivatives, coordinates)
+        # Two linear equations for each point say that its coordinates along the two
+        # tangents are those of the position in the plane.
+        plane_rows = np.swapaxes(starts.tangents, 1, 2)
+        plane_coordinates = np.matvec(plane_rows, plane_positions)
+        return self.report.locus.correct(
+            values=plane_positions,
+            motions=motion_guess,
+            conditions=plane_rows,
+            targets=plane_coordinates,
+        )
+
+    def _continues_surface(
+        self, points: LocusPoints, starts: LocusPoints, plane_positions: Floats
+    ) -> Bools:
+        """Return whether (k,) points are on the same part of a surface as their starts.
+
+        Parameters
+        ----------
+        points
+            Points that Newton's method reached from positions in tangent planes.
+        starts
+            The vertices at which these planes touch the surface.
+        plane_positions
+            (k, V) the positions, as values of the variables (rad).
+        """
+        # Where surfaces cross, the equations of the points are nearly singular.
+        is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
+        # The surface does not bend too much in between.
+        plane_cosine = _tangent_plane_cosines(starts, points)
+        has_similar_plane = plane_cosine >= SAME_SHEET_COSINE
+        # Sheets that pass each other have different singular motions, whose signs are
+        # arbitrary.
+        motion_cosine = np.abs(np.vecdot(points.motions, starts.motions))
+        is_on_same_sheet = motion_cosine >= SAME_SHEET_COSINE
+        # A point that is farther than half an edge from the tangent plane belongs to
+        # another part of the surface.
+        distance = np.linalg.norm(points.values - plane_positions, axis=1)
+        is_near_plane = distance <= 0.5 * self.edge_length
+        return (
+            points.is_on_locus
+            & ~is_crossing
+            & has_similar_plane
+            & is_on_same_sheet
+            & is_near_plane
+        )
 
     def _project(self, base: int, vertices: Indices | list[int]) -> list[complex]:
         """Return the positions of vertices in the tangent plane at another vertex."""
@@ -318,19 +370,24 @@ class SurfaceFront:
         and on the triangles at these edges, which do not change.
         """
         if edge not in self.computed_vertices:
-            edges = [edge]
-            for waiting_edge in self.waiting_edges:
-                if len(edges) == VERTICES_COMPUTED_TOGETHER:
-                    break
-                is_computed = waiting_edge in self.computed_vertices
-                if self._needs_triangle(waiting_edge) and not is_computed:
-                    edges.append(waiting_edge)
+            edges = self._edges_to_compute(edge)
             # An ideal apex is a position in the tangent plane at the first end of its edge.
             first_ends = [first for first, _ in edges]
             apexes = [self._ideal_apex(open_edge) for open_edge in edges]
             vertices = self._compute_vertices(first_ends, apexes)
             self.computed_vertices |= dict(zip(edges, vertices, strict=True))
         return self.computed_vertices.pop(edge)
+
+    def _edges_to_compute(self, edge: Edge) -> list[Edge]:
+        """Return an edge, and the next waiting ones whose new vertices are not computed."""
+        edges = [edge]
+        for waiting_edge in self.waiting_edges:
+            if len(edges) == VERTICES_COMPUTED_TOGETHER:
+                break
+            is_computed = waiting_edge in self.computed_vertices
+            if self._needs_triangle(waiting_edge) and not is_computed:
+                edges.append(waiting_edge)
+        return edges
 
     def _attach_triangle(self, edge: Edge) -> None:
         """Put a triangle on the open side of an edge, if there is room for one.
@@ -462,6 +519,21 @@ class SurfaceFront:
             _is_in_triangle(positions[vertex], a, b, apex_position)
             for vertex in other_vertices
         )
+
+
+def _tangent_plane_cosines(first: LocusPoints, second: LocusPoints) -> Floats:
+    """Return the cosine (k,) of the greatest angle between tangent planes at two points.
+
+    The cosines of the principal angles are the singular values of the product of both
+    orthonormal bases. Rows without a point (NaN) have the cosine 0.
+    """
+    overlap = np.swapaxes(first.tangents, 1, 2) @ second.tangents
+    is_finite = all_finite(overlap, (1, 2))
+    cosines = np.linalg.svd(
+        np.where(is_finite[:, None, None], overlap, 0.0), compute_uv=False
+    )
+    smallest_cosine: Floats = cosines[:, -1]
+    return smallest_cosine
 
 
 def _sorted_edge(first: int, second: int) -> Edge:
