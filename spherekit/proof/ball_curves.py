@@ -145,17 +145,17 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     """
     if profile.kind == "points":
         spline, _table = spline_through(np.array(profile.points), profile.closed)
-        path = _SphericalSpline(spline).evaluate
-        return _by_arc_length(path, exact_balls(spline.knots), profile.closed)
+        spline_path = _SphericalSpline(spline).evaluate
+        return _by_arc_length(spline_path, exact_balls(spline.knots), profile.closed)
     assert profile.centre is not None  # only profiles through points have no centre
     axes = azimuth_frame(unit_vector(exact_balls(profile.centre)))
     if profile.kind == "fourier":
-        path = _make_fourier_path(
+        fourier_path = _make_fourier_path(
             axes, exact_balls(profile.cosines), exact_balls(profile.sines)
         )
         # The parameter is the azimuth, over one turn from 0 to 2 pi.
         one_turn = exact_balls([0.0, 2.0]) * pi_ball()
-        return _by_arc_length(path, one_turn, closed=True)
+        return _by_arc_length(fourier_path, one_turn, closed=True)
     if profile.kind == "circle":
         assert profile.radius is not None  # every circle has a radius
         sine, cosine = exact_ball(profile.radius).sin_cos()

@@ -87,9 +87,12 @@ class CircleContact:
             (3,) unit vectors in any common axes, which are the axes of the result, too.
         """
         # Both tangents are in the sense in which the great circle leads from the first
-        # centre to the contact. At the first centre the contact is therefore ahead. At the
-        # second centre it is ahead in internal contact (sense 1). In external contact
-        # (sense -1) it is behind, between both centres.
+        # centre to the contact. The points follow each other in this sense:
+        #   internal contact (sense 1):   first centre, second centre, contact, or
+        #                                 second centre, first centre, contact;
+        #   external contact (sense -1):  first centre, contact, second centre.
+        # The contact is ahead of the first centre. It is ahead of the second centre in
+        # internal contact, and behind it in external contact.
         tangent_at_first, tangent_at_second = _great_circle_tangents(
             first_centre, second_centre, self.centre_arc
         )
