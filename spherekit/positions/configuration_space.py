@@ -454,6 +454,28 @@ class _CurveSearch:
             (n, variables) configurations (rad), often of one assembly mode in the order of
             the input.
         """
+        # A start is judged after all curves are known, because curves end at crossings.
+        for start, message in self._follow_unknown_curves(values):
+            if self._is_near_crossing_end(start):
+                continue
+            if has_additional_freedoms(self.solver.closure, start):
+                self.surface_count += 1
+            else:
+                self.problems.append(message)
+
+    def _follow_unknown_curves(self, values: Floats) -> list[tuple[Floats, str]]:
+        """Follow curves until one passes each of the configurations, and add them.
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad).
+
+        Returns
+        -------
+        The configurations (variables,) from which no curve could be followed, each with a
+        message that says why.
+        """
         failures: list[tuple[Floats, str]] = []
         for curve in self.curves:
             values = values[~curve.passes(values)]
@@ -470,19 +492,19 @@ class _CurveSearch:
                 continue
             self.curves.append(curve)
             values = values[~curve.passes(values)]
-        # Near a crossing no curve can be followed, because the curves that cross end there.
-        for start, message in failures:
-            is_near_crossing = False
-            for curve in self.curves:
-                for end in _crossing_ends([curve]):
-                    distance = max_abs(curve.wrapped(start - end))
-                    is_near_crossing |= bool(distance < UNCHECKED_CROSSING_DISTANCE_RAD)
-            if is_near_crossing:
-                continue
-            if has_additional_freedoms(self.solver.closure, start):
-                self.surface_count += 1
-            else:
-                self.problems.append(message)
+        return failures
+
+    def _is_near_crossing_end(self, values: Floats) -> bool:
+        """Return whether a known curve ends at a crossing near a configuration.
+
+        No curve can be followed from there. `values` are the variables (rad).
+        """
+        for curve in self.curves:
+            for end in _crossing_ends([curve]):
+                distance = max_abs(curve.wrapped(values - end))
+                if distance < UNCHECKED_CROSSING_DISTANCE_RAD:
+                    return True
+        return False
 
     def follow_curves_from_crossings(self) -> None:
         """Follow the curves that leave the crossings at which known curves end.

@@ -7,7 +7,7 @@ it closes, when a subclass ends it (at a limit, for example), or when no step is
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -60,6 +60,21 @@ class TriedSteps(Generic[Node]):
     nodes: Node
     is_verified: Bools
     changes: Floats
+
+
+class StepOutcome(NamedTuple):
+    """What has become of one step on each of k curves.
+
+    Attributes
+    ----------
+    has_failed
+        (k,) whether the step was not taken, although the curve has not ended.
+    growth
+        (k,) factors by which the next steps are longer; 1 if the step was not taken.
+    """
+
+    has_failed: Bools
+    growth: Floats
 
 
 @dataclass
@@ -218,14 +233,13 @@ class CurveContinuation(ABC, Generic[Node]):
         steps = np.full(len(self.end_status), first_step)
         while len(rows := self._end_and_find_unfinished()):
             steps[rows] = self.limit_steps(rows, steps[rows])
-            # Factors for the next steps; 0 marks a step that failed.
-            growth = self._advance(rows, steps[rows])
-            failed_rows = rows[growth == 0.0]
+            outcome = self._advance(rows, steps[rows])
+            failed_rows = rows[outcome.has_failed]
             for row in failed_rows[steps[failed_rows] <= self.smallest_step]:
                 self.end_stuck_curve(int(row))
-            steps[rows] *= np.where(growth > 0.0, growth, 0.5)
+            steps[rows] *= np.where(outcome.has_failed, 0.5, outcome.growth)
 
-    def _advance(self, rows: Indices, steps: Floats) -> Floats:
+    def _advance(self, rows: Indices, steps: Floats) -> StepOutcome:
         """Try a step on each curve, and append the new nodes.
 
         Curves that return to their start end here. A subclass may also end curves that
@@ -237,42 +251,70 @@ class CurveContinuation(ABC, Generic[Node]):
             (k,) indices of the curves.
         steps
             (k,) lengths of the steps (rad).
-
-        Returns
-        -------
-        (k,) factors for the lengths of the next steps: between 0.5 and 2 after a step that
-        was taken. 0 marks a step that failed; the caller then halves it. Curves that have
-        ended without a further step get 1, which has no effect.
         """
         # All arrays have one entry for each of the k curves. A step is tried from the last
         # node of each.
         nodes = self.last_nodes.rows(rows)
         tried_steps = self.try_steps(rows, nodes, steps)
-        # A curve whose step passes its start is closed (it has completed a lap), and ends
-        # at the start.
-        end_nodes, closes = self._find_closing_laps(
-            rows, nodes, steps, tried_steps=tried_steps
-        )
-        self.append_nodes(rows[closes], end_nodes.rows(closes))
-        self.end_status[rows[closes]] = Status.OK
-        self.is_closed[rows[closes]] = True
+        is_closed_now = self._close_laps(rows, nodes, steps, tried_steps=tried_steps)
         # The subclass selects the verified steps that pass no limit. It sets `end_status`
         # of curves that end at one.
         is_taken = self.select_steps(
             rows,
             steps,
             new_nodes=tried_steps.nodes,
-            is_verified=tried_steps.is_verified & ~closes,
+            is_verified=tried_steps.is_verified & ~is_closed_now,
         )
         self.append_nodes(rows[is_taken], tried_steps.nodes.rows(is_taken))
-        # A step is verified only if its equations change by no more than the limit
-        # `step_tests.change`. The change is about proportional to the length of the step.
-        # The next step aims at a part of the limit, so that most steps are verified. The
-        # tiny number prevents a division by zero on straight curves.
+        # A curve that has ended needs no step, so its step has not failed.
+        has_ended = self.end_status[rows] != UNFINISHED
+        return StepOutcome(
+            has_failed=~is_taken & ~has_ended,
+            growth=np.where(is_taken, self._choose_growth(tried_steps.changes), 1.0),
+        )
+
+    def _close_laps(
+        self, rows: Indices, nodes: Node, steps: Floats, tried_steps: TriedSteps[Node]
+    ) -> Bools:
+        """End the curves whose step passes their start, at the start.
+
+        They are closed: they have completed a lap.
+
+        Parameters
+        ----------
+        rows
+            (k,) indices of the curves.
+        nodes
+            (k) last nodes of the curves.
+        steps
+            (k,) lengths of the steps (rad).
+        tried_steps
+            The steps from these nodes.
+
+        Returns
+        -------
+        (k,) whether the curve is closed.
+        """
+        end_nodes, closes = self._find_closing_laps(
+            rows, nodes, steps, tried_steps=tried_steps
+        )
+        self.append_nodes(rows[closes], end_nodes.rows(closes))
+        self.end_status[rows[closes]] = Status.OK
+        self.is_closed[rows[closes]] = True
+        return closes
+
+    def _choose_growth(self, changes: Floats) -> Floats:
+        """Return factors (k,) between 0.5 and 2 by which the next steps are longer.
+
+        A step is verified only if the Jacobian changes by no more than the limit
+        `step_tests.change`. The change is about proportional to the length of the step. The
+        next step aims at a part of the limit, so that most steps are verified.
+
+        `changes` (k,) are the changes of the Jacobian in the last steps.
+        """
         aimed_change = AIMED_CHANGE_RATIO * self.step_tests.change
-        growth = np.clip(aimed_change / (tried_steps.changes + 1e-300), 0.5, 2.0)
-        has_failed = ~is_taken & (self.end_status[rows] == UNFINISHED)
-        return np.where(has_failed, 0.0, np.where(is_taken, growth, 1.0))
+        # The tiny number prevents a division by zero on straight curves.
+        return np.clip(aimed_change / (changes + 1e-300), 0.5, 2.0)
 
     def append_nodes(self, rows: Indices, new_nodes: Node) -> None:
         """Append one node to each of some curves (k,)."""
@@ -378,22 +420,20 @@ class CurveContinuation(ABC, Generic[Node]):
         distances
             (k,) lengths of the steps (rad).
         is_good
-            (2 k,) whether the middle and the end of each step passed the other tests. The
-            order is: middle and end of the first step, middle and end of the second step,
-            and so on.
+            (k, 2) whether the middle [0] and the end [1] of each step passed the other
+            tests.
         rounding
             (k,) rounding errors of the middles (rad).
         """
         chords = stops.values - starts.values
         with np.errstate(all="ignore"):  # Steps that failed can have chords of length 0.
             # Projections of the middles on the chords, as parts of the chords.
-            fractions = np.vecdot(middles - starts.values, chords)
-            fractions = fractions / np.vecdot(chords, chords)
+            projections = np.vecdot(middles - starts.values, chords)
+            fractions = projections / np.vecdot(chords, chords)
             predicted = interpolate_between(starts, stops, fractions)
             miss = max_abs(predicted - middles, axis=1)
-            is_verified = self.step_tests.accepts_middle(miss, distances, rounding)
-        # Both points of a step must have passed the other tests.
-        return is_verified & np.all(is_good.reshape(-1, 2), axis=1)
+            is_middle_predicted = self.step_tests.accepts_middle(miss, distances, rounding)
+        return is_middle_predicted & np.all(is_good, axis=1)
 
     def collect_nodes(self, row: int) -> Node:
         """Return all nodes of a curve in order, the first node included."""

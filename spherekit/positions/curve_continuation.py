@@ -532,7 +532,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
             stops=new_nodes,
             middles=values[::2],
             distances=distances,
-            is_good=is_good,
+            is_good=is_good.reshape(-1, 2),
             rounding=rounding_errors,
         )
         changes = np.max(relative_change.reshape(-1, 2), axis=1)
@@ -560,42 +560,56 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
             Number of the limit.
         """
         node = self.last_nodes.rows(row)
-        closure = self.closure.select_rows(row)
-        # A node at the limit, up to the accuracy of closed loops, needs no further step.
+        # A node whose margin is zero, up to the accuracy of closed loops, is at the limit
+        # already. Otherwise a last step must lead there.
         if node.margins[0, number] > CLOSURE_TOLERANCE:
-
-            def compute_steps(values: Floats, _: Indices) -> Floats:
-                """Return Newton's steps (1, variables) to the limit on the curve."""
-                linearisation = closure.linearise(values)
-                margins, gradients = self.limits.margins(
-                    values,
-                    linearisation.states.curvatures,
-                    linearisation.states.curvature_rates,
-                )
-                return bordered_step(
-                    linearisation, gradients[:, number], -margins[:, number]
-                )
-
-            # Newton's method finds a point at which the limit is reached, but does not
-            # verify that it is on the same curve. A verified step is therefore made, whose
-            # length is the distance to this point along the tangent. If it leads to the
-            # same point, this becomes the last node of the curve.
-            landing, _ = newton(
-                compute_steps,
-                node.values,
-                max_steps=LANDING_STEPS,
-                last_step=LANDING_STEP_RAD,
-            )
+            # Newton's method finds a point at the limit, but does not verify that it is on
+            # the same curve. A verified step is therefore made, whose length is the
+            # distance to this point along the tangent. If it leads to the same point, this
+            # becomes the last node of the curve.
+            landing = self._find_point_at_limit(row, node.values, number)
             distance = np.sum(node.tangents * (landing - node.values), axis=1)
             last_step = self.try_steps(row, node, distance)
             miss = max_abs(last_step.nodes.values - landing)
             is_ahead = distance[0] > 0.0
-            # Nodes nearer to each other than this are one point everywhere in this class.
             is_same_point = miss < SAME_START_RAD
             if not (is_ahead and last_step.is_verified[0] and is_same_point):
                 return
             self.append_nodes(row, last_step.nodes)
         self.end_status[row] = self.limits.statuses[number]
+
+    def _find_point_at_limit(self, row: Indices, values: Floats, number: int) -> Floats:
+        """Return a closed configuration with the margin zero, by Newton's method.
+
+        Parameters
+        ----------
+        row
+            (1,) index of the curve.
+        values
+            (1, variables) configuration (rad) at which Newton's method starts.
+        number
+            Number of the limit.
+
+        Returns
+        -------
+        (1, variables) configuration (rad). It need not be on the same curve.
+        """
+        closure = self.closure.select_rows(row)
+
+        def compute_steps(values: Floats, _: Indices) -> Floats:
+            """Return Newton's steps (1, variables) for closed loops and a margin of 0."""
+            linearisation = closure.linearise(values)
+            margins, gradients = self.limits.margins(
+                values,
+                linearisation.states.curvatures,
+                linearisation.states.curvature_rates,
+            )
+            return bordered_step(linearisation, gradients[:, number], -margins[:, number])
+
+        point, _ = newton(
+            compute_steps, values, max_steps=LANDING_STEPS, last_step=LANDING_STEP_RAD
+        )
+        return point
 
     def end_stuck_curve(self, row: int) -> None:
         """End a curve at its last node, and set the status that explains why.

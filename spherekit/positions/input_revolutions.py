@@ -33,14 +33,16 @@ def into_range(
     is_periodic = np.isfinite(period)
     # In place of an infinite period any number avoids NaN. It has no effect on the result.
     period = np.where(is_periodic, period, TURN)
-    # `above` is the smallest shifted input that is in the range or above it. An input that
-    # is below the low end by rounding only counts as in the range. `below` is one period
-    # less. If `above` is beyond the high end, `below` may be nearer to the range.
-    above = low + np.mod(q - low + RANGE_TOLERANCE_RAD, period) - RANGE_TOLERANCE_RAD
-    below = above - period
-    is_outside = above > high + RANGE_TOLERANCE_RAD
-    below_is_nearer = is_outside & (low - below < above - high)
-    return np.where(is_periodic, np.where(below_is_nearer, below, above), q)
+    # The first shifted input at or above the low end. An input that is below the low end by
+    # rounding only counts as at the low end.
+    distance_above_low = np.mod(q - low + RANGE_TOLERANCE_RAD, period)
+    first_above_low = low + distance_above_low - RANGE_TOLERANCE_RAD
+    last_below_low = first_above_low - period
+    # If none is in the range, the range is between these two. The nearer one is returned.
+    is_none_in_range = first_above_low > high + RANGE_TOLERANCE_RAD
+    is_below_nearer = low - last_below_low < first_above_low - high
+    shifted = np.where(is_none_in_range & is_below_nearer, last_below_low, first_above_low)
+    return np.where(is_periodic, shifted, q)
 
 
 def less_periods(differences: Floats, periods: Floats) -> Floats:
@@ -90,20 +92,43 @@ def turns_in_range(
     sources
         (k,) positions of the given inputs from which they come.
     """
-    # The smallest input in the range for each given one.
     first = into_range(q, low, high, period)
     if not np.isfinite(period):
         return first, np.arange(len(first))
-    # Number of further periods that can be added to it.
-    further = np.floor((high - first + RANGE_TOLERANCE_RAD) / period)
-    # In a range of k whole periods each input occurs k times, so k - 1 periods are added at
-    # most. `whole_periods` is 0 if the length of the range is no whole number of periods.
+    counts = _count_inputs_in_range(first, low, high, period)
+    sources = np.repeat(np.arange(len(first)), counts)
+    # Number of whole periods that are added: 0, 1, ... for each given input.
+    further_periods = np.concatenate(
+        [np.empty(0, dtype=np.intp), *(np.arange(count) for count in counts)]
+    )
+    return first[sources] + period * further_periods, sources
+
+
+def _count_inputs_in_range(
+    first: Floats, low: float, high: float, period: float
+) -> Indices:
+    """Return how many inputs of a range differ by whole periods, at least 1.
+
+    Parameters
+    ----------
+    first
+        (m,) the smallest of these inputs in the range (rad). If none is in the range, the
+        nearest one.
+    low, high
+        Ends of the range (rad).
+    period
+        Finite period (rad).
+
+    Returns
+    -------
+    (m,) numbers of inputs, the first one included. In a range of k whole periods there are
+    k, because an input at the low end is not repeated at the high end.
+    """
+    further_count = np.floor((high - first + RANGE_TOLERANCE_RAD) / period)
+    # 0 if the length of the range is no whole number of periods.
     period_count = whole_periods(low, high, period)
-    max_further = period_count - 1 if period_count else np.inf
-    further = np.clip(further, 0.0, max_further)
-    laps_to_try = np.arange(np.max(further, initial=0.0) + 1)
-    sources, laps = np.nonzero(laps_to_try <= further[:, None])
-    return first[sources] + period * laps, sources
+    max_further_count = period_count - 1 if period_count else np.inf
+    return np.clip(further_count, 0.0, max_further_count).astype(np.intp) + 1
 
 
 def whole_periods(low: float, high: float, period: float) -> int:

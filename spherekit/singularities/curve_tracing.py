@@ -247,7 +247,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             stops=to_curve_points(end_points),
             middles=middles,
             distances=distances,
-            is_good=good,
+            is_good=good.reshape(-1, 2),
             rounding=self.step_tests.slack,
         )
         end_tangents = end_points.tangents[:, :, 0]
