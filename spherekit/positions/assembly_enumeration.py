@@ -324,28 +324,83 @@ def _place_group_modes(
         How the modes were found.
     """
     group = solver.assembly.groups[position]
-    states_by_mode: list[tuple[int, AssemblyState]] = []
-    # Closed forms: a dyad has one mode for each sign, a train of wheels has one mode.
-    if group.is_dyad or position in solver.wheel_trains:
-        for sign in (1, -1) if group.is_dyad else (0,):
-            next_state = state.copy()
-            # A dyad closes onto bodies that are placed already, so it does not need q.
-            if group.is_dyad:
-                place_dyad(next_state, group, sign)
-            else:
-                closure = solver.place_wheel_train(next_state, position, q)
-                next_state.is_open |= ~(closure.closure_residual < CLOSURE_TOLERANCE)
-            if not np.all(next_state.is_open):
-                states_by_mode.append((sign, next_state))
-        return states_by_mode, CLOSED_FORM
-    # Any other group: elimination of unknowns down to one polynomial equation, which gives
-    # all modes, or a search of modes that tries the reference pose first.
+    if group.is_dyad:
+        return _place_dyad_modes(state, group), CLOSED_FORM
+    if position in solver.wheel_trains:
+        return _place_train_mode(solver, state, position, q), CLOSED_FORM
+    return _place_computed_modes(solver, state, group)
+
+
+def _place_dyad_modes(
+    state: AssemblyState, group: Group
+) -> list[tuple[int, AssemblyState]]:
+    """Place a dyad with both signs, as far as it closes, on the bodies placed so far."""
+    states_by_mode = []
+    for sign in (1, -1):
+        next_state = state.copy()
+        place_dyad(next_state, group, sign)
+        if not np.all(next_state.is_open):
+            states_by_mode.append((sign, next_state))
+    return states_by_mode
+
+
+def _place_train_mode(
+    solver: PositionSolver, state: AssemblyState, position: int, q: Floats
+) -> list[tuple[int, AssemblyState]]:
+    """Place a train of wheels, which has a single mode, if it closes at some input.
+
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    state
+        The bodies placed so far, which are not changed.
+    position
+        Position of the train among the groups, in solving order.
+    q
+        (n, inputs) values of the inputs (rad).
+
+    Returns
+    -------
+    The sign 0 and the new state, or nothing.
+    """
+    next_state = state.copy()
+    closure = solver.place_wheel_train(next_state, position, q)
+    next_state.is_open |= ~(closure.closure_residual < CLOSURE_TOLERANCE)
+    return [] if np.all(next_state.is_open) else [(0, next_state)]
+
+
+def _place_computed_modes(
+    solver: PositionSolver, state: AssemblyState, group: Group
+) -> tuple[list[tuple[int, AssemblyState]], SolutionMethod]:
+    """Place a group without a closed form at a single value of the inputs.
+
+    All modes follow from elimination of the unknowns down to one polynomial equation. If
+    this is not possible, they are searched, and the reference pose is tried first.
+
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    state
+        The bodies placed so far, which are not changed.
+    group
+        The group.
+
+    Returns
+    -------
+    states_by_mode
+        The sign 0 and the new state, for each mode.
+    method
+        How the modes were found.
+    """
     variables = group_variables(state, group)
     start_values = None
     if solver.reference is not None:
         start_values = solver.reference[None, variables]
     group_loops = group_closure(state, group)
     configurations, method = find_group_configurations(group, group_loops, start_values)
+    states_by_mode: list[tuple[int, AssemblyState]] = []
     if configurations:
         linearisation = group_loops.solve(np.array(configurations))
         for row, values in enumerate(linearisation.values):

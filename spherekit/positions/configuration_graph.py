@@ -812,7 +812,7 @@ class ConfigurationGraph:
         count = len(self.sample)
         adjacency = coo_array((np.ones(len(starts)), (starts, ends)), shape=(count, count))
         _, component = connected_components(adjacency, directed=False)
-        return component
+        return component.astype(np.intp)
 
     def first_node(self, mode: Indices) -> tuple[int, int]:
         """Return the first sample at which a mode has a node, and this node.

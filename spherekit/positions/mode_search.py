@@ -9,6 +9,8 @@ There are three cases, which need different work:
 - It has several inputs, and irreducible groups (`spherekit.positions.modes_over_samples`).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from spherekit.arrays import Floats
@@ -184,20 +186,34 @@ class ModeSearch:
         self.methods = sampled_modes.methods
         self.claim = sampled_modes.claim
         self.probes = sampled_modes.probes
-        # Numbers of degrees of freedom at the starts of the search, from the rank of the
-        # velocity equations. They are computed only if a group has redundant constraints,
-        # because counting links and pairs then gives another number. The first one is that
-        # of the reference pose, if there is one.
-        mobilities = sampled_modes.mobilities
-        if mobilities:
-            # The number of inputs in the file is in doubt in two cases: if the first start
-            # has fewer degrees of freedom than there are inputs, or if no start led to a
-            # mode. The least number of all starts is then compared with the inputs, because
-            # a singular configuration has more degrees of freedom than the mechanism, but
-            # never fewer.
-            first_is_immobile = mobilities[0] < len(self.solver.driven)
-            if not sampled_modes.assembly_modes or first_is_immobile:
-                check_mobility(self.solver, min(mobilities))
+        self._check_mobilities(sampled_modes.mobilities)
+
+    def _check_mobilities(self, mobilities: Sequence[int]) -> None:
+        """Raise an error if the starts of a search show another mobility than expected.
+
+        The number of inputs in the file is in doubt in two cases: if the first start has
+        fewer degrees of freedom than there are inputs, or if no start led to a mode. The
+        least number of all starts is then compared with the inputs, because a singular
+        configuration has more degrees of freedom than the mechanism, but never fewer.
+
+        Parameters
+        ----------
+        mobilities
+            Numbers of degrees of freedom at the starts, from the rank of the velocity
+            equations. The first one is that of the reference pose, if there is one. The
+            list is empty if no group has redundant constraints: counting links and pairs is
+            enough then.
+
+        Raises
+        ------
+        PlanError
+            If the least number is not the number of inputs.
+        """
+        if not mobilities:
+            return
+        first_is_immobile = mobilities[0] < len(self.solver.driven)
+        if not self.assembly_modes or first_is_immobile:
+            check_mobility(self.solver, min(mobilities))
 
     def _find_modes_over_range(self, search: bool) -> None:
         """Find the modes of a mechanism with one input over its range."""
@@ -236,19 +252,7 @@ class ModeSearch:
             q, self.claim = self._select_probed_inputs()
             self.probes = len(q)
             self.methods = [CLOSED_FORM] * len(self.groups)
-            is_redundant = any(group.redundant for group in self.groups)
-            for first in range(0, len(q), PROBED_TOGETHER):
-                inputs = q[first : first + PROBED_TOGETHER]
-                # One mode more than the limit is allowed, which shows below that there are
-                # more modes than are kept. `state` has the placed bodies at all `inputs`.
-                placements, _ = enumerate_modes(solver, inputs, MAX_ASSEMBLY_MODES + 1)
-                for signs, state in placements:
-                    all_signs.append(signs)
-                    if is_redundant:
-                        closed_values = state.values[~state.is_open]
-                        rows = spread_rows(len(closed_values), RANKED_CONFIGURATIONS)
-                        mobilities = map(solver.compute_mobility, closed_values[rows])
-                        check_mobility(solver, min(mobilities))
+            all_signs += self._find_closing_signs(q)
         different_signs = list(dict.fromkeys(all_signs))
         if len(different_signs) > MAX_ASSEMBLY_MODES:
             reason = f"the first {MAX_ASSEMBLY_MODES} modes are kept, and there are more"
@@ -257,6 +261,41 @@ class ModeSearch:
             AssemblyMode(number, signs)
             for number, signs in enumerate(different_signs[:MAX_ASSEMBLY_MODES])
         ]
+
+    def _find_closing_signs(self, q: Floats) -> list[tuple[int, ...]]:
+        """Return the combinations of signs with which the mechanism closes at some input.
+
+        Parameters
+        ----------
+        q
+            (k, inputs) values of the inputs (rad), which are examined in portions.
+
+        Returns
+        -------
+        The signs of all groups in each mode, once for each portion with the mode. Of one
+        portion, one mode more than the limit is returned at most. It shows the caller that
+        there are more modes than are kept.
+        """
+        all_signs = []
+        has_redundant_group = any(group.redundant for group in self.groups)
+        for first in range(0, len(q), PROBED_TOGETHER):
+            inputs = q[first : first + PROBED_TOGETHER]
+            placements, _ = enumerate_modes(self.solver, inputs, MAX_ASSEMBLY_MODES + 1)
+            for signs, state in placements:
+                all_signs.append(signs)
+                if has_redundant_group:
+                    self._check_mobility_of_mode(state.values[~state.is_open])
+        return all_signs
+
+    def _check_mobility_of_mode(self, closed_values: Floats) -> None:
+        """Raise an error if a mode has another mobility by rank than there are inputs.
+
+        Some of the closed configurations (n, variables) are examined. The least mobility
+        counts, because singular configurations have a larger one than the mechanism.
+        """
+        rows = spread_rows(len(closed_values), RANKED_CONFIGURATIONS)
+        mobilities = map(self.solver.compute_mobility, closed_values[rows])
+        check_mobility(self.solver, min(mobilities))
 
     def _select_probed_inputs(self) -> tuple[Floats, Completeness]:
         """Return the inputs at which the modes of dyads are searched.

@@ -226,16 +226,7 @@ class ModesOverRange:
         solver = self.solver
         if solver.reference is None:
             return
-        reference_input = solver.reference[list(solver.driven)]
-        # After whole periods of the input the configurations are the same. An input outside
-        # of the range is shifted by whole periods, as near to the middle of the range as
-        # possible. It may still be outside, if the range is shorter than a period.
-        low, high = self.input_grid.range
-        distance_to_middle = 0.5 * (low + high) - reference_input
-        half_range = 0.5 * np.ptp(self.input_grid.q, axis=0)
-        is_outside = np.abs(distance_to_middle) > half_range
-        shift = np.where(is_outside, whole_laps(distance_to_middle, solver.periods), 0.0)
-        values = solver.shift_inputs(solver.reference[None], reference_input + shift)
+        values = self._move_into_range(solver.reference)
         (curve,) = self._follow_configurations(values)
         self._add_mode(curve)
         # If the input is still not in the range, the mode may end before the range begins.
@@ -249,6 +240,31 @@ class ModesOverRange:
         # group has redundant constraints. `check_mobility` raises the error.
         if self._mobilities and self._mobilities[0] < 1:
             check_mobility(solver, self._mobilities[0])
+
+    def _move_into_range(self, values: Floats) -> Floats:
+        """Return a configuration with its input moved by whole periods into the range.
+
+        After whole periods of the input the configurations are the same. An input outside
+        of the range is moved as near to the middle of the range as possible. It may still
+        be outside, if the range is shorter than a period.
+
+        Parameters
+        ----------
+        values
+            (variables,) the configuration (rad).
+
+        Returns
+        -------
+        (1, variables) the same configuration at the moved input.
+        """
+        solver = self.solver
+        inputs = values[list(solver.driven)]
+        low, high = self.input_grid.range
+        distance_to_middle = 0.5 * (low + high) - inputs
+        half_range = 0.5 * np.ptp(self.input_grid.q, axis=0)
+        is_outside = np.abs(distance_to_middle) > half_range
+        shift = np.where(is_outside, whole_laps(distance_to_middle, solver.periods), 0.0)
+        return solver.shift_inputs(values[None], inputs + shift)
 
     def _follow_configurations(self, values: Floats) -> list[ModeCurve | None]:
         """Close configurations and follow them over the range.
@@ -502,7 +518,7 @@ class ModesOverRange:
             None if it is not known.
         batch_size
             Number of configurations that are followed together, which is faster. Larger:
-            more work is in vain, for configurations that are on one mode.
+            more of them are on the same mode, and are followed for nothing.
 
         Returns
         -------
@@ -517,20 +533,45 @@ class ModesOverRange:
             curves = self._follow_configurations(values[batch])
             for row, curve in zip(batch.tolist(), curves, strict=True):
                 # The mode of an earlier row of the batch may contain this configuration.
-                if components[row] >= 0 or self._has_enough_modes:
-                    continue
-                first_new_mode = len(self.assembly_modes)
-                if not self._add_mode(curve, component):
-                    continue
-                # If the new mode ends inside the range, the modes that continue it are
-                # added. They may contain some of the configurations, too.
-                self._follow_modes_beyond_their_ends()
-                components[row] = self._components[first_new_mode]
-                unknown = np.flatnonzero(components < 0)
-                components[unknown] = self._find_components(values[unknown], first_new_mode)
+                if components[row] < 0 and not self._has_enough_modes:
+                    self._add_mode_of_row(row, curve, values, components, component)
             waiting_rows = waiting_rows[batch_size:]
             waiting_rows = waiting_rows[components[waiting_rows] < 0]
         return components
+
+    def _add_mode_of_row(
+        self,
+        row: int,
+        curve: ModeCurve | None,
+        values: Floats,
+        components: Indices,
+        new_component: int | None,
+    ) -> None:
+        """Add the mode of one configuration, and note which others are on the new modes.
+
+        If the mode ends inside the range, the modes that continue it are added, too.
+
+        Parameters
+        ----------
+        row
+            Index of the configuration.
+        curve
+            The curve of this configuration over the range, None if it cannot move.
+        values
+            (n, variables) all configurations (rad).
+        components
+            (n,) number of the component of each configuration, -1 if it is not known. It is
+            changed in place.
+        new_component
+            Number of the component of the new mode; None if it is not known.
+        """
+        first_new_mode = len(self.assembly_modes)
+        if not self._add_mode(curve, new_component):
+            return
+        self._follow_modes_beyond_their_ends()
+        components[row] = self._components[first_new_mode]
+        unknown = np.flatnonzero(components < 0)
+        components[unknown] = self._find_components(values[unknown], first_new_mode)
 
     def _find_components(self, values: Floats, first_mode: int) -> Indices:
         """Return on which component each configuration is, if it is on a known mode.
