@@ -695,7 +695,7 @@ def find_nearest_point(
     nearby.raise_to_highest_order(evaluate)
     candidates = [nearby.ends.reshape(-1, 3)]
     for number in np.flatnonzero(nearby.is_sound):
-        candidates.append(nearby.find_extremal_points(number, direction))
+        candidates.append(nearby.find_extremal_points(int(number), direction))
     points = np.concatenate(candidates)
     # The polynomials are approximate, so that their points can be outside of the region.
     # Candidates outside are left out, unless all are.

@@ -1312,7 +1312,7 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
     return values, np.stack(derivatives, axis=3)
 
 
-def _insert_factors(equations: Numbers, factors: Complexes) -> Complexes:
+def _insert_factors(equations: Numbers, factors: Numbers) -> Complexes:
     """Return the sums of the coefficients of equations times factors of the angles.
 
     For two angles this is the sum over x and y of equations[n, k, x, y] factors[n, m, 0, x]

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.display.figures import style
 from spherekit.display.figures.coinciding_paths import (
     COINCIDING_QUANTILE,
@@ -126,8 +126,8 @@ def _draw_panel(
         Largest magnitude of the quantities of the figure. Differences below `resolution`
         (a property of a series) times this are rounding errors.
     looks
-        For each curve the colour, line style and label. The line styles of coinciding
-        curves and the labels of empty ones are changed here.
+        For each curve the colour, line style and label. Coinciding curves are drawn with
+        other line styles.
     """
     first_scene, first_series = curves[0]
     # The quantity over which all curves are plotted, such as an input.
@@ -135,29 +135,17 @@ def _draw_panel(
     unit = first_series.unit
     resolution = max(series.resolution for _, series in curves)
     all_values = np.concatenate([series.values for _, series in curves])
-    low, high = choose_plot_range(all_values, scale, resolution)
+    value_range = choose_plot_range(all_values, scale, resolution)
+    low, high = value_range
+
     dashes = _find_coinciding([series.values for _, series in curves], high - low)
-    for (scene, series), dash, look in zip(curves, dashes, looks, strict=True):
-        has_value = np.isfinite(series.values)
+    for curve, dash, look in zip(curves, dashes, looks, strict=True):
+        dashed_look = look
         if dash.linestyle is not None:
-            look["linestyle"] = dash.linestyle
-        if not has_value.any():
-            look["label"] = ""
-        points = np.stack([scene.over[0].values, series.values], axis=1)
-        line = break_at_jumps(points, (low, high), TURN_BY_UNIT.get(unit))
-        panel.plot(*line.T, dash_capstyle="butt", **look)
-        # A value whose neighbours have none would not show as a line. It is drawn as a dot.
-        # The convolution counts the neighbours of each sample that have a value.
-        neighbour_count = np.convolve(has_value, [True, False, True])[1:-1]
-        lone_points = points[has_value & ~(neighbour_count > 0)]
-        panel.plot(*lone_points.T, ".", color=look["color"], markersize=3.0)
-    finite_values = all_values[np.isfinite(all_values)]
-    spread = np.ptp(finite_values) if len(finite_values) else 0.0
-    if 0.0 < spread <= resolution * scale:
-        # The curves are level lines. The text gives the size of the rounding.
-        spread_text = f"{spread:.0e} {format_unit(unit)}".strip()
-        corner: Look = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
-        panel.annotate(f"all within {spread_text}", (0.98, 0.95), fontsize=6.5, **corner)
+            dashed_look = look | {"linestyle": dash.linestyle}
+        _draw_curve(panel, curve, value_range, dashed_look)
+    _note_level_lines(panel, all_values, rounding=resolution * scale, unit=unit)
+
     start, end = axis.extent
     if start < end:
         panel.set_xlim(start, end)
@@ -165,6 +153,69 @@ def _draw_panel(
     set_degree_ticks(panel, axis.unit, unit)
     if low < 0.0 < high:
         panel.axhline(0.0, color=style.FAINT, linewidth=0.6, zorder=0.5)
+
+
+def _draw_curve(
+    panel: Axes, curve: Curve, value_range: tuple[float, float], look: Look
+) -> None:
+    """Draw a curve. A value whose neighbours have none is drawn as a dot.
+
+    Parameters
+    ----------
+    panel
+        The panel of the figure.
+    curve
+        A scene, which has the axis, and a series of numbers over this axis.
+    value_range
+        Lowest and highest value in the panel.
+    look
+        Colour, line style and label. A curve without any value has no label.
+    """
+    scene, series = curve
+    has_value = np.isfinite(series.values)
+    if not has_value.any():
+        look = look | {"label": ""}
+    points = np.stack([scene.over[0].values, series.values], axis=1)
+    line = break_at_jumps(points, value_range, TURN_BY_UNIT.get(series.unit))
+    panel.plot(*line.T, dash_capstyle="butt", **look)
+    lone_points = points[_has_no_neighbour(has_value)]
+    panel.plot(*lone_points.T, ".", color=look["color"], markersize=3.0)
+
+
+def _has_no_neighbour(has_value: Bools) -> Bools:
+    """Return which samples (n,) have a value while the samples before and after have none.
+
+    Such a value would not show as a part of a line.
+    """
+    value_before = np.zeros_like(has_value)
+    value_before[1:] = has_value[:-1]
+    value_after = np.zeros_like(has_value)
+    value_after[:-1] = has_value[1:]
+    return has_value & ~value_before & ~value_after
+
+
+def _note_level_lines(panel: Axes, values: Floats, rounding: float, unit: str) -> None:
+    """Write how much the values differ, if they differ by rounding only.
+
+    Their curves are then level lines.
+
+    Parameters
+    ----------
+    panel
+        The panel of the figure.
+    values
+        All values in the panel, which may be NaN.
+    rounding
+        Largest difference that counts as rounding.
+    unit
+        Unit of the values.
+    """
+    finite_values = values[np.isfinite(values)]
+    spread = np.ptp(finite_values) if len(finite_values) else 0.0
+    if 0.0 < spread <= rounding:
+        spread_text = f"{spread:.0e} {format_unit(unit)}".strip()
+        corner: Look = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
+        panel.annotate(f"all within {spread_text}", (0.98, 0.95), fontsize=6.5, **corner)
 
 
 def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Floats, Indices
 from spherekit.display.figures import style
 from spherekit.display.figures.coinciding_paths import find_coinciding_paths
 from spherekit.display.figures.matplotlib_sdk import (
@@ -145,10 +145,7 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
     """
     labels = list(dict.fromkeys(arrow.label for _, arrow in arrows))
     has_several_modes = len({scene.page for scene, _ in arrows}) > 1
-    directions = np.concatenate([arrow.directions for _, arrow in arrows])
-    # The ground axis along which the directions have the largest components.
-    nearest_axis = np.argmax(np.nansum(directions**2, axis=0))
-    view = SphereView(frame_about(np.eye(3)[[nearest_axis]]))
+    view = _choose_hemisphere([arrow for _, arrow in arrows])
     with style.look():
         figure, panels = sheet.make_panels(len(labels), 1.05, subplot=POLAR_PANEL)
         panel_by_label = dict(zip(labels, panels, strict=True))
@@ -156,27 +153,60 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
             title = f"{plot_text(label)}, about {view.centre_name}"
             _draw_graticule(panel, view, title)
         for label, panel in panel_by_label.items():
-            shown_arrows = [
+            panel_arrows = [
                 (scene, arrow) for scene, arrow in arrows if arrow.label == label
             ]
-            paths: list[Floats] = []
-            for _, arrow in shown_arrows:
-                path = turn_to_side(arrow.directions, view.frame[2])
-                # The path has a gap where the axis continues on the other side of the rim.
-                is_jump = np.vecdot(path[1:], path[:-1]) < 0.0
-                paths.append(insert_gaps(path, is_jump))
+            paths = [_visible_path(arrow, view) for _, arrow in panel_arrows]
             # The unit sphere is two units wide.
             dashes = find_coinciding_paths(paths, size=2.0)
-            for (scene, _), path, dash in zip(shown_arrows, paths, dashes, strict=True):
+            for (scene, _), path, dash in zip(panel_arrows, paths, dashes, strict=True):
                 look = style.page_look(scene.page)
                 if dash.linestyle is not None:
                     look |= {"linestyle": dash.linestyle, "dash_capstyle": "butt"}
-                mode_title = sheet.title(scene.page) if has_several_modes else ""
-                panel.plot(*view.project(path).T, label=mode_title, **look)
-                first_direction = path[all_finite(path, 1)][:1]
-                first_point = view.project(first_direction)
-                panel.plot(*first_point.T, "o", color=look["color"], markersize=3.0)
+                look["label"] = sheet.title(scene.page) if has_several_modes else ""
+                _draw_path(panel, view, path, look)
         return sheet.add_legend(figure)
+
+
+def _choose_hemisphere(arrows: Sequence[Arrow]) -> SphereView:
+    """Return the view of the hemisphere about a ground axis that shows axes best.
+
+    It is the ground axis along which the directions have the largest components.
+    """
+    directions = np.concatenate([arrow.directions for arrow in arrows])
+    squared_components = np.nansum(directions**2, axis=0)
+    ground_axis = np.eye(3)[np.argmax(squared_components)]
+    return SphereView(frame_about(ground_axis[None]))
+
+
+def _visible_path(arrow: Arrow, view: SphereView) -> Floats:
+    """Return the path (samples and gaps, 3) of an axis on the visible side of the sphere.
+
+    The path has a gap (NaN) where the axis continues on the other side of the rim.
+    """
+    path = turn_to_side(arrow.directions, view.frame[2])
+    is_jump = np.vecdot(path[1:], path[:-1]) < 0.0
+    return insert_gaps(path, is_jump)
+
+
+def _draw_path(panel: Axes, view: SphereView, path: Floats, look: Look) -> None:
+    """Draw the path of an axis, and a dot at its first direction.
+
+    Parameters
+    ----------
+    panel
+        A polar panel.
+    view
+        The projection of the sphere onto this panel.
+    path
+        (n, 3) directions, NaN at gaps.
+    look
+        Colour, line style and label.
+    """
+    panel.plot(*view.project(path).T, **look)
+    first_direction = path[all_finite(path, 1)][:1]
+    first_point = view.project(first_direction)
+    panel.plot(*first_point.T, "o", color=look["color"], markersize=3.0)
 
 
 def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
@@ -294,30 +324,45 @@ def _draw_sphere_map(
     # little outside are projected, so that triangles across the rim are drawn and cut.
     is_projected = all_finite(points, 1)
     triangles = sphere_map.triangles[is_projected[sphere_map.triangles].all(axis=1)]
-    if len(triangles):
-        # Points that are NaN belong to triangles that are left out. They become zero,
-        # because a `Triangulation` needs finite points.
-        azimuth, radius = np.nan_to_num(points).T
-        mesh = Triangulation(radius * np.cos(azimuth), radius * np.sin(azimuth), triangles)
-        # Shading within triangles needs an affine transform to the paper. That of polar
-        # coordinates first makes them Cartesian, which is not affine. Three affine parts
-        # follow, which matplotlib keeps in the attributes named here. They are applied to
-        # Cartesian coordinates.
-        affine_transform = panel.transProjectionAffine + panel.transWedge + panel.transAxes
-        if isinstance(look["norm"], BoundaryNorm):
-            # Counts are whole numbers, so a triangle has one colour and no shading. Its
-            # count is the smallest of its vertices, so that none is overstated.
-            counts = np.min(sphere_map.values[triangles], axis=1)
-            panel.tripcolor(mesh, facecolors=counts, transform=affine_transform, **look)
-        else:
-            panel.tripcolor(
-                mesh,
-                sphere_map.values,
-                shading="gouraud",
-                transform=affine_transform,
-                **look,
-            )
-        panel.grid(**GRATICULE_LOOK)  # `tripcolor` has switched the graticule off
+    if not len(triangles):
+        return
+    mesh = _cartesian_mesh(points, triangles)
+    transform = _cartesian_transform(panel)
+    if isinstance(look["norm"], BoundaryNorm):
+        # Counts are whole numbers, so a triangle has one colour and no shading. Its count
+        # is the smallest of its vertices, so that none is overstated.
+        counts = np.min(sphere_map.values[triangles], axis=1)
+        panel.tripcolor(mesh, facecolors=counts, transform=transform, **look)
+    else:
+        panel.tripcolor(
+            mesh, sphere_map.values, shading="gouraud", transform=transform, **look
+        )
+    panel.grid(**GRATICULE_LOOK)  # `tripcolor` has switched the graticule off
+
+
+def _cartesian_mesh(polar_points: Floats, triangles: Indices) -> Triangulation:
+    """Return a mesh of the plane in Cartesian coordinates.
+
+    Parameters
+    ----------
+    polar_points
+        (n, 2) azimuth (rad) and radius. Points that no triangle uses may be NaN.
+    triangles
+        (m, 3) numbers of points.
+    """
+    # A `Triangulation` needs finite points, so NaN becomes zero.
+    azimuth, radius = np.nan_to_num(polar_points).T
+    return Triangulation(radius * np.cos(azimuth), radius * np.sin(azimuth), triangles)
+
+
+def _cartesian_transform(panel: Any) -> Any:
+    """Return the transform from Cartesian coordinates of a polar panel to the paper.
+
+    Shading within triangles needs an affine transform. That of matplotlib from polar
+    coordinates consists of a first part, which makes them Cartesian and is not affine, and
+    of three affine parts in the attributes that are added here.
+    """
+    return panel.transProjectionAffine + panel.transWedge + panel.transAxes
 
 
 def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurves) -> None:

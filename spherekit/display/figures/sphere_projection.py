@@ -171,11 +171,9 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
 def turn_to_side(directions: Floats, out: Floats) -> Floats:
     """Return for each sample the direction of an axis that a map shows.
 
-    An axis has two opposite directions. The direction with a component along `out` is
-    visible. On the rim, at right angles to `out`, both are visible, and the direction
-    nearer to the direction at the previous sample is taken. If all samples before are on
-    the rim too, the next sample decides. A path that reaches the rim or runs along it
-    therefore has no jump.
+    An axis has two opposite directions. The one with a component along `out` is visible. On
+    the rim, at right angles to `out`, both are visible. There the direction nearer to that
+    of the neighbouring sample is taken, so that a path along the rim has no jump.
 
     Parameters
     ----------
@@ -186,18 +184,30 @@ def turn_to_side(directions: Floats, out: Floats) -> Floats:
 
     Returns
     -------
-    (n, 3) for each sample the direction or its opposite.
+    (n, 3) for each sample the direction or its opposite. On the rim, the direction is not
+    changed after a sample without one, and at the first sample if all others are on the
+    rim, too.
     """
     heights = directions @ out
-    turned = np.where(heights < 0.0, -1.0, 1.0)[:, None] * directions
+    shown = np.where(heights < 0.0, -1.0, 1.0)[:, None] * directions
     is_on_rim = np.abs(heights) < RIM_SINE
-    # Samples with their neighbours: forwards from the first sample that is not on the rim,
-    # then backwards from it.
-    decided_samples = np.flatnonzero(~is_on_rim & np.isfinite(heights))
-    first_decided = decided_samples[0] if len(decided_samples) else 0
-    order = [(k, k - 1) for k in range(first_decided + 1, len(turned))]
-    order += [(k, k + 1) for k in range(first_decided - 1, -1, -1)]
-    for sample, neighbour in order:
-        if is_on_rim[sample] and turned[sample] @ turned[neighbour] < 0.0:
-            turned[sample] = -turned[sample]
-    return turned
+
+    # The samples on the rim are decided one after another, beginning at the first sample
+    # that is not on the rim: forwards by the sample before, backwards by the sample after.
+    off_rim = np.flatnonzero(~is_on_rim & np.isfinite(heights))
+    first_decided = off_rim[0] if len(off_rim) else 0
+    for sample in range(first_decided + 1, len(shown)):
+        if is_on_rim[sample]:
+            shown[sample] = _choose_nearer(shown[sample], shown[sample - 1])
+    for sample in range(first_decided - 1, -1, -1):
+        if is_on_rim[sample]:
+            shown[sample] = _choose_nearer(shown[sample], shown[sample + 1])
+    return shown
+
+
+def _choose_nearer(direction: Floats, reference: Floats) -> Floats:
+    """Return a direction (3,) or its opposite, whichever is nearer to another direction.
+
+    The direction itself is returned if the reference is NaN.
+    """
+    return -direction if direction @ reference < 0.0 else direction

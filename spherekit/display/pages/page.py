@@ -289,17 +289,35 @@ class PageMaker:
     def _make_row_formulas(self) -> Formulas:
         """Return the formulas that the page evaluates at every sample of every mode.
 
-        Besides the quantities that the page shows, these are two kinds:
+        They are the formulas of the quantities that the page shows or needs, and of a few
+        further ones (`_find_added_names`), which depend on these.
+        """
+        # `_wound_pairs` are the pairs on whose angle loads depend, such as springs. The
+        # page counts their whole revolutions.
+        needed_names = self._page_quantities.needed_names(self._wound_pairs)
+        first_formulas = self._make_formulas_with_torques(needed_names)
+        added_names = self._find_added_names(first_formulas)
+        if not added_names:
+            return first_formulas
+        # All formulas are made again, together with the added ones. The names of the first
+        # results include the driving torques, if these can be written.
+        return self._make_formulas([*first_formulas.results, *added_names])
+
+    def _find_added_names(self, row_formulas: Formulas) -> list[str]:
+        """Return the names of further quantities that the page has to evaluate.
+
+        There are two kinds:
 
         - angular velocities of links, by which the page makes pole axes continuous: an axis
           has two directions, and the page takes the one nearer to the sample before,
         - a number for each dyad (two links between two known axes), which is negative if
           the dyad does not reach. Only positions in closed form have it.
+
+        Parameters
+        ----------
+        row_formulas
+            Formulas of the quantities that the page shows or needs.
         """
-        # `_wound_pairs` are the pairs on whose angle loads depend, such as springs. The
-        # page counts their whole revolutions.
-        needed_names = self._page_quantities.needed_names(self._wound_pairs)
-        row_formulas = self._make_formulas_with_torques(needed_names)
         sign_velocities = self._page_quantities.sign_velocities(row_formulas.results)
         added_names = [name for name in sign_velocities if name not in row_formulas.results]
         # `step` is a step of Newton's method, and empty if positions have a closed form.
@@ -307,10 +325,9 @@ class PageMaker:
         if has_closed_form:
             # In closed form, a mode has a value for each dyad: its sign.
             dyad_count = len(row_formulas.mode_value_names)
-            added_names += [f"{CLOSURE_PREFIX}{dyad + 1}" for dyad in range(dyad_count)]
-        if not added_names:
-            return row_formulas
-        return self._make_formulas([*row_formulas.results, *added_names])
+            for dyad in range(dyad_count):
+                added_names.append(f"{CLOSURE_PREFIX}{dyad + 1}")
+        return added_names
 
     def _make_formulas_with_torques(self, needed_names: Sequence[str]) -> Formulas:
         """Return the formulas of needed and requested quantities.

@@ -140,13 +140,12 @@ def _find_typed_limits(
         most = min(most, limits_deg[1] * degrees_to_file_unit)
     # Other parts of the file may narrow the limits: if a mass is given along an arc, for
     # example, the arc must be neither 0 nor 180 degrees. So the file is read with numbers
-    # of the range. The end of the slider is tried before the limit of typed numbers: if it
-    # is refused, the search in its shorter range locates the limit more closely.
+    # of the range: the end of the slider, then the limit of typed numbers.
     slider_start = max(value - half_range, least)
     slider_end = min(value + half_range, most)
     return (
-        _find_last_accepted(document, variable, [slider_start, least]),
-        _find_last_accepted(document, variable, [slider_end, most]),
+        _find_last_accepted(document, variable, near=slider_start, far=least),
+        _find_last_accepted(document, variable, near=slider_end, far=most),
     )
 
 
@@ -187,13 +186,14 @@ def _find_format_limits(
 
 
 def _find_last_accepted(
-    document: Document, variable: DesignVariable, values: list[float]
+    document: Document, variable: DesignVariable, near: float, far: float
 ) -> float:
     """Find the farthest number, in one direction, with which the file can still be read.
 
-    The values are tried in their order until the file cannot be read with one of them. The
-    limit between this value and the last accepted one is then found by bisection. Numbers
-    between accepted values are not tried.
+    The near number is tried first, then the far one. If the file cannot be read with one of
+    them, the limit between it and the last accepted number is found by bisection. Numbers
+    between accepted ones are not tried. The near number makes the bisection more accurate:
+    if it is refused, the search is in a shorter range.
 
     Parameters
     ----------
@@ -201,28 +201,43 @@ def _find_last_accepted(
         The mechanism file.
     variable
         The number of the file that is changed.
-    values
-        Numbers to try, the nearest first. All are on one side of the number in the file.
+    near, far
+        Numbers to try, on one side of the number in the file.
 
     Returns
     -------
-    The farthest accepted number: the last of `values` if all are accepted, and the number
-    of the file if no number that was tried is accepted.
+    The farthest accepted number: the far one if both are accepted, and the number of the
+    file if no number that was tried is accepted.
     """
     last_accepted = variable.value
-    for value in values:
-        if _is_accepted(document, variable, value):
-            last_accepted = value
-            continue
-        first_refused = value
-        for _ in range(BISECTION_STEPS):
-            midpoint = 0.5 * (last_accepted + first_refused)
-            if _is_accepted(document, variable, midpoint):
-                last_accepted = midpoint
-            else:
-                first_refused = midpoint
-        break
+    for value in (near, far):
+        if not _is_accepted(document, variable, value):
+            return _bisect_to_limit(document, variable, last_accepted, refused=value)
+        last_accepted = value
     return last_accepted
+
+
+def _bisect_to_limit(
+    document: Document, variable: DesignVariable, accepted: float, refused: float
+) -> float:
+    """Return the last accepted number between an accepted and a refused one, by bisection.
+
+    Parameters
+    ----------
+    document
+        The mechanism file.
+    variable
+        The number of the file that is changed.
+    accepted, refused
+        Numbers with which the file can and cannot be read.
+    """
+    for _ in range(BISECTION_STEPS):
+        midpoint = 0.5 * (accepted + refused)
+        if _is_accepted(document, variable, midpoint):
+            accepted = midpoint
+        else:
+            refused = midpoint
+    return accepted
 
 
 def _is_accepted(document: Document, variable: DesignVariable, value: float) -> bool:

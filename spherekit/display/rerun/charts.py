@@ -4,6 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.arrays import Floats, Integers
 from spherekit.display.rerun import shapes
@@ -215,31 +216,48 @@ class Chart:
         first_series = [blocks[0].series for blocks in self.curves.values()]
         unit = first_series[0].unit
         resolution = max(series.resolution for series in first_series)
-        # For each series the values on its only axis, and its own, from all blocks so far.
-        curves = {path: self.joined_blocks(path) for path in self.curves}
-        all_values = np.concatenate([values for _, values in curves.values()])
         # If all values are equal up to rounding, the range is so wide that the curve looks
         # straight.
-        y_range = choose_plot_range(
-            all_values, quantity_scale(all_values, unit), resolution
-        )
+        rows_by_path = {path: self.joined_blocks(path) for path in self.curves}
+        all_values = np.concatenate([values for _, values in rows_by_path.values()])
+        scale = quantity_scale(all_values, unit)
+        y_range = choose_plot_range(all_values, scale, resolution)
         x_axis = self.axes[0]
         y_side = frame_side("", y_range, unit == "deg")
         yield from draw_frame(self.width, axis_side(x_axis), y_side)
-        for number, (path, (axis_values, values)) in enumerate(curves.items()):
-            x = fraction_of_range(axis_values[0], *x_axis.extent)
-            # A curve of angles is broken where it jumps by a whole turn, and cut where it
-            # leaves the frame.
-            points = break_at_jumps(
-                np.stack([x, values], axis=1), y_range, TURN_BY_UNIT.get(unit)
-            )
-            points = clip_to_frame(points, y_range)
-            points[:, 1] = fraction_of_range(points[:, 1], *y_range)
-            lines = shapes.split_at_nan(place_in_frame(points, self.width))
+
+        for number, (path, (axis_values, values)) in enumerate(rows_by_path.items()):
+            # A chart of curves has one axis.
+            lines = self._curve_lines(axis_values[0], values, y_range, unit)
             if lines:
                 yield f"curves/{number}", draw_lines(lines, self.tints[path])
         if x_axis.unit == "deg":
             yield from self._draw_marks(marks)
+
+    def _curve_lines(
+        self, axis_values: Floats, values: Floats, y_range: tuple[float, float], unit: str
+    ) -> list[Floats]:
+        """Return the lines (points, 2) of a curve, in units of the chart.
+
+        A curve of angles is broken where it jumps by a whole turn, and every curve is cut
+        where it leaves the frame.
+
+        Parameters
+        ----------
+        axis_values, values
+            (rows,) values on the axis and of the series.
+        y_range
+            Lowest and highest value in the frame.
+        unit
+            Unit of the values.
+        """
+        x = fraction_of_range(axis_values, *self.axes[0].extent)
+        turn = TURN_BY_UNIT.get(unit)  # None if the values are no angles
+        unbroken = np.stack([x, values], axis=1)
+        in_frame = clip_to_frame(break_at_jumps(unbroken, y_range, turn), y_range)
+        y = fraction_of_range(in_frame[:, 1], *y_range)
+        fractions = np.stack([in_frame[:, 0], y], axis=1)
+        return shapes.split_at_nan(place_in_frame(fractions, self.width))
 
     def _draw_marks(self, marks: Sequence[InputMarks]) -> Stills:
         """Yield a vertical line with its name at each marked input."""
@@ -272,6 +290,10 @@ class Chart:
         yield from draw_frame(
             self.width, axis_side(x_axis), axis_side(y_axis), has_grid=False
         )
+        # Each pixel shows the nearest sample. The top row of the picture is the highest y.
+        column_samples = _nearest_sample(x, x_axis.extent, round(self.width))
+        row_samples = _nearest_sample(y, y_axis.extent, round(FRAME_HEIGHT))[::-1]
+        pixel_values = cells.T[np.ix_(row_samples, column_samples)]
         # Colours extend from the value `low` to the value `high`. If the values differ by
         # rounding only, this range is so wide that the map has one colour. Differences
         # below `resolution` times `magnitude` count as rounding.
@@ -279,34 +301,28 @@ class Chart:
         low, high = choose_plot_range(
             cells, magnitude, series.resolution, shown_by="colours"
         )
-        # Each pixel shows the nearest sample. The rows are reversed, since the top row of
-        # the picture is the highest y; the transpose makes y the row index of the image.
-        column_samples = _nearest_sample(x, x_axis.extent, round(self.width))
-        row_samples = _nearest_sample(y, y_axis.extent, round(FRAME_HEIGHT))[::-1]
-        values = cells[np.ix_(column_samples, row_samples)].T
-        height, width = values.shape
-        scale_width = round(MAP_SCALE_WIDTH)
-        picture = np.full(
-            (height, width + round(MAP_SCALE_GAP + MAP_SCALE_WIDTH), 3),
-            colours.BACKGROUND,
-            np.uint8,
-        )
-        map_pixels = colours.heat_colours(values, low, high)
-        map_pixels[~np.isfinite(values)] = colours.BACKGROUND
-        picture[:, :width] = map_pixels
-        colour_column = colours.heat_colours(np.linspace(1.0, 0.0, height))  # top to bottom
-        picture[:, -scale_width:] = colour_column[:, None]
-        yield "map", rr.Image(picture)
-        # Round values between `low` and `high` are written to the right of the scale. A
-        # tick is the height of such a value, as a fraction of the scale, and its text. The
+        yield "map", rr.Image(_map_picture(pixel_values, low, high))
+        yield "scale", draw_words(self._scale_words(low, high))
+
+    def _scale_words(self, low: float, high: float) -> list[tuple[float, float, str]]:
+        """Return round values beside the scale of colours, with their places.
+
+        Parameters
+        ----------
+        low, high
+            Values at the bottom and at the top of the scale.
+
+        Returns
+        -------
+        For each value its x and y place in units of the chart, y down, and its text.
+        """
+        x = self.width + MAP_SCALE_GAP + MAP_SCALE_WIDTH + MAP_SCALE_TEXT_GAP
+        words = []
+        # A tick is the height of a value, as a fraction of the scale, and its text. The
         # viewer centres a text at its place and writes it `LABEL_DROP` below.
-        scale_ticks = frame_side("", (low, high)).ticks
-        x_words = self.width + MAP_SCALE_GAP + MAP_SCALE_WIDTH + MAP_SCALE_TEXT_GAP
-        words = [
-            (x_words, FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP, text)
-            for fraction, text in scale_ticks
-        ]
-        yield "scale", draw_words(words)
+        for fraction, text in frame_side("", (low, high)).ticks:
+            words.append((x, FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP, text))
+        return words
 
 
 def compare_modes(charts: Sequence[Chart]) -> Chart:
@@ -468,3 +484,31 @@ def _nearest_sample(
     pixel_values = low + (high - low) * (np.arange(pixels) + 0.5) / pixels
     middles = 0.5 * (samples[1:] + samples[:-1])  # where the nearest sample changes
     return np.searchsorted(middles, pixel_values).astype(np.int64)
+
+
+def _map_picture(values: Floats, low: float, high: float) -> NDArray[np.uint8]:
+    """Return the picture of a map with its scale of colours to the right.
+
+    Parameters
+    ----------
+    values
+        (height, width) value of each pixel, the top row first. NaN without a sample.
+    low, high
+        Values at the ends of the scale of colours.
+
+    Returns
+    -------
+    (height, width of the map and its scale, 3) colours.
+    """
+    height, width = values.shape
+    full_width = width + round(MAP_SCALE_GAP + MAP_SCALE_WIDTH)
+    picture = np.full((height, full_width, 3), colours.BACKGROUND, np.uint8)
+
+    map_pixels = colours.heat_colours(values, low, high)
+    map_pixels[~np.isfinite(values)] = colours.BACKGROUND
+    picture[:, :width] = map_pixels
+
+    # The scale has the highest value at the top. Its colours are those from 0 to 1.
+    colour_column = colours.heat_colours(np.linspace(1.0, 0.0, height))
+    picture[:, -round(MAP_SCALE_WIDTH) :] = colour_column[:, None]
+    return picture

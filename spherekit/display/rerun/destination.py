@@ -87,18 +87,10 @@ class FileOutput:
         check_place(self.path)
         check_made_by_spherekit(self.part, RECORDING_HEADER)
         try:
-            # The file is opened for appending first, so that a run that gets no lock does
-            # not empty the file of another run.
-            self._lock = self.part.open("ab", buffering=0)
-            if not try_lock(self._lock.fileno()):
-                self._lock.close()
-                raise OSError(errno.EAGAIN, "another run is recording there")
+            self._lock_part()
+            # The lock is held, so the part file can be emptied.
             self._file = self.part.open("wb", buffering=0)
-            self._read, write_end = os.pipe()
-            try:
-                self.stream.save(f"/dev/fd/{write_end}")  # rerun opens the end once more
-            finally:
-                os.close(write_end)  # the pipe then ends when rerun closes its own end
+            self._connect_pipe()
         except OSError as error:
             raise OutputError(
                 f"cannot write {self.part}: {error.strerror}; choose a folder you may "
@@ -106,6 +98,36 @@ class FileOutput:
             ) from error
         self._copier = threading.Thread(target=self._copy, daemon=True)
         self._copier.start()
+
+    def _lock_part(self) -> None:
+        """Create the part file if it does not exist, and lock it.
+
+        The lock belongs to a file object of its own, which is open until the copying has
+        ended. It is opened for appending, so that a run that gets no lock does not empty
+        the file of another run.
+
+        Raises
+        ------
+        OSError
+            If another run has locked the file, or it cannot be opened.
+        """
+        self._lock = self.part.open("ab", buffering=0)
+        if not try_lock(self._lock.fileno()):
+            self._lock.close()
+            raise OSError(errno.EAGAIN, "another run is recording there")
+
+    def _connect_pipe(self) -> None:
+        """Make the pipe, and let rerun write the recording into it.
+
+        This object keeps the end from which the copying thread reads. rerun opens the other
+        end once more and owns what it has opened. The first descriptor of that end is
+        closed, so that the pipe ends when rerun closes its own.
+        """
+        self._read, write_end = os.pipe()
+        try:
+            self.stream.save(f"/dev/fd/{write_end}")
+        finally:
+            os.close(write_end)
 
     def _copy(self) -> None:
         """Copy the pipe to the part file until the stream ends.

@@ -223,22 +223,42 @@ def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:
     is_visible
         (rows, lines) whether the line crosses the frame at all.
     """
-    normal = diagram.lines[..., :2]
-    c = diagram.lines[..., 2:]
-    frame = np.array([diagram.x_range, diagram.y_range])
-    with np.errstate(divide="ignore", invalid="ignore"):  # lines parallel to a side
+    normal = diagram.lines[..., :2]  # (rows, lines, 2)
+    c = diagram.lines[..., 2:]  # (rows, lines, 1)
+    # A line parallel to a side has infinite limits of t there. If it coincides with the
+    # side, they are NaN, and the line is not visible.
+    with np.errstate(divide="ignore", invalid="ignore"):
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
-        foot = -normal * (c / length**2)  # the point of the line nearest to the origin
-        direction = normal[..., ::-1] * [-1.0, 1.0] / length
-        # Interval of t (last axis) within the x and the y limits (axis before it).
-        intervals = np.sort((frame - foot[..., None]) / direction[..., None], axis=-1)
-        enters = np.max(intervals[..., 0], axis=-1)
-        leaves = np.min(intervals[..., 1], axis=-1)
-        ends = np.stack(
-            [foot + t[..., None] * direction for t in (enters, leaves)], axis=-2
-        )
-    is_visible = (enters < leaves) & all_finite(ends, (-1, -2))
+        foot = -normal * (c / length**2)  # f
+        a_and_b = normal / length
+        direction = np.stack([-a_and_b[..., 1], a_and_b[..., 0]], axis=-1)  # d
+        x_enter, x_leave = _line_interval(foot[..., 0], direction[..., 0], diagram.x_range)
+        y_enter, y_leave = _line_interval(foot[..., 1], direction[..., 1], diagram.y_range)
+        enter = np.maximum(x_enter, y_enter)
+        leave = np.minimum(x_leave, y_leave)
+        first_end = foot + enter[..., None] * direction
+        second_end = foot + leave[..., None] * direction
+    ends = np.stack([first_end, second_end], axis=-2)
+    is_visible = (enter < leave) & all_finite(ends, (-1, -2))
     return ends, is_visible
+
+
+def _line_interval(
+    foot: Floats, direction: Floats, limits: tuple[float, float]
+) -> tuple[Floats, Floats]:
+    """Return the smallest and largest t for which foot + t direction is within limits.
+
+    Parameters
+    ----------
+    foot, direction
+        (rows, lines) a coordinate of the foot points and of the directions of lines.
+    limits
+        Lower and upper limit of this coordinate.
+    """
+    low, high = limits
+    t_at_low = (low - foot) / direction
+    t_at_high = (high - foot) / direction
+    return np.minimum(t_at_low, t_at_high), np.maximum(t_at_low, t_at_high)
 
 
 def view_bounds(diagram: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -171,7 +171,7 @@ class Names:
         """Begin without names, for a viewer whose eye is at the given place."""
         self._sight = sight
         self._named_pairs: set[str] = set()  # pairs that a link names already
-        self._boxes: list[_Box] = []  # areas covered by names and dots so far
+        self._obstacles: list[_Box] = []  # areas covered by names and dots so far
 
     def place_names(self, bodies: Sequence[Body]) -> dict[str, list[Name]]:
         """Return the names that links show, each with the point at which it is written.
@@ -179,14 +179,6 @@ class Names:
         A name moves with its link. Whether it covers other names is therefore judged in
         pictures of a few configurations: perspective images from the eye of the viewer.
         From a list of possible places on the link the one with the lowest cost is chosen.
-        The cost is the sum of
-
-        - for each name that has a place already, the share of pictures in which the new
-          name would cover it. Half of the weight is on the first picture, because the
-          viewer shows it first; the other half is the mean over all pictures;
-        - the same for the dots that mark the pair axes, times `DOT_COST`;
-        - a small amount for each place that stands before it in the list.
-
         Places of long names are chosen first, because they are the hardest to find.
 
         Parameters
@@ -201,36 +193,55 @@ class Names:
         """
         requests: list[_NameRequest] = []
         for body, rotations in zip(bodies, _picture_rotations(bodies), strict=True):
-            # `joints` are the unit vectors of the pair axes in the frame of the link. Each
-            # is marked by a dot on the sphere. `_sight` is the eye of the viewer, the point
-            # that it looks at, and the direction that is up.
-            for axis in body.joints:
-                dots = project(self._sight, np.einsum("nij,j->ni", rotations, axis))
-                self._boxes.append(_Box(DOT_COST, dots, np.full(2, DOT_HALF_SIZE)))
+            self._obstacles += self._dot_boxes(body, rotations)
             requests += self._pair_name_requests(body, rotations)
             requests += self._link_name_requests(body, rotations)
-        names: dict[str, list[Name]] = {body.path: [] for body in bodies}
         requests.sort(key=lambda request: -len(request.text))
+
+        names: dict[str, list[Name]] = {body.path: [] for body in bodies}
         for request in requests:
-            half_size = _name_half_size(request.text)
-            cost = NEXT_PLACE_COST * np.arange(len(request.places))
-            for box in self._boxes:
-                # Two rectangles overlap if their centres are nearer than the sum of their
-                # half sizes, in both directions. Axes: picture, possible place.
-                distance = np.abs(request.centres - box.centres[:, None])
-                covers = np.all(distance < half_size + box.half_size, axis=-1)
-                mean_weight = 1.0 - FIRST_PICTURE_WEIGHT
-                covered_share = FIRST_PICTURE_WEIGHT * covers[0]
-                covered_share = covered_share + mean_weight * np.mean(covers, axis=0)
-                cost += box.cost * covered_share
-            best = np.argmin(cost)
-            # From now on the name is an obstacle. It costs 1 to cover it in all pictures.
-            self._boxes.append(
-                _Box(cost=1.0, centres=request.centres[:, best], half_size=half_size)
-            )
+            best = int(np.argmin(self._place_costs(request)))
             name = (request.text, request.places[best], request.is_pair)
             names[request.path].append(name)
+            # Later names avoid this one. It costs 1 to cover it in all pictures.
+            box = _Box(
+                cost=1.0,
+                centres=request.centres[:, best],
+                half_size=_name_half_size(request.text),
+            )
+            self._obstacles.append(box)
         return names
+
+    def _dot_boxes(self, body: Body, rotations: Floats) -> list[_Box]:
+        """Return the areas of the dots that mark the pair axes of a link.
+
+        Parameters
+        ----------
+        body
+            The link. Its `joints` are the unit vectors of the pair axes in its frame.
+        rotations
+            (pictures, 3, 3) its orientation in each picture.
+        """
+        boxes = []
+        for axis in body.joints:
+            dots = project(self._sight, np.einsum("nij,j->ni", rotations, axis))
+            boxes.append(_Box(DOT_COST, dots, np.full(2, DOT_HALF_SIZE)))
+        return boxes
+
+    def _place_costs(self, request: _NameRequest) -> Floats:
+        """Return the costs (k,) of the possible places of a name.
+
+        The cost of a place is the sum of
+
+        - for each name that has a place already, the share of pictures in which the new
+          name would cover it;
+        - the same for the dots that mark the pair axes, times `DOT_COST`;
+        - a small amount for each place that stands before it in the list.
+        """
+        costs = NEXT_PLACE_COST * np.arange(len(request.places))
+        for obstacle in self._obstacles:
+            costs += obstacle.cost * _covered_shares(request, obstacle)
+        return costs
 
     def _pair_name_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
         """Return requests for places of the names of a link's pairs.
@@ -310,6 +321,35 @@ class Names:
         """Return the centres (pictures, k, 2) of names at places (k, 3) of a link."""
         points = np.einsum("nij,kj->nki", rotations, places)
         return project(self._sight, points) - np.array([0.0, NAME_DROP])
+
+
+def _covered_shares(request: _NameRequest, obstacle: _Box) -> Floats:
+    """Return the share of pictures in which a name would cover an obstacle.
+
+    Half of the weight is on the first picture, because the viewer shows it first. The other
+    half is on the mean over all pictures.
+
+    Parameters
+    ----------
+    request
+        The name, with k possible places.
+    obstacle
+        The rectangle of another name or of a dot.
+
+    Returns
+    -------
+    (k,) shares from 0 to 1.
+    """
+    # Two rectangles overlap if their centres are nearer than the sum of their half sizes,
+    # in both directions.
+    obstacle_centres = obstacle.centres[:, None, :]  # the same for all places
+    distance = np.abs(request.centres - obstacle_centres)  # (pictures, k, 2)
+    largest_distance = _name_half_size(request.text) + obstacle.half_size
+    covers = np.all(distance < largest_distance, axis=-1)  # (pictures, k)
+    in_first_picture = FIRST_PICTURE_WEIGHT * covers[0]
+    mean = np.count_nonzero(covers, axis=0) / len(covers)
+    in_all_pictures = (1.0 - FIRST_PICTURE_WEIGHT) * mean
+    return in_first_picture + in_all_pictures
 
 
 def _name_half_size(text: str) -> Floats:
