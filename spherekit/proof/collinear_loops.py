@@ -688,7 +688,7 @@ def _is_near_centre(configuration: Array, box: OrientedBox) -> bool:
     """
     differences = configuration - exact_balls(box.centre)
     largest_difference = max(map(upper_magnitude, differences))
-    return largest_difference < NEAR_CENTRE_RATIO * np.min(box.limits)
+    return bool(largest_difference < NEAR_CENTRE_RATIO * np.min(box.limits))
 
 
 def _is_inside_box(configuration: Array, piece: CertifiedArc) -> bool:
