@@ -238,36 +238,48 @@ def find_conditions(
     coincide, and all axes in one plane come last. A condition is uncertain if its sine is
     above the tolerance, but below `UNDECIDED_FACTOR` times the tolerance.
     """
-    links = relation.links
-    # The possible conditions by their labels. All conditions of a label have to be
-    # fulfilled. They depend on the form of the relation: the output is the rotation of link
-    # o relative to s (form "i") or relative to r (form "ii"). Some of the four links can be
-    # the same link. If there are only two different ones, c and d never vanish, and there
-    # are no conditions.
-    listed: Mapping[str, tuple[Condition, ...]] = {}
-    if len(links.different) == 4:
-        listed = FOUR_LINKS[relation.form, kind]
-    elif len(links.different) == 3:
-        listed = _condition_of_three_links(relation, kind)
-
     conditions_by_row: list[list[FulfilledCondition]] = [[] for _ in tolerances]
-    for label, conditions in listed.items():
-        # The residual of a label is the largest sine of its conditions.
+    for label, conditions in _possible_conditions(relation, kind).items():
+        # All conditions of a label have to be fulfilled, so the largest sine counts.
         sines = [condition.sine(relation.poles) for condition in conditions]
-        residuals = np.max(sines, axis=0).tolist()
-        words = " and ".join(condition.describe(links, names) for condition in conditions)
-        for row, (residual, tolerance) in enumerate(
-            zip(residuals, tolerances, strict=True)
+        largest_sines = np.max(sines, axis=0).tolist()
+        words = " and ".join(
+            condition.describe(relation.links, names) for condition in conditions
+        )
+        for row, (sine, tolerance) in enumerate(
+            zip(largest_sines, tolerances, strict=True)
         ):
-            if residual <= UNDECIDED_FACTOR * tolerance:
-                is_certain = bool(residual <= tolerance)
+            if sine <= UNDECIDED_FACTOR * tolerance:
+                is_certain = bool(sine <= tolerance)
                 conditions_by_row[row].append(
-                    FulfilledCondition(label, words, residual, is_certain)
+                    FulfilledCondition(label, words, sine, is_certain)
                 )
+    # False is sorted before True, so that certain conditions come first.
     return [
         tuple(sorted(conditions, key=lambda condition: not condition.certain))
         for conditions in conditions_by_row
     ]
+
+
+def _possible_conditions(
+    relation: Relation, kind: str
+) -> Mapping[str, tuple[Condition, ...]]:
+    """Return the conditions by which a relation c y' = d q' can have a type, by label.
+
+    All conditions of a label have to be fulfilled. If input and output have only two
+    different links, c and d never vanish, and there are no conditions.
+
+    Parameters
+    ----------
+    relation, kind
+        The relation, and the type: ``I``, ``II`` or ``III``.
+    """
+    link_count = len(relation.links.different)
+    if link_count == 4:
+        return FOUR_LINKS[relation.form, kind]
+    if link_count == 3:
+        return _condition_of_three_links(relation, kind)
+    return {}
 
 
 def _condition_of_three_links(

@@ -60,15 +60,8 @@ class PlacingPart:
 def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart:
     """Return the part of a mechanism that places links if the input is given.
 
-    Links that only follow are left out. The part is used only if two conditions hold:
-
-    - Each assembly mode (way to assemble the links) of the whole contains one mode of the
-      part: the angles of the part's pairs agree at all compared samples of the input. A
-      small number of samples is enough, because two modes agree only where they meet.
-    - Whole and part have the same dead centres, at which the input turns back. Otherwise
-      links that are left out would stop the input where the part alone moves on.
-
-    If not, the result is the whole mechanism.
+    Links that only follow are left out. If this is not possible, the result is the whole
+    mechanism.
 
     Parameters
     ----------
@@ -77,30 +70,56 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
     links
         Numbers of the links.
     """
-    mechanism = whole.mechanism
-    # No part is used in two cases:
-    # 1. The mobility was determined from the rank of the velocity equations (`by_rank`),
-    #    because the numbers of links and pairs give a wrong one. A part is chosen by
-    #    counting links and pairs, which would fail.
-    # 2. Wheels roll on each other. Their phases depend on all wheels.
-    if not whole.by_rank:
-        part_mechanism = part_for(mechanism, links)
-        if part_mechanism is not mechanism and whole.solver.gear_phases is None:
-            path = np.linspace(*whole.range, COMPARED_SAMPLES)[:, None]
-            part = PositionAnalysis(part_mechanism, path=path)
-            variables: list[int] = []
-            for pair in part_mechanism.pairs:
-                number = mechanism.pair_number[pair.name]
-                variables += mechanism.variables_of(number)
-            # For each mode of the part the modes of the whole that contain it, or None.
-            whole_modes = _match_modes(whole, part, variables)
-            if whole_modes is not None and _have_same_turning_points(whole, part):
-                return PlacingPart(part, variables, whole_modes)
-    all_variables = list(range(len(mechanism.variable_owners)))
+    part = _find_smaller_part(whole, links)
+    if part is not None:
+        return part
+    all_variables = list(range(len(whole.mechanism.variable_owners)))
     same_modes: dict[int, tuple[int, ...]] = {
         mode.number: (mode.number,) for mode in whole.assembly_modes
     }
     return PlacingPart(whole, all_variables, same_modes)
+
+
+def _find_smaller_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart | None:
+    """Return the part of a mechanism that places links, None if it cannot be used.
+
+    The part must fulfil two conditions:
+
+    - Each assembly mode (way to assemble the links) of the whole contains one mode of the
+      part: the angles of the part's pairs agree at all compared samples of the input. A
+      small number of samples is enough, because two modes agree only where they meet.
+    - Whole and part have the same dead centres, at which the input turns back. Otherwise
+      links that are left out would stop the input where the part alone moves on.
+
+    Parameters
+    ----------
+    whole, links
+        As in `find_placing_part`.
+    """
+    mechanism = whole.mechanism
+    if whole.by_rank:
+        # The mobility was determined from the rank of the velocity equations, because the
+        # numbers of links and pairs give a wrong one. A part is chosen by counting links
+        # and pairs, which would fail.
+        return None
+    part_mechanism = part_for(mechanism, links)
+    if part_mechanism is mechanism:
+        # All links are needed.
+        return None
+    if whole.solver.gear_phases is not None:
+        # Wheels roll on each other. Their phases depend on all wheels.
+        return None
+    path = np.linspace(*whole.range, COMPARED_SAMPLES)[:, None]
+    part = PositionAnalysis(part_mechanism, path=path)
+    variables: list[int] = []
+    for pair in part_mechanism.pairs:
+        number = mechanism.pair_number[pair.name]
+        variables += mechanism.variables_of(number)
+    # For each mode of the part the modes of the whole that contain it, or None.
+    whole_modes = _match_modes(whole, part, variables)
+    if whole_modes is None or not _have_same_turning_points(whole, part):
+        return None
+    return PlacingPart(part, variables, whole_modes)
 
 
 def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -> bool:

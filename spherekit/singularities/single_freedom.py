@@ -828,24 +828,54 @@ def explain_doubts(
     is_input
         Whether the output is the input itself, so that both rest together without doubt.
     """
+    # If both notes apply to a point, the second one is kept.
     notes = [""] * len(types)
+    if not is_input:
+        _note_uncertain_self_motions(notes, rests, types)
+    _note_near_neighbours(notes, rests, types)
+    return notes
+
+
+def _note_uncertain_self_motions(
+    notes: list[str], rests: InputOutputRests, types: Sequence[Type]
+) -> None:
+    """Write notes for points at which input and output may not rest together.
+
+    They are self-motions whose error exceeds `MAX_SHARED_ERROR_RAD`.
+
+    Parameters
+    ----------
+    notes
+        n texts, changed in place.
+    rests, types
+        The n points and their types.
+    """
+    distances = rests.distances.tolist()
+    for k, (kind, error) in enumerate(zip(types, rests.errors.tolist(), strict=True)):
+        if kind == Type.SELF_MOTION and error > MAX_SHARED_ERROR_RAD:
+            notes[k] = _format_undecided(distances[k], error)
+
+
+def _note_near_neighbours(
+    notes: list[str], rests: InputOutputRests, types: Sequence[Type]
+) -> None:
+    """Write notes for successive points of different types that may be one point.
+
+    Parameters
+    ----------
+    notes
+        n texts, changed in place.
+    rests, types
+        The n points in order of arc length, and their types.
+    """
     s = rests.s.tolist()
     errors = rests.errors.tolist()
-    distances = rests.distances.tolist()
-    # Points at which input and output both rest. They are uncertain if the error of their
-    # arc length exceeds `MAX_SHARED_ERROR_RAD`.
-    for k, kind in enumerate(types):
-        is_uncertain = errors[k] > MAX_SHARED_ERROR_RAD
-        if not is_input and kind == Type.SELF_MOTION and is_uncertain:
-            notes[k] = _format_undecided(distances[k], errors[k])
-    # Successive points of different types, in order of arc length.
     for k, (kind, next_kind) in enumerate(pairwise(types)):
         gap = s[k + 1] - s[k]
         sum_of_errors = errors[k] + errors[k + 1]
         if kind != next_kind and gap < UNDECIDED_GAP_FACTOR * sum_of_errors:
             notes[k] = _format_undecided(gap, sum_of_errors)
             notes[k + 1] = notes[k]
-    return notes
 
 
 def _format_undecided(distance: float, error: float) -> str:
