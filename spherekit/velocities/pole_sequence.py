@@ -262,11 +262,7 @@ class PlannedPoles:
     def link_rates(self, bodies: tuple[int, ...]) -> tuple[dict[int, Floats], Floats]:
         """Return the angular velocities of bodies per unit rate of the moving input.
 
-        With the bodies a and b of the input and the direction u_ik of the pole of bodies i
-        and k, the angular velocity of body k relative to a is w_k = x u_ak. The factor x
-        follows from u_ab = x u_ak + y u_bk, the vector form of eq. (5) of Di Gregorio
-        (2024): the cross product with u_bk eliminates y. Where the axes u_ak and u_bk
-        coincide, x is 0/0.
+        The velocities follow from the directions of poles, and need no velocity equations.
 
         Parameters
         ----------
@@ -278,34 +274,66 @@ class PlannedPoles:
         w
             (3, n) angular velocity of each body relative to the ground, in ground axes.
         error
-            (n,) bound of the relative error of w, the largest one of all bodies. For a body
-            k it is the sum of the error bounds of u_ak and u_bk, divided by the sine of the
-            angle between these axes. It is `MAX_DIRECTION_ERROR_RAD` in rows in which
-            nothing is known.
+            (n,) bound of the relative error of the velocities relative to the first body of
+            the input, the largest one of all bodies. It is `MAX_DIRECTION_ERROR_RAD` in
+            rows in which nothing is known.
         """
         a, b = self.plan.ends[self.plan.input]
         input_axis = self.directions[pole_of(a, b)]
         # By body, angular velocities relative to body a. The input moves body b.
         w = {a: np.zeros_like(input_axis), b: input_axis}
         error = np.zeros(len(self.motion))
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            for body in set(bodies) - {a, b}:
-                pole_a = pole_of(a, body)
-                pole_b = pole_of(b, body)
-                # u_ab x u_bk = x (u_ak x u_bk), and `normal` is u_ak x u_bk.
-                normal = cross_columns(self.directions[pole_a], self.directions[pole_b])
-                square = dot_columns(normal, normal)
-                along = dot_columns(
-                    cross_columns(input_axis, self.directions[pole_b]), normal
-                )
-                w[body] = self.directions[pole_a] * (along / square)
-                axis_error = (self.errors[pole_a] + self.errors[pole_b]) / np.sqrt(square)
-                error = np.maximum(error, axis_error)
+        for body in set(bodies) - {a, b}:
+            w[body], body_error = self._velocity_by_poles(a, b, body)
+            error = np.maximum(error, body_error)
         error = np.nan_to_num(
             error, nan=MAX_DIRECTION_ERROR_RAD, posinf=MAX_DIRECTION_ERROR_RAD
         )
         # Relative to the ground, body 0.
         return {body: rates - w[0] for body, rates in w.items()}, error
+
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def _velocity_by_poles(self, a: int, b: int, k: int) -> tuple[Floats, Floats]:
+        """Return the angular velocity of body k relative to body a, from three poles.
+
+        The input turns body b relative to body a at the rate 1. With the direction u_ij of
+        the pole of bodies i and j, the relative velocities satisfy
+
+            u_ab = x u_ak + y u_bk,
+
+        the vector form of eq. (5) of Di Gregorio (2024), and the result is x u_ak. The
+        cross product with u_bk eliminates y: u_ab x u_bk = x n, with n = u_ak x u_bk. Hence
+
+            x = (u_ab x u_bk) . n / |n|^2.
+
+        The result does not depend on the signs of u_ak and u_bk: if one of them changes its
+        sign, n does so too, and x u_ak stays the same.
+
+        Parameters
+        ----------
+        a, b
+            Bodies of the input.
+        k
+            The third body.
+
+        Returns
+        -------
+        velocity
+            (3, n) angular velocity. It is 0/0, so NaN, where u_ak and u_bk coincide.
+        error
+            (n,) bound of its relative error: the sum of the error bounds of u_ak and u_bk,
+            divided by the sine of the angle between them.
+        """
+        pole_ak = pole_of(a, k)
+        pole_bk = pole_of(b, k)
+        u_ab = self.directions[pole_of(a, b)]
+        u_ak = self.directions[pole_ak]
+        u_bk = self.directions[pole_bk]
+        n = cross_columns(u_ak, u_bk)
+        n_square = dot_columns(n, n)
+        x = dot_columns(cross_columns(u_ab, u_bk), n) / n_square
+        error = (self.errors[pole_ak] + self.errors[pole_bk]) / np.sqrt(n_square)
+        return u_ak * x, error
 
     def great_circles(self, pole: Pole) -> Floats:
         """Return the unit normals (n, 2, 3) of two great circles that meet in a pole.
@@ -324,32 +352,37 @@ class PlannedPoles:
         pole
             Two links. Their pole is the axis about which they turn relative to each other.
         """
-        no_circles = nans((len(self.motion), 2, 3))
         body_pole = self.plan.pole(*pole)
-        if body_pole is None:
-            return no_circles
+        normals = None if body_pole is None else self._circles_through(body_pole)
+        if normals is None:
+            return nans((len(self.motion), 2, 3))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            # `_circle_normals` has the circles that the plan has used.
-            if body_pole not in self._circle_normals:
-                i, j = body_pole
-                # Bodies k whose poles with i and j are both known. `pole_of` gives the key
-                # of a pole, and `directions` has the known ones.
-                third_bodies = [
-                    k
-                    for k in self.plan.bodies
-                    if k not in body_pole
-                    and pole_of(i, k) in self.directions
-                    and pole_of(j, k) in self.directions
-                ]
-                if len(third_bodies) < 2:
-                    return no_circles
-                # Choose the two circles with the most accurate intersection.
+            unit_normals = [normal / norm_columns(normal) for normal in normals]
+        # From two arrays (3, n) to (n, 2, 3).
+        return np.stack([normal.T for normal in unit_normals], axis=1)
+
+    def _circles_through(self, body_pole: Pole) -> tuple[Floats, Floats] | None:
+        """Return normals (3, n) of two great circles that meet in the pole of two bodies.
+
+        If the plan has used two circles, these are returned. Otherwise the two circles with
+        the most accurate intersection are chosen, and stored for the next call. None if
+        there are fewer than two third bodies that have a known pole with both bodies.
+        """
+        if body_pole not in self._circle_normals:
+            i, j = body_pole
+            third_bodies = [
+                k
+                for k in self.plan.bodies
+                if k not in body_pole
+                and pole_of(i, k) in self.directions
+                and pole_of(j, k) in self.directions
+            ]
+            if len(third_bodies) < 2:
+                return None
+            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
                 circles = self._choose_great_circles(body_pole, third_bodies)
-                both_normals = circles.first_normal, circles.second_normal
-                self._circle_normals[body_pole] = both_normals
-            # The axes are: circle (2), component (3), row (n).
-            normals = np.stack(self._circle_normals[body_pole])
-            return (normals / norm_columns(normals)[:, None]).transpose(2, 0, 1)
+            self._circle_normals[body_pole] = circles.first_normal, circles.second_normal
+        return self._circle_normals[body_pole]
 
 
 def _unit_vectors(vectors: Floats) -> Floats:
@@ -397,12 +430,25 @@ def solve_null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
     """
     jacobian = tree.jacobian(vectors)
     n, _, count = jacobian.shape
-    # One more equation, border . rates = 1, fixes the scale. The last column of the inverse
-    # is its solution, the null vector. The coefficients (border) of the first pass are
-    # arbitrary numbers, which can be nearly perpendicular to the null vector. In the second
-    # pass the null vector itself is the border, so that the equations are well conditioned.
-    border = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
-    for _ in range(2):
-        inverse = left_inverse(np.concatenate([jacobian, border[:, None, :]], axis=1))
-        border = rates = unit_rows(inverse[:, :, -1])
-    return NullMotion(rates, inverse)
+    # One more equation, c . rates = 1, fixes the scale. The first coefficients c are
+    # arbitrary numbers, which can be nearly perpendicular to the null vector. The second
+    # ones are the rates that follow from the first, so that the equations are well
+    # conditioned.
+    arbitrary = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
+    first_motion = _solve_with_scale_equation(jacobian, arbitrary)
+    return _solve_with_scale_equation(jacobian, first_motion.rates)
+
+
+def _solve_with_scale_equation(jacobian: Floats, coefficients: Floats) -> NullMotion:
+    """Return the null vector of loop equations, whose scale a further equation fixes.
+
+    Parameters
+    ----------
+    jacobian
+        (n, equations, variables) the loop equations.
+    coefficients
+        (n, variables) the coefficients c of the equation c . rates = 1.
+    """
+    inverse = left_inverse(np.concatenate([jacobian, coefficients[:, None, :]], axis=1))
+    # The last column of the inverse solves the equations with the right-hand side (0, 1).
+    return NullMotion(rates=unit_rows(inverse[:, :, -1]), inverse=inverse)
