@@ -111,24 +111,33 @@ def _frames_from_pose(
     -------
     The frames (3, 3) of the pair in the axes of its first and of its second link.
     """
-    x, y, z = geometry.axes[pair.name]
-    longitude = design.get(("longitudes", pair.name), float(np.arctan2(y, x)))
-    latitude = design.get(("latitudes", pair.name), float(np.arctan2(z, np.hypot(x, y))))
-    axis = direction_from_angles(longitude, latitude)
-    east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
-    frame = np.stack([east, cross(axis, east), axis], axis=1)
+    frame = _frame_in_pose(geometry, design, pair.name)
     # The design may change arcs and angles between the axes of a link. This rotates the
     # frame of the pair relative to the link, and leaves it unchanged in the other link.
     first_frame, second_frame = (
         _rotate_by_size_changes(mechanism, design, link, pair.name, frame)
         for link in pair.links
     )
-    # In general R_second = R_first first_frame Z(v) second_frame^T, with the variable v and
-    # the orientations R of the links. In the reference pose both orientations are the unit
-    # matrix and v has this value, so second_frame = first_frame Z(value). Changed sizes are
-    # factors on the left of each frame.
+    # The variable v turns the frame of the pair in the second link relative to that in the
+    # first: R_second second_frame = R_first first_frame Z(v), with the orientations R of
+    # the links. In the reference pose both R are the unit matrix and v has this value. So
+    # second_frame = first_frame Z(value) there, and changed sizes do not affect Z(value).
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     return first_frame, second_frame @ about_z(value)
+
+
+def _frame_in_pose(geometry: PoseGeometry, design: DesignGeometry, pair: str) -> Exprs:
+    """Return the frame (3, 3) of a pair in its first link in the reference pose.
+
+    Its columns are the direction to the east, the direction to the north, and the axis of
+    the pair, in link axes. `design` may replace the longitude and the latitude of the axis.
+    """
+    x, y, z = geometry.axes[pair]
+    longitude = design.get(("longitudes", pair), float(np.arctan2(y, x)))
+    latitude = design.get(("latitudes", pair), float(np.arctan2(z, np.hypot(x, y))))
+    axis = direction_from_angles(longitude, latitude)
+    east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
+    return np.stack([east, cross(axis, east), axis], axis=1)
 
 
 def direction_from_angles(longitude: Expr, latitude: Expr) -> Exprs:
@@ -161,14 +170,18 @@ def _rotate_by_size_changes(
     frame
         (3, 3) frame of the pair in the reference pose.
     """
-    # The sizes of the axis of this pair, the arc before the angle.
-    pair_sizes = [size for size in pose_sizes(mechanism, link) if size.pair == pair]
-    for reference in pair_sizes:
-        size = design.get((reference.kind, (link, pair)))
-        if size is not None:
-            # The frame rotates about the growth axis if the size increases.
-            growth = size - reference.value
-            frame = _rotation_about(reference.growth_axis, growth) @ frame
+    # The arc and the angle of this pair in the reference pose, by kind. The first axis of
+    # the link has none.
+    pose_size_by_kind = {
+        size.kind: size for size in pose_sizes(mechanism, link) if size.pair == pair
+    }
+    for kind in ("arcs", "angles"):
+        pose_size = pose_size_by_kind.get(kind)
+        size = design.get((kind, (link, pair)))
+        if pose_size is not None and size is not None:
+            # The axis about which the frame rotates if the size increases.
+            rotation_axis = pose_size.growth_axis
+            frame = _rotation_about(rotation_axis, size - pose_size.value) @ frame
     return frame
 
 

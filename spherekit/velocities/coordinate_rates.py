@@ -181,27 +181,17 @@ class CoordinateRates(VelocityEquations):
     def closure_residual_rates(self, size: ExpressionNode) -> dict[int, Exprs]:
         """Return the derivatives (3,) of `closure_residuals` by a size of the mechanism.
 
-        A loop is cut at one pair, the closing pair. Its frame is then reached along both
-        sides of the loop: in the second link of the pair (`by_second_link`), and from its
-        first link by the rotation of the pair (`by_pair`). The closure residual is the
-        rotation vector from the latter frame to the former. At a closed configuration both
-        coincide, so its derivative is the difference of the angular velocities of both
-        frames as the size grows. The variables are held constant. The keys are the closing
-        pairs.
+        Each loop is cut at one pair, the closing pair, which is the key of the result. The
+        closure residual is the rotation vector from the frame `by_pair` to the frame
+        `by_second_link` (`ClosingFrames`), which coincide at a closed configuration. Its
+        derivative is therefore the angular velocity of the latter minus that of the former,
+        while the size grows and the variables are constant.
         """
         residual_rates: dict[int, Exprs] = {}
         for pair, frames in self._closing_frames.items():
-            # Angular velocities (3,) of the two frames per unit rate of the size, in ground
-            # axes.
-            angular_velocities = []
-            for frame in (frames.by_second_link, frames.by_pair):
-                # The size has the rate 1.
-                derivative = vector(differentiate([*frame.ravel()], {size: 1.0}))
-                # `rotation_between` is half the sum of b x c over the columns b, c of both
-                # matrices. With c = b' = w x b this is the angular velocity w.
-                angular_velocities.append(rotation_between(frame, derivative.reshape(3, 3)))
-            by_second_link, by_pair = angular_velocities
-            residual_rates[pair] = by_second_link - by_pair
+            velocity_by_second_link = _frame_velocity(frames.by_second_link, size)
+            velocity_by_pair = _frame_velocity(frames.by_pair, size)
+            residual_rates[pair] = velocity_by_second_link - velocity_by_pair
         return residual_rates
 
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
@@ -279,3 +269,14 @@ class CoordinateRates(VelocityEquations):
         """
         _, pair_accelerations = self.solve_accelerations(rates, w)
         return sum_along_paths(self.tree, pair_accelerations)
+
+
+def _frame_velocity(frame: Exprs, size: ExpressionNode) -> Exprs:
+    """Return the angular velocity (3,) of a frame per unit rate of a size, in ground axes.
+
+    The columns b of the frame (3, 3) have the derivatives b' = w x b by the size. Half the
+    sum of b x b' over the three columns is w.
+    """
+    entries = [*frame.ravel()]
+    derivative = vector(differentiate(entries, {size: 1.0})).reshape(3, 3)
+    return rotation_between(frame, derivative)

@@ -243,16 +243,21 @@ def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
     times this inverse. Sums and differences are used instead of a and b, because they keep
     their digits if a and b nearly coincide or are nearly opposite.
 
-    a + b and a - b are perpendicular: their scalar product is |a|^2 - |b|^2, which is only
-    a rounding error. If a - b is short, this error is not small compared with |a - b|^2.
-    The scalar product is therefore taken into account (`tilt`). Its square is neglected.
+    With s = a + b, d = a - b and n = a x b, the rows of the inverse are
+
+        s / |s|^2 - tilt d,   d / |d|^2 - tilt s,   n / |n|^2,
+
+    where tilt = s . d / (|s|^2 |d|^2). In exact numbers s . d = |a|^2 - |b|^2 is zero, and
+    so is the tilt. But rounding makes s . d a small number, which matters if s or d is
+    short. The terms with the tilt are the inverse of [[|s|^2, s . d], [s . d, |d|^2]] to
+    first order in s . d.
     """
     axis_sum = a + b
     axis_difference = a - b
     inverse_sum_square = 1.0 / dot(axis_sum, axis_sum)
     inverse_difference_square = 1.0 / dot(axis_difference, axis_difference)
     tilt = dot(axis_sum, axis_difference) * inverse_sum_square * inverse_difference_square
-    # |a x b|^2 = |a + b|^2 |a - b|^2 / 4
+    # |n|^2 = |s|^2 |d|^2 / 4
     normal_row = cross(a, b) * (4.0 * (inverse_sum_square * inverse_difference_square))
     return np.stack(
         [

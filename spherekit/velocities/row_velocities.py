@@ -261,22 +261,23 @@ class RowVelocities:
         w, direction_error = planned_poles.link_rates(self.request.bodies)
         self.is_certified[:] = False
         self.is_quad_precision[:] = False
-        is_uncertain = ~(direction_error < USABLE_DIRECTION)
+        is_uncertain = np.isnan(direction_error) | (direction_error >= USABLE_DIRECTION)
         self.status[is_uncertain & (self.status == Status.OK)] = Status.ILL_CONDITIONED
 
-        # The relative angular velocities of the links of each pole. Setting `planned_w`
-        # changes them from those of the equations to those of the plan.
-        velocities_by_equations = {
-            pole: self.relative_velocity(pole) for pole in self.pole_errors
-        }
+        velocities_by_equations = self._pole_velocities()
+        # From here on, all velocities are those of the plan (`quantity`).
         self.planned_w = {
             link: w[body] for link, body in enumerate(self.request.plan.body) if body in w
         }
+        velocities_by_plan = self._pole_velocities()
         for pole, errors in self.pole_errors.items():
-            velocity_by_plan = self.relative_velocity(pole)
             errors["velocity_coefficient_error"] += norm_columns(
-                velocity_by_plan - velocities_by_equations[pole]
+                velocities_by_plan[pole] - velocities_by_equations[pole]
             )
+
+    def _pole_velocities(self) -> dict[Pole, Floats]:
+        """Return the relative angular velocity (3, n) of the links of each pole."""
+        return {pole: self.relative_velocity(pole) for pole in self.pole_errors}
 
     def _bound(self, name: str) -> Floats:
         """Return one of the quantities (n,) of `RowKernel.row_bounds`, by its name."""
@@ -326,28 +327,34 @@ class RowVelocities:
         -------
         Orders with the rows (k,) for which each of them is used.
         """
-        is_doubtful = ~(condition_numbers <= 1.0 / MIN_RECIPROCAL_CONDITION)
-        rows = np.flatnonzero(is_doubtful & ~self.motion.failed)
-        if not len(rows):
+        # Comparisons with NaN are False, so NaN counts as doubtful and as not good.
+        is_good = condition_numbers <= 1.0 / MIN_RECIPROCAL_CONDITION
+        doubtful_rows = np.flatnonzero(~is_good & ~self.motion.failed)
+        if not len(doubtful_rows):
             return []
-        jacobians = self.motion.linearisation.jacobian[rows]
-        passive = jacobians[:, :, list(self.motion.passive_variables)]
-        # The condition numbers by the exact inverse. They are the least ones that any order
-        # can give, and infinite at a singular configuration, where no order helps.
-        least_condition_numbers = inverse_sizes(passive) * np.linalg.norm(
-            passive, axis=(1, 2)
+        least_numbers = self._least_condition_numbers(doubtful_rows)
+        has_good_order = condition_numbers[doubtful_rows] <= (
+            MAX_AMPLIFICATION * least_numbers
         )
-        is_singular = np.isinf(least_condition_numbers)
-        largest_allowed = MAX_AMPLIFICATION * least_condition_numbers
-        has_good_order = condition_numbers[rows] <= largest_allowed  # False for NaN
-        needs_order = ~has_good_order & ~is_singular
-        rows = rows[needs_order]
+        is_singular = np.isinf(least_numbers)
+        rows = doubtful_rows[~has_good_order & ~is_singular]
         return [
             (order, rows[indices])
             for order, indices in assign_elimination_orders(
-                jacobians[needs_order], self.motion.passive_variables
+                self.motion.linearisation.jacobian[rows], self.motion.passive_variables
             )
         ]
+
+    def _least_condition_numbers(self, rows: Indices) -> Floats:
+        """Return the least condition numbers that any elimination order can give.
+
+        They are those of the exact inverse of the loop equations of the passive variables,
+        for rows (k,). At a singular configuration they are infinite, and no order helps.
+        """
+        jacobians = self.motion.linearisation.jacobian[rows]
+        passive_equations = jacobians[:, :, list(self.motion.passive_variables)]
+        sizes = np.linalg.norm(passive_equations, axis=(1, 2))
+        return inverse_sizes(passive_equations) * sizes
 
     def _compute_in_quad(self, kernel: RowKernel, rows: Indices) -> None:
         """Compute rows (k,) again in quad precision, and bound their errors.
@@ -521,14 +528,14 @@ class RowVelocities:
         tree = linearisation.tree
         # (k, variables, 3) angular velocity of each pair at unit rate of its variable.
         vectors = linearisation.vectors[rows]
-        rotations = np.zeros((inverse.shape[1], tree.count, 3, len(rows)))
-        # For each direction: the rotations of all links if the passive variables move by
-        # `movement` (passive variables, k) while the inputs rest. `rotation` is a view.
-        for rotation, movement in zip(rotations, inverse.swapaxes(0, 1), strict=True):
-            rates = np.zeros((len(rows), vectors.shape[1]))
-            rates[:, list(self.motion.passive_variables)] = movement.T
-            # From (k, links, 3) to (links, 3, k).
-            rotation[:] = np.moveaxis(tree.body_rates(vectors, rates), 0, -1)
+        direction_count = inverse.shape[1]
+        rotations = np.zeros((direction_count, tree.count, 3, len(rows)))
+        for direction in range(direction_count):
+            # The movements of all variables (k, variables). The inputs rest.
+            movements = np.zeros((len(rows), vectors.shape[1]))
+            movements[:, list(self.motion.passive_variables)] = inverse[:, direction].T
+            link_rotations = tree.body_rates(vectors, movements)  # (k, links, 3)
+            rotations[direction] = np.moveaxis(link_rotations, 0, -1)
         return rotations
 
     def _compute_from_decimals(self, kernel: RowKernel, rows: Indices) -> None:
@@ -651,10 +658,18 @@ class RowVelocities:
     def _errors_of_common_axis(self, links: Pole) -> dict[str, Floats]:
         """Return the errors of a pole that come from the rounding of a common axis.
 
-        The relative angular velocity v of the links is a sum of terms, rate times axis. If
-        the axes change by a small angle, v changes by at most this angle times the sizes of
-        all terms. The same applies to the derivative dv of v with respect to the input. The
-        pole has the direction u = v / |v|.
+        The relative angular velocity v of the links is a sum of terms, rate times axis, and
+        so is its derivative dv with respect to the input. Each axis can be wrong by the
+        angle `SAME_AXIS_SINE`. The pole has the direction u = v / |v|. The bounds are,
+        one from the other:
+
+        - of v and dv: the angle times the sum of the sizes of all terms,
+        - of u: error(v) / |v|,
+        - of the velocity coefficient v . u = |v|: error(v),
+        - of the acceleration coefficient dv . u: error(dv) + error(u) |dv|,
+        - of the derivative of u, (dv - (dv . u) u) / |v|:
+          (error(dv) + 2 error(u) |dv|) / |v|. The second term is once for u, and once for
+          |v|, whose relative error is error(u).
 
         Returns
         -------
@@ -664,17 +679,13 @@ class RowVelocities:
         dv_size = norm_columns(self.relative_velocity_derivative(links))
         v_error = SAME_AXIS_SINE * self._bound("rate_size")
         dv_error = SAME_AXIS_SINE * self._bound("acceleration_size")
-        direction_error = self._separation_of_axes(links)
-        # The acceleration coefficient is dv . u, so both factors have errors.
-        coefficient_error = dv_error + direction_error * dv_size
-        # The derivative of u is (dv - (dv . u) u) / |v|. Its error has three sources: that
-        # of dv, and those of u and of 1 / |v|, each at most `direction_error` times
-        # |dv| / |v|. `coefficient_error` is the sum of the first two.
-        direction_dq_error = (coefficient_error + direction_error * dv_size) / v_size
+        u_error = self._separation_of_axes(links)
+        acceleration_coefficient_error = dv_error + u_error * dv_size
+        direction_dq_error = (acceleration_coefficient_error + u_error * dv_size) / v_size
         return {
-            "direction_error": direction_error,
+            "direction_error": u_error,
             "velocity_coefficient_error": v_error,
-            "acceleration_coefficient_error": coefficient_error,
+            "acceleration_coefficient_error": acceleration_coefficient_error,
             "direction_dq_error": direction_dq_error,
         }
 
@@ -694,12 +705,12 @@ def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bool
     v_size
         (n,) length of v.
     """
-    # The acceleration coefficient is dv . u. Its error has two parts, from dv and from u.
-    # The error of |v| du has the same parts, the second one twice: u occurs in the
-    # projection, and the error of |v| is of the same relative size as that of u.
+    # The error of the acceleration coefficient dv . u is error(dv) + error(u) |dv|. That of
+    # du is at most (error(dv) + 2 error(u) |dv|) / |v|, and so at most twice the former,
+    # divided by |v|.
     direction_dq_error = 2.0 * errors["acceleration_coefficient_error"] / v_size
-    # Each error has a limit. The fractions of the limits that are used may add up to 1. If
-    # v is zero, the sum is infinite or NaN, and the direction is not accurate.
+    # If the sum of the used fractions of both limits is at most 1, neither limit is
+    # exceeded. If v is zero, the sum is infinite or NaN, and the direction is not accurate.
     used_fractions = (
         errors["direction_error"] / MAX_CERTIFIED_ERROR_RAD
         + direction_dq_error / MAX_DIRECTION_DQ_ERROR
