@@ -361,10 +361,8 @@ class EquationSystem:
         """Return approximate roots at some values of the given variables.
 
         The given variables are angles that this system does not solve for: inputs, and
-        unknowns of other systems. `solved` has sets of values of the given variables for
-        which all roots are known. The roots of the nearest set are moved by one step along
-        the tangent. If no set is near, the roots are computed by a homotopy at the
-        requested values, and the step is zero.
+        unknowns of other systems. The roots are known at other values of the given
+        variables, the starts, and are moved by one step along the tangent.
 
         Parameters
         ----------
@@ -375,30 +373,36 @@ class EquationSystem:
         -------
         For each row as many roots as the system can have (`bound`).
         """
-        # 1. For each row of `given`, values from which its roots are followed, and the
-        # roots e^(i angle) there.
+        # Solutions are added to `solved` after this search only (`prove_roots`).
         solved_points = cosines_and_sines([solution.given for solution in self.solved])
-        start_values = []
-        start_roots = []
-        for requested in given:
-            values, roots_there = self._choose_start(requested, solved_points)
-            start_values.append(values)
-            start_roots.append(roots_there)
-        starts = np.array(start_values)
-
-        # 2. The same roots as numbers `roots.z` of magnitude 1 at most: e^(i angle) or its
-        # inverse. Roots at infinity are thereby finite numbers, and can be followed too.
+        starts = [self._choose_start(requested, solved_points) for requested in given]
+        start_values = np.array([values for values, _ in starts])
+        start_points = np.concatenate([points for _, points in starts])
+        # Numbers of magnitude 1 at most are stored: e^(i angle) or its inverse. Roots at
+        # infinity are thereby finite numbers, and can be followed too.
         row = np.repeat(np.arange(len(given)), self.bound)
-        roots = ChartRoots.from_points(np.concatenate(start_roots), row)
+        roots = ChartRoots.from_points(start_points, row)
+        return self._step_along_tangent(roots, start_values, given)
 
-        # 3. One step along the tangent from the start to the given variables. If the
-        # derivatives are singular, the rates are not finite and are replaced by 0.
-        at_starts = evaluate_polynomials(
-            self.form_polynomials(cosines_and_sines(starts)), roots
-        )
-        given_steps = wrap(given - starts)[roots.row]
+    def _step_along_tangent(
+        self, roots: ChartRoots, start_values: Floats, given: Floats
+    ) -> ChartRoots:
+        """Return roots moved linearly from one set of given values to another.
+
+        Parameters
+        ----------
+        roots
+            n roots at the start values. Their rows are those of the values.
+        start_values, given
+            (m, given) angles (rad) of the given variables at the start and at the end.
+        """
+        polynomials = self.form_polynomials(cosines_and_sines(start_values))
+        at_starts = evaluate_polynomials(polynomials, roots)
+        # P(z, g) = 0 gives the derivatives of the unknowns z by the given variables g:
+        # -P_z^-1 P_g. If P_z is singular they are not finite, and are replaced by 0.
         rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
-        return roots.with_points(roots.z + apply_matrices(rates, given_steps))
+        steps = wrap(given - start_values)[roots.row]
+        return roots.with_points(roots.z + apply_matrices(rates, steps))
 
     def _choose_start(
         self, requested: Floats, solved_points: Floats
@@ -526,46 +530,60 @@ def count_modes(
     return is_proven, np.bincount(modes["box"], minlength=m)
 
 
-def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> RootAngles:
+def _bound_root_angles(
+    roots: ChartRoots, tubes: RootTubes, half_widths: Floats
+) -> RootAngles:
     """Return the angles of roots and their motion over the boxes.
 
-    The boxes are ranges of the inputs. A coordinate of a root is z = e^(i s angle) with s =
-    1, or s = -1 if it is the inverse. The derivative of the angle by an input is therefore
-    z' / (i s z). The returned error bounds how far the angle is from this linear motion.
+    The boxes are ranges of the inputs. Each coordinate z of a root is e^(i sense angle),
+    with the sense 1, or -1 if it is stored as the inverse. The logarithm of z is
+    i sense angle, so the derivative of the angle by an input is z' / (i sense z). Its real
+    part is the motion of the angle. The imaginary part changes ``|z|``, which is 1 for the
+    real roots that are of interest.
 
     Parameters
     ----------
     roots
         The approximate roots. Each coordinate is e^(i angle) or its inverse.
     tubes
-        Their tubes over the boxes: how far each root may be from linear motion of z.
-    half
+        Neighbourhoods of linear motions of z over the boxes. Each contains one root.
+    half_widths
         (n, inputs) half widths (rad) of the box of each root.
     """
-    # The inverse of e^(i angle) has the angle with the opposite sign.
     sense = np.where(roots.inverse, -1, 1)
-    rates = tubes.rates / (1j * sense * roots.z)[:, :, None]
-    error = _bound_angle_deviation(roots, tubes, rates, half)
-    return RootAngles(sense * np.angle(roots.z), rates.real, error)
+    logarithm_slopes = (1j * sense * roots.z)[:, :, np.newaxis]
+    complex_rates = tubes.rates / logarithm_slopes
+    return RootAngles(
+        angle=sense * np.angle(roots.z),
+        rates=complex_rates.real,
+        error=_bound_angle_deviation(roots, tubes, complex_rates, half_widths),
+    )
 
 
 def _bound_angle_deviation(
-    roots: ChartRoots, tubes: RootTubes, rates: Complexes, half: Floats
+    roots: ChartRoots, tubes: RootTubes, rates: Complexes, half_widths: Floats
 ) -> Floats:
     """Return how far the angles of roots may be from linear motion over boxes of inputs.
 
     A coordinate z of a root is e^(i angle) or its inverse, so the angle is, up to its sign,
-    the imaginary part of the logarithm of z.
+    the imaginary part of the logarithm of z. Let z0 be the approximate root at the centre
+    of the box, and w = (z - z0) / z0 the relative change. Then
+
+        log z = log z0 + w + remainder,
+        z - z0 = linear motion + deviation,   where |deviation| <= tube radius.
+
+    The angle therefore deviates from linear motion by at most the tube radius over
+    ``|z0|``, plus the remainder of the logarithm.
 
     Parameters
     ----------
     roots
-        The approximate roots z, at the centres of the boxes.
+        The approximate roots z0, at the centres of the boxes.
     tubes
         How far each root may be from linear motion of z.
     rates
         (n, k, inputs) derivatives of the angles by the inputs.
-    half
+    half_widths
         (n, inputs) half widths (rad) of the box of each root.
 
     Returns
@@ -573,28 +591,31 @@ def _bound_angle_deviation(
     (n, k) bounds (rad). Infinite if z changes by half of its magnitude or more.
     """
     magnitude = np.abs(roots.z)
-    # 1. z is only near linear motion, at most `tube_radius` away.
-    tube_deviation = tubes.tube_radius[:, None] / magnitude
-    # 2. The logarithm is not linear. `reach` is the largest change of z over the box, and w
-    # the largest relative change. The logarithm of 1 + w differs from the linear term w by
-    # at most w^2 / 2 / (1 - w).
-    w = tubes.displacement / magnitude
-    logarithm_deviation = 0.5 * w**2 / (1.0 - w)
-    # 3. The approximation of a real root may not have the magnitude 1.
+    tube_deviation = tubes.tube_radius[:, np.newaxis] / magnitude
+    relative_change = tubes.displacement / magnitude
+    logarithm_remainder = _bound_logarithm_remainder(relative_change)
+    # The approximation of a real root may not have the magnitude 1.
     magnitude_error = np.abs(magnitude - 1.0)
-    # 4. Rounding of the linear motion, and of the angle. These allowances, and the factor
-    # 1.05 for the rounding of the first two bounds, are far larger than the errors: a
-    # relative one is 1.1e-16, and angles are below pi.
-    motion_rounding = 1e-15 * apply_matrices(np.abs(rates), half)
+    # The allowances for rounding are far larger than the errors: a relative error is
+    # 1.1e-16, and angles are below pi. The factor 1.05 is for the first two bounds.
+    motion_rounding = 1e-15 * apply_matrices(np.abs(rates), half_widths)
     angle_rounding = 1e-13
     bound = (
-        1.05 * (logarithm_deviation + tube_deviation)
+        1.05 * (logarithm_remainder + tube_deviation)
         + magnitude_error
         + motion_rounding
         + angle_rounding
     )
-    # The bound of the logarithm is useful for small w only.
-    return np.where(w < 0.5, bound, np.inf)
+    # The bound of the logarithm is useful for small changes only.
+    return np.where(relative_change < 0.5, bound, np.inf)
+
+
+def _bound_logarithm_remainder(relative_change: Floats) -> Floats:
+    """Return how far log(1 + w) is from w, at most, for ``|w|`` up to a relative change.
+
+    The series w - w^2/2 + w^3/3 - ... gives the bound w^2 / 2 / (1 - w).
+    """
+    return 0.5 * relative_change**2 / (1.0 - relative_change)
 
 
 def _bound_sum_rounding(sums: Complexes) -> float:

@@ -275,13 +275,15 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     """Return the status (n,) of reference rows, OK or the reason why they have no solution.
 
     Newton's method computes a solution in many digits from each row of the motion. The
-    status of a row is that of Newton's method, but for these exceptions:
+    status of a row is the first one of these that applies:
 
-    - NOT_CLOSED: the loops of the solution are open.
-    - MODE_LOST: the solution may be in another assembly mode than the row. It is too far
-      from the row, or another solution may be as near to the row.
-    - The row of the motion had failed. It keeps the status with the reason. A row that is
-      OK but has values that are not finite is NOT_CONVERGED.
+    1. If the row of the motion had failed, it keeps the status with the reason. A row that
+       is OK but has values that are not finite is NOT_CONVERGED: it gives Newton's method
+       no start.
+    2. MODE_LOST: the solution may be in another assembly mode than the row. It is too far
+       from the row, or another solution may be as near to the row.
+    3. NOT_CLOSED: the loops of the solution are open.
+    4. The status of Newton's method.
 
     Parameters
     ----------
@@ -290,21 +292,32 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     closure
         The solutions that it reached.
     """
-    status = closure.status.copy()
-    is_converged = status == Status.OK
-    status[is_converged & (closure.residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
-    # A correct row may differ from the solution by the error bound of the motion. The bound
-    # is an estimate. Up to twice the bound, the solution counts as that of the row.
-    error = motion.configuration_error
-    largest_distance = np.maximum(
-        np.where(np.isfinite(error), 2.0 * error, 0.0), SAME_SOLUTION_AS_ROW_RAD
-    )
-    is_other_mode = closure.is_ambiguous | (closure.distance > largest_distance)
-    status[is_converged & is_other_mode] = Status.MODE_LOST
-    # A row without finite values has no start for Newton's method, whatever its status is.
     had_failed = motion.failed | ~np.all(np.isfinite(motion.values), axis=1)
-    reason = np.where(motion.status == Status.OK, Status.NOT_CONVERGED, motion.status)
-    return np.where(had_failed, reason, status).astype(np.int8)
+    was_ok = motion.status == Status.OK
+    reason_of_failure = np.where(was_ok, Status.NOT_CONVERGED, motion.status)
+
+    is_converged = closure.status == Status.OK
+    is_too_far = closure.distance > _largest_distance_from_row(motion)
+    may_be_other_mode = closure.is_ambiguous | is_too_far
+    is_open = closure.residual > CLOSURE_TOLERANCE
+    # The first condition that is true decides.
+    status = np.select(
+        [had_failed, is_converged & may_be_other_mode, is_converged & is_open],
+        [reason_of_failure, Status.MODE_LOST, Status.NOT_CLOSED],
+        default=closure.status,
+    )
+    return status.astype(np.int8)
+
+
+def _largest_distance_from_row(motion: Motion) -> Floats:
+    """Return the distances (n,) up to which a solution counts as that of its row (rad).
+
+    A correct row may differ from the solution by the error bound of the motion. The bound
+    is an estimate, so twice the bound is allowed. It is not finite for rows without one.
+    """
+    error = motion.configuration_error
+    allowed_error = np.where(np.isfinite(error), 2.0 * error, 0.0)
+    return np.maximum(allowed_error, SAME_SOLUTION_AS_ROW_RAD)
 
 
 def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
@@ -411,16 +424,15 @@ def _vector_of_relative_motion(
     """
     velocity = _relative_vector(reference.w, pole)
     derivative = _relative_vector(derivatives, pole)
-    moves, rests = _find_relative_motion(reference, pole)
+    motion = _find_relative_motion(reference, pole)
     # Links at rest start to rotate about the derivative, if it is not only rounding.
-    starts_moving = _has_direction(
+    has_derivative = _has_direction(
         size=_relative_size(derivative, derivatives, pole),
         rounding=_derivative_rounding(reference),
     )
-    return _nan_unless(
-        moves | (rests & starts_moving),
-        np.where(moves[:, None], velocity, derivative),
-    )
+    has_vector = motion.moves | (motion.rests & has_derivative)
+    vectors = np.where(motion.moves[:, np.newaxis], velocity, derivative)
+    return _nan_unless(has_vector, vectors)
 
 
 def _has_direction(size: Floats, rounding: Floats) -> Bools:
@@ -456,12 +468,31 @@ def _derivative_rounding(reference: ExactRows) -> Floats:
     return _velocity_rounding(reference) * reference.condition
 
 
-def _find_relative_motion(reference: ExactRows, pole: Pole) -> tuple[Bools, Bools]:
+@dataclass(frozen=True)
+class _RelativeMotion:
+    """In which rows two links move relative to each other, and in which they rest.
+
+    Where both are false, neither is known: the relative velocity exceeds its rounding
+    error, but not by enough.
+
+    Attributes
+    ----------
+    moves
+        (n,) whether the links move, about an axis that rounding cannot rotate by 1e-6 rad.
+    rests
+        (n,) whether the links rest, as far as rounding lets one tell.
+    """
+
+    moves: Bools
+    rests: Bools
+
+
+def _find_relative_motion(reference: ExactRows, pole: Pole) -> _RelativeMotion:
     """Return in which rows two links move relative to each other, and in which they rest.
 
-    The links move if rounding cannot rotate their relative velocity by more than 1e-6 rad.
-    They rest if this velocity is at most `ROUNDING_STEP_RATIO` times its rounding error. In
-    between (both False) neither is known.
+    The relative angular velocity is compared with its rounding error. The links move if it
+    is more than `DIRECTION_ROUNDING_RATIO` times as large, and rest if it is at most
+    `ROUNDING_STEP_RATIO` times as large.
 
     Parameters
     ----------
@@ -469,18 +500,13 @@ def _find_relative_motion(reference: ExactRows, pole: Pole) -> tuple[Bools, Bool
         The reference rows.
     pole
         Numbers of the two links.
-
-    Returns
-    -------
-    moves, rests
-        (n,) whether the links move, and whether they rest.
     """
     velocity = _relative_vector(reference.w, pole)
     speed = _relative_size(velocity, reference.w, pole)
     rounding = _velocity_rounding(reference)
-    moves = _has_direction(speed, rounding)
-    rests = ~(speed > ROUNDING_STEP_RATIO * rounding)
-    return moves, rests
+    exceeds_rounding = speed > ROUNDING_STEP_RATIO * rounding
+    # Rows without a velocity (NaN) count as at rest. All their results are NaN anyway.
+    return _RelativeMotion(moves=_has_direction(speed, rounding), rests=~exceeds_rounding)
 
 
 def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
@@ -616,17 +642,15 @@ def _component_along(vectors: Array, directions: Array) -> Array:
 def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) -> Floats:
     """Return the derivative u' (n, 3) of the direction u of a pole by the input.
 
-    The pole of two links is the axis of their relative rotation. Their relative angular
-    velocity per unit rate of the input is v = k u. There are four cases:
+    The pole of two links is the axis of their relative rotation. There are four cases:
 
-    - The pole is the axis of an R pair. The axis is fixed in both links of the pair. It
-      turns with either of them, so u' = w x u with the angular velocity w of one link.
-    - The links move relative to each other, k is not 0. Then v' = k' u + k u', and u' is at
-      right angles to u. So u' is the part of v' at right angles to u, divided by k.
-    - The links touch in a rolling contact and rest relative to each other, k = 0. The
-      contact point does not move along their profiles, so u' = w x u again.
-    - In all other rows u' is NaN: k is 0 at a pole that is not of a pair, or rounding
-      errors leave open whether k is 0.
+    - The pole is the axis of an R pair. It turns with either of both links.
+    - The links move relative to each other. u' follows from their relative velocity and its
+      derivative.
+    - The links touch in a rolling contact and rest relative to each other. The contact
+      point does not move along their profiles, so it turns with either of both links.
+    - In all other rows u' is NaN: the links rest and are not joined by a pair, or rounding
+      errors leave open whether they rest.
 
     Parameters
     ----------
@@ -639,26 +663,68 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
         (n, 3) the direction u of the pole, as balls.
     """
     mechanism = reference.mechanism
-    moves, rests = _find_relative_motion(reference, pole)
     joining_pair = mechanism.pole_pairs.get(pole)
-    fixed_in_link = np.full((len(moves), 3), np.nan)  # w x u
+    if joining_pair is not None and mechanism.pairs[joining_pair].kind.has_axis:
+        return _derivative_with_link(reference, joining_pair, direction)
+    motion = _find_relative_motion(reference, pole)
+    derivative = np.full((len(direction), 3), np.nan)
     if joining_pair is not None:
-        link = mechanism.ends[joining_pair][0]
-        # The product is computed in balls and rounded afterwards, so that it is zero if the
-        # axis rests. A product of rounded factors would leave a rounding error. It would
-        # exceed the error bound of the run, which can be 0 for an axis at rest.
-        fixed_in_link = centre_floats(np.cross(reference.w[:, link], direction))
-        if mechanism.pairs[joining_pair].kind.has_axis:
-            return fixed_in_link
-    fixed_in_link[~rests] = np.nan
+        with_link = _derivative_with_link(reference, joining_pair, direction)
+        derivative[motion.rests] = with_link[motion.rests]
+    by_velocity = _derivative_by_relative_velocity(reference, pole, direction)
+    derivative[motion.moves] = by_velocity[motion.moves]
+    return derivative
+
+
+def _derivative_with_link(reference: ExactRows, pair: int, direction: Array) -> Floats:
+    """Return the derivative w x u (n, 3) of a direction u that is fixed in a link.
+
+    Parameters
+    ----------
+    reference
+        Reference rows with the angular velocity w of the link, as balls.
+    pair
+        Number of the pair. The first of its links is used.
+    direction
+        (n, 3) the direction u, as balls.
+    """
+    link = reference.mechanism.ends[pair][0]
+    # The product is computed in balls and rounded afterwards, so that it is zero if the
+    # axis rests. A product of rounded factors would leave a rounding error. It would exceed
+    # the error bound of the run, which can be 0 for an axis at rest.
+    return centre_floats(np.cross(reference.w[:, link], direction))
+
+
+def _derivative_by_relative_velocity(
+    reference: ExactRows, pole: Pole, direction: Array
+) -> Floats:
+    """Return the derivative u' (n, 3) of a pole direction u while the links move.
+
+    The relative angular velocity per unit rate of the input is v = k u. Its derivative is
+    v' = k' u + k u', and u' is at right angles to u. So u' is the part of v' at right
+    angles to u, divided by k.
+
+    Parameters
+    ----------
+    reference
+        Reference rows with the angular velocities and their derivatives, as balls.
+    pole
+        Numbers of the two links.
+    direction
+        (n, 3) the direction u, as balls.
+
+    Returns
+    -------
+    The derivatives, without meaning where the links rest (k is 0).
+    """
     v = _relative_vector(reference.w, pole)
     # `slopes` are the derivatives of w by the input.
     dv = _relative_vector(reference.slopes, pole)
-    dv_along = np.sum(dv * direction, axis=1)[:, None] * direction
+    dv_along = np.sum(dv * direction, axis=1)[:, np.newaxis] * direction
     k = np.sum(v * direction, axis=1)
+    # The difference is computed in balls, as it may be small. The quotient is not.
     with np.errstate(all="ignore"):
-        from_velocity = centre_floats(dv - dv_along) / centre_floats(k)[:, None]
-    return np.where(moves[:, None], from_velocity, fixed_in_link)
+        return centre_floats(dv - dv_along) / centre_floats(k)[:, np.newaxis]
 
 
 def _relative_vector(vectors: Array, pole: Pole) -> Array:
