@@ -452,26 +452,56 @@ def _find_smallest_part(
     body_of_link
         For each link the smallest number of a link of its body.
     """
-    # The two bodies of each open pair, the one with the smaller number first.
-    couples = []
-    for link_a, link_b in open_pairs.values():
-        couples.append(sorted([body_of_link[link_a], body_of_link[link_b]]))
     parts = []
-    for body_a, body_b in sorted(couples):
-        # The whole structure can move on the sphere as one body, so it has three free
-        # pebbles (`BODY_FREEDOMS`). They are gathered on body a. The bodies that can then
-        # be reached from a and b along constraints are the smallest rigid part with a and b
-        # (Lee and Streinu 2008):
-        # - They are rigid: no constraint leads out of the reachable bodies, so constraints
-        #   between them take all their pebbles but the three of a rigid body.
-        # - A smaller part is not rigid: constraints that lead out of it take some of its
-        #   pebbles. Constraints within it take fewer, so that more than three freedoms of
-        #   its bodies remain.
-        pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
-        part = pebble_game.reachable_bodies([body_a, body_b])
+    for body_a, body_b in _list_couples(open_pairs, body_of_link):
+        part = _find_smallest_part_with(pebble_game, body_a, body_b)
         parts.append(part)
         # No smaller part can follow: the least one is a dyad, which has two links and the
         # body that joins them to the rest.
         if len(part) == DYAD_BODIES:
             break
+    # Of parts of equal size `min` returns the first one.
     return min(parts, key=len)
+
+
+def _list_couples(
+    open_pairs: dict[int, tuple[int, int]], body_of_link: Sequence[int]
+) -> list[tuple[int, int]]:
+    """Return the two bodies that each open pair joins, in order of their numbers.
+
+    Parameters are those of `_find_smallest_part`.
+    """
+    couples = []
+    for link_a, link_b in open_pairs.values():
+        body_a = body_of_link[link_a]
+        body_b = body_of_link[link_b]
+        couples.append((min(body_a, body_b), max(body_a, body_b)))
+    return sorted(couples)
+
+
+def _find_smallest_part_with(pebble_game: PebbleGame, body_a: int, body_b: int) -> set[int]:
+    """Return the smallest rigid part that contains two bodies of a rigid structure.
+
+    A free pebble is a degree of freedom of a body that no constraint has taken. The whole
+    structure can move on the sphere as one body, so it has three free pebbles
+    (`BODY_FREEDOMS`). They are gathered on body a, which does not change their number. The
+    part is all bodies that can then be reached from a and b along constraints (Lee and
+    Streinu 2008).
+
+    Parameters
+    ----------
+    pebble_game
+        Counts the degrees of freedom. A constraint takes a pebble of one of its two bodies,
+        and points to the other body.
+    body_a, body_b
+        Numbers of the two bodies.
+
+    Notes
+    -----
+    The reachable bodies are rigid: no constraint leads out of them, so constraints between
+    them take all their pebbles but the three of a rigid body. A smaller part is not rigid:
+    constraints that lead out of it take some of its pebbles. Constraints within it take
+    fewer, so that more than three freedoms of its bodies remain.
+    """
+    pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
+    return pebble_game.reachable_bodies([body_a, body_b])

@@ -387,7 +387,7 @@ def _solve_angles_of_equal_lengths(
         (m, m) factors F of the angles of m followers in the relations.
     """
     differences = wheel_lengths[:, 0] - wheel_lengths[:, 1]
-    return np.linalg.solve(follower_factors, differences)
+    return np.asarray(np.linalg.solve(follower_factors, differences), dtype=float)
 
 
 def _fit_contact_to_angles(

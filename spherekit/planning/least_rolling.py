@@ -65,7 +65,7 @@ def find_least_rolled_turns(
     (m, 2) numbers of turns to add along both circles; None if there are too many circles to
     try all combinations.
     """
-    inverse = np.linalg.inv(matrix)
+    inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     rolled_without_turns = lengths[:, 0] - first_slopes @ inverse @ (
         lengths[:, 0] - lengths[:, 1]
     )

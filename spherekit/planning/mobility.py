@@ -87,21 +87,31 @@ class PebbleGame:
         the moves count the mobility.
 
         A constraint between bodies A and B that has taken a pebble of A points from A to B.
-        It may take a free pebble of B instead. A then has its pebble back, and the
-        constraint points from B to A. If B has no free pebble, one is moved to B first in
-        the same way. Bodies in `visited` are not tried; the set is changed in place.
+        It may take a free pebble of B instead. If B has no free pebble, one is moved to B
+        first in the same way. So the pebble comes along a path of constraints that ends at
+        a body with a free pebble (augmenting path). Bodies in `visited` are not tried; the
+        set is changed in place.
         """
         for target in self.constraint_targets[body]:
             if target in visited:
                 continue
             visited.add(target)
             if self.free_pebbles[target] or self._fetch_pebble(target, visited):
-                self.free_pebbles[target] -= 1
-                self.free_pebbles[body] += 1
-                self.constraint_targets[body].remove(target)
-                self.constraint_targets[target].append(body)
+                # The targets of the body change here, so the loop must not continue.
+                self._exchange_pebble(body, target)
                 return True
         return False
+
+    def _exchange_pebble(self, body: int, target: int) -> None:
+        """Let a constraint take a free pebble of its target in place of one of its body.
+
+        The pebble of the body becomes free. The constraint then points from the target to
+        the body.
+        """
+        self.free_pebbles[target] -= 1
+        self.free_pebbles[body] += 1
+        self.constraint_targets[body].remove(target)
+        self.constraint_targets[target].append(body)
 
     def add_constraint(self, body_a: int, body_b: int) -> bool:
         """Add one constraint between two bodies; return False if it is redundant.
@@ -178,19 +188,23 @@ class PebbleGame:
         from outside that point to a body of the part point to the remaining body.
         """
         # The k bodies of the part have 3 k pebbles. Since the part is rigid, constraints
-        # within it have taken 3 k - 3 of them. The other three become free pebbles of one
-        # body here. No pebble is then left for a constraint that leads out of the part, so
-        # all constraints that start in the part are within it and can be removed.
+        # within it have taken 3 k - 3 of them. The other three may have been taken by
+        # constraints that lead out of the part. Gathering them turns these constraints
+        # round. All constraints that start in the part are then within it.
         self.gather_pebbles(into, BODY_FREEDOMS)
-        for body, targets in enumerate(self.constraint_targets):
+        for body in range(len(self.constraint_targets)):
             if body in part:
                 self.constraint_targets[body] = []
                 self.free_pebbles[body] = 0
             else:
-                self.constraint_targets[body] = [
-                    into if target in part else target for target in targets
-                ]
+                self._redirect_constraints(body, part, into)
         self.free_pebbles[into] = BODY_FREEDOMS
+
+    def _redirect_constraints(self, body: int, part: set[int], into: int) -> None:
+        """Let constraints from a body to any body of a part point to `into` instead."""
+        self.constraint_targets[body] = [
+            into if target in part else target for target in self.constraint_targets[body]
+        ]
 
 
 def graph_mobility(mechanism: Mechanism) -> int:

@@ -591,38 +591,10 @@ class ExactSimulation:
             return np.sign(centre_floats(condition)) if sides is None else sides[number]
 
         def apply_function(name: str, arguments: Sequence[Any]) -> Any:
-            """Return the value of a function in an expression of a load.
-
-            `arguments` are balls (numbers with a bound of the error), one or (n,). The
-            value is NaN outside the domain of the function. Functions such as `abs` depend
-            on the sign of a condition, here the argument. Within a step of the motion this
-            sign is fixed, so that all functions are smooth. `take_side` counts the
-            conditions as they are evaluated, and returns the fixed sign of the next one.
-            """
-            if name == "sign":
-                # The power 0 gives ones of the type of the argument, a number or balls.
-                return take_side(arguments[0]) * arguments[0] ** 0
-            if name == "abs":
-                return take_side(arguments[0]) * arguments[0]
+            """Return the value of a function in an expression, for balls (n,) or one."""
             if name in NON_SMOOTH_FUNCTIONS:
-                # The maximum of a and b is (a + b + side * (a - b)) / 2, with the sign
-                # `side` of a - b. The minimum has the other sign. Further arguments are
-                # compared one after another.
-                sense = 1 if name == "max" else -1
-                extreme = arguments[0]
-                for argument in arguments[1:]:
-                    difference = extreme - argument
-                    signed_difference = sense * take_side(difference) * difference
-                    extreme = (extreme + argument + signed_difference) / 2
-                return extreme
-            # Other functions are methods of balls, such as `sin`, or operations on arrays,
-            # such as `+`.
-            if not hasattr(exact_ball(0.0), name):
-                return ARRAY_OPERATIONS[name](*arguments)
-            ball_function = np.frompyfunc(
-                lambda x, *others: getattr(x, name)(*others), len(arguments), 1
-            )
-            return ball_function(*arguments)
+                return _apply_non_smooth_function(name, arguments, take_side)
+            return _apply_smooth_function(name, arguments)
 
         for part in self._load_parts:
             if isinstance(part.magnitude, TorqueTable):
@@ -1017,6 +989,66 @@ class ExactSimulation:
             else:
                 low = middle
         return high
+
+
+def _apply_non_smooth_function(
+    name: str, arguments: Sequence[Any], take_side: Callable[[Array], Any]
+) -> Any:
+    """Return the value of `abs`, `sign`, `min` or `max` with a fixed sign of its condition.
+
+    The condition is the argument of `abs` and `sign`, and the difference of two arguments
+    of `min` and `max`. With a fixed sign the functions are smooth, so that the motion is a
+    power series within a step.
+
+    Parameters
+    ----------
+    name
+        Name of the function.
+    arguments
+        Its arguments, balls (numbers with a bound of the error), one or (n,) each.
+    take_side
+        Returns the fixed sign, +1 or -1, of the next condition. It is called with the
+        values of the condition, in the order in which conditions are evaluated.
+    """
+    first = arguments[0]
+    if name == "sign":
+        # The power 0 gives ones of the type of the argument, a number or balls.
+        return take_side(first) * first**0
+    if name == "abs":
+        return take_side(first) * first
+    # The maximum of a and b is (a + b + side * (a - b)) / 2, with the sign `side` of a - b.
+    # The minimum has the other sign. Further arguments are compared one after another.
+    sense = 1 if name == "max" else -1
+    extreme = first
+    for argument in arguments[1:]:
+        difference = extreme - argument
+        signed_difference = sense * take_side(difference) * difference
+        extreme = (extreme + argument + signed_difference) / 2
+    return extreme
+
+
+def _apply_smooth_function(name: str, arguments: Sequence[Any]) -> Any:
+    """Return the value of a smooth function or operation, NaN outside its domain.
+
+    Functions such as `sin` are methods of balls. Operations such as `+` act on arrays.
+
+    Parameters
+    ----------
+    name
+        Name of the function or operation.
+    arguments
+        Its arguments, balls (numbers with a bound of the error), one or (n,) each.
+    """
+    is_method_of_balls = hasattr(exact_ball(0.0), name)
+    if not is_method_of_balls:
+        return ARRAY_OPERATIONS[name](*arguments)
+
+    def call_method(ball: Ball, *others: Ball) -> Ball:
+        """Return the value for one ball, or one of each argument."""
+        return getattr(ball, name)(*others)
+
+    # `frompyfunc` calls the method for each element of the arrays.
+    return np.frompyfunc(call_method, len(arguments), 1)(*arguments)
 
 
 def _solve_free_variables(
