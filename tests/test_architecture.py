@@ -314,7 +314,7 @@ reads them from a module by this name. `EXAMPLES` are the examples of a subcomma
 def test_class_names_are_unique():
     """A class name stands for one class, so that a reader may search for it."""
     paths: dict[str, list[str]] = {}
-    for path in FILES:
+    for path in (*FILES, *ANALYSES):
         for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ClassDef):
                 paths.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
