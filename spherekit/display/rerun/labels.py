@@ -349,7 +349,7 @@ def _covered_shares(request: _NameRequest, obstacle: _Box) -> Floats:
     in_first_picture = FIRST_PICTURE_WEIGHT * covers[0]
     mean = np.count_nonzero(covers, axis=0) / len(covers)
     in_all_pictures = (1.0 - FIRST_PICTURE_WEIGHT) * mean
-    return in_first_picture + in_all_pictures
+    return np.asarray(in_first_picture + in_all_pictures, float)
 
 
 def _name_half_size(text: str) -> Floats:
