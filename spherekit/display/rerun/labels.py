@@ -238,7 +238,7 @@ class Names:
         - the same for the dots that mark the pair axes, times `DOT_COST`;
         - a small amount for each place that stands before it in the list.
         """
-        costs = NEXT_PLACE_COST * np.arange(len(request.places))
+        costs: Floats = np.arange(len(request.places), dtype=float) * NEXT_PLACE_COST
         for obstacle in self._obstacles:
             costs += obstacle.cost * _covered_shares(request, obstacle)
         return costs
@@ -349,7 +349,7 @@ def _covered_shares(request: _NameRequest, obstacle: _Box) -> Floats:
     in_first_picture = FIRST_PICTURE_WEIGHT * covers[0]
     mean = np.count_nonzero(covers, axis=0) / len(covers)
     in_all_pictures = (1.0 - FIRST_PICTURE_WEIGHT) * mean
-    return np.asarray(in_first_picture + in_all_pictures, float)
+    return in_first_picture + in_all_pictures
 
 
 def _name_half_size(text: str) -> Floats:
