@@ -230,9 +230,8 @@ class TangentSpace:
         """
         n, direction_count, variable_count, _ = changes.vector_derivatives.shape
         corrections = np.zeros((n, direction_count, variable_count, variable_count))
-        # Rows and columns of the variables in the loops.
-        rows_and_columns = np.ix_(self.variables, self.variables)
-        corrections[:, :, *rows_and_columns] = -self.jacobian_inverse[
+        rows, columns = np.ix_(self.variables, self.variables)
+        corrections[:, :, rows, columns] = -self.jacobian_inverse[
             :, None
         ] @ self._jacobian_derivatives(changes)
         return corrections
