@@ -378,25 +378,34 @@ class _GearedMode:
 
     @property
     def type_1_square(self) -> Floats:
-        """(n, inputs) squares of `type_1`, continued out of reach with negative values.
+        """(n, inputs) squares of `type_1`, continued out of reach.
 
         The border of a workspace, at which the square is zero, is searched from both sides.
-
-        Entry pairs are the pairs of the mechanism without wheels that are inputs, or that
-        inputs drive through the wheels. That mechanism has a measure of type I for each of
-        them, with a square that is negative out of reach.
-
-        Out of reach `type_1` is NaN. The result for an input is then the smallest square of
-        the entry pairs on which it depends, at most 0. Each is divided by the squared
-        derivative of the input by the angle of the entry pair.
+        Out of reach, where `type_1` is NaN, the result is therefore negative, or 0 if the
+        excess is unknown.
         """
         square = self.type_1**2
-        # (inputs, entry pairs) squared derivatives of the inputs by angles of entry pairs.
-        squared_ratios = self.kinematics.inverse_ratios**2
-        # (n, inputs, entry pairs)
-        continuation = self.wheelless_mode.type_1_square[:, None] / squared_ratios
-        continuation = np.min(continuation, axis=2, where=squared_ratios > 0.0, initial=0.0)
-        return np.where(np.isnan(square), continuation, square)
+        is_out_of_reach = np.isnan(square)
+        return np.where(is_out_of_reach, self._continue_type_1_square(), square)
+
+    def _continue_type_1_square(self) -> Floats:
+        """Return numbers (n, inputs), at most 0, for the squares of `type_1` out of reach.
+
+        The mechanism without wheels has a squared measure of type I for each entry pair (a
+        pair at which the wheels or the inputs drive it). It is negative out of reach. If a
+        single entry pair moves, an input moves r times as fast, where r is the derivative
+        of the input by the angle of that pair. The squared measure of the input is then
+        that of the entry pair, divided by r^2. The result is the least quotient of all
+        entry pairs on which the input depends.
+        """
+        entry_squares = self.wheelless_mode.type_1_square  # (n, entry pairs)
+        continuation = np.zeros(entry_squares.shape)  # (n, inputs), as many as entry pairs
+        for number, derivatives in enumerate(self.kinematics.inverse_ratios):
+            for entry_number, derivative_square in enumerate(derivatives**2):
+                if derivative_square > 0.0:
+                    quotient = entry_squares[:, entry_number] / derivative_square
+                    continuation[:, number] = np.minimum(continuation[:, number], quotient)
+        return continuation
 
     @property
     def type_2(self) -> Floats:

@@ -103,20 +103,24 @@ class DyadReach:
 
 
 @dataclass(frozen=True)
-class DyadTriangle:
+class MiddleAxisParts:
     """The parts from which the middle axis of a dyad is composed, at n poses.
 
     A dyad is two links with three pair axes: the outer axes a and c and the middle axis b.
     These are the corners of a spherical triangle. Its sides from b to a and c are given,
     which leaves two positions of b, one on each side of the plane of a and c:
-    ``b = common_part + sign * signed_part``.
+    ``b = common_part + side * signed_part`` with the side 1 or -1.
 
     Attributes
     ----------
     common_part
         (3, n) part of the middle axis in the plane of a and c.
     signed_part
-        (3, n) part of the middle axis at right angles to this plane, for the sign 1.
+        (3, n) part of the middle axis at right angles to this plane, for the side 1. NaN
+        where the dyad does not reach.
+    triple_product_square
+        (n,) square of the triple product b . (a x c), negative where the dyad does not
+        reach. It is a smooth function of the angle between a and c.
     triple_product
         (n,) absolute value of b . (a x c); NaN where the dyad does not reach.
     sum_square, difference_square
@@ -126,9 +130,86 @@ class DyadTriangle:
 
     common_part: Floats
     signed_part: Floats
+    triple_product_square: Floats
     triple_product: Floats
     sum_square: Floats
     difference_square: Floats
+
+    @property
+    def outer_angle(self) -> Floats:
+        """(n,) angle (rad) between the outer axes a and c, from 0 to pi.
+
+        The unit vectors a and c at the angle u have ``|a - c| = 2 sin(u / 2)`` and
+        ``|a + c| = 2 sin((pi - u) / 2)``. The smaller length is used, because an arc cosine
+        of a . c would lose half of the digits near 0 and pi.
+        """
+        shorter = np.sqrt(np.minimum(self.sum_square, self.difference_square))
+        half = np.arcsin(np.minimum(0.5 * shorter, 1.0))
+        is_obtuse = self.sum_square < self.difference_square
+        return np.where(is_obtuse, np.pi - 2.0 * half, 2.0 * half)
+
+
+@dataclass(frozen=True)
+class PairRateEquation:
+    """The equation for the rate of one pair of a dyad, at n poses.
+
+    The two links of a dyad are between two supports with the angular velocities w_near and
+    w_far. The rate of a pair of the dyad, that of one of its links relative to the other,
+    follows from ``normal . (w_far - w_near) = -triple_product * rate``.
+
+    Attributes
+    ----------
+    normal
+        (3, n) vector at right angles to the axes of the other two pairs of the dyad.
+    triple_product
+        (n,) triple product b . (a x c) of the near axis a, middle axis b and far axis c.
+    moving_link
+        Number of the link whose rate it is, relative to the other link of the pair.
+    """
+
+    normal: Floats
+    triple_product: Floats
+    moving_link: int
+
+
+@dataclass(frozen=True)
+class LinkVector:
+    """A vector that is fixed in a link, in the axes of the base and of a pair frame.
+
+    Attributes
+    ----------
+    in_base
+        (3, n) components in the axes of the base at n poses; (3, 1) if they are the same at
+        all poses.
+    in_pair_frame
+        (3,) components in the frame of a pair in this link, whose z axis is that of the
+        pair.
+    """
+
+    in_base: Floats
+    in_pair_frame: Floats
+
+
+@dataclass(frozen=True)
+class ScaledAngle:
+    """An angle, given by its cosine and sine times a common positive factor.
+
+    Attributes
+    ----------
+    cosine, sine
+        Cosine and sine times the factor, numbers or arrays (n,).
+    """
+
+    cosine: Floats
+    sine: Floats
+
+    def subtract(self, other: "ScaledAngle") -> Floats:
+        """Return this angle less another one, in (-pi, pi] rad (addition theorem)."""
+        # The factors of both angles cancel in the quotient that `arctan2` forms.
+        return np.arctan2(
+            self.sine * other.cosine - self.cosine * other.sine,
+            self.cosine * other.cosine + self.sine * other.sine,
+        )
 
 
 Result = TypeVar("Result")
@@ -200,8 +281,9 @@ class WorkingMode:
     ) -> Result:
         """Return the result of a method, from another mode if that has computed it.
 
-        A stored result is valid for all modes with the same signs of those dyads that the
-        method reads.
+        A result that is stored can be used by all modes with the same signs of those dyads
+        that the method reads. For example, the middle axis of dyad 0 depends on the sign of
+        dyad 0. The modes (1, 1) and (1, -1) of two dyads therefore have the same one.
 
         Parameters
         ----------
@@ -211,21 +293,21 @@ class WorkingMode:
             Its arguments.
         """
         quantity = (method.__name__, *arguments)
-        # By quantity, the numbers of the dyads whose signs it reads. These are known as
-        # soon as the quantity has been computed for some mode.
-        dyads_by_quantity = self.chain.sign_dependencies
-        is_stored = (
-            quantity in dyads_by_quantity
-            and self._make_result_key(quantity) in self.shared_results
-        )
-        if not is_stored:
-            result, dyads = self._compute_and_record(method, arguments)
-            dyads_by_quantity[quantity] = dyads
-            self.shared_results[self._make_result_key(quantity)] = result
+        if not self._is_stored(quantity):
+            self._compute_and_store(quantity, method, arguments)
         # If this quantity is needed to compute another one, the other one depends on the
         # same signs.
-        self.recorded_dyads.update(dyads_by_quantity[quantity])
+        self.recorded_dyads.update(self.chain.sign_dependencies[quantity])
         return self.shared_results[self._make_result_key(quantity)]  # type: ignore[no-any-return]
+
+    def _is_stored(self, quantity: tuple[Hashable, ...]) -> bool:
+        """Return whether a mode with the same signs has computed a quantity.
+
+        `quantity` is the name of a method with its arguments. Which signs it reads is known
+        as soon as it has been computed for some mode.
+        """
+        has_known_signs = quantity in self.chain.sign_dependencies
+        return has_known_signs and self._make_result_key(quantity) in self.shared_results
 
     def _make_result_key(self, quantity: tuple[Hashable, ...]) -> tuple[Hashable, ...]:
         """Return the key of a result: the quantity, and this mode's signs that it reads.
@@ -235,13 +317,18 @@ class WorkingMode:
         dyads = self.chain.sign_dependencies[quantity]
         return (quantity, *(self.signs[dyad] for dyad in dyads))
 
-    def _compute_and_record(
-        self, method: Callable[..., Result], arguments: tuple[Hashable, ...]
-    ) -> tuple[Result, frozenset[int]]:
-        """Return the result of a method, and the dyads whose signs it has read.
+    def _compute_and_store(
+        self,
+        quantity: tuple[Hashable, ...],
+        method: Callable[..., Result],
+        arguments: tuple[Hashable, ...],
+    ) -> None:
+        """Compute a quantity, record the dyads whose signs it reads, and store the result.
 
         Parameters
         ----------
+        quantity
+            The name of the method with its arguments.
         method
             A method of this class.
         arguments
@@ -253,7 +340,9 @@ class WorkingMode:
         # NumPy must not warn of NaN, which is the result at poses out of reach.
         with np.errstate(all="ignore"):
             result = method(recording_mode, *arguments)
-        return result, frozenset(recording_mode.recorded_dyads)
+        dyads = frozenset(recording_mode.recorded_dyads)
+        self.chain.sign_dependencies[quantity] = dyads
+        self.shared_results[self._make_result_key(quantity)] = result
 
     @property
     def inputs(self) -> Floats:
@@ -317,40 +406,47 @@ class WorkingMode:
     def reach(self) -> DyadReach:
         """Return how far the dyads are from the limits of their reach.
 
-        A dyad is two links with three pairs. It closes if the angle between its outer axes
-        a and c is between the angles at which it is folded and stretched. The margin is the
-        angle that is left to the nearest of these limits.
+        The margin of a mode is the least margin of its dyads. The mode is singular if one
+        of its dyads is nearly stretched or folded.
         """
-        # One array (n,) for each dyad.
-        margins = []
-        is_regular = []
-        for number, dyad in enumerate(self.chain.dyads):
-            triangle = self._triangle(number)
-            sum_square = triangle.sum_square  # |a + c|^2
-            difference_square = triangle.difference_square  # |a - c|^2
-            # The angle t between the unit vectors a and c has |a - c| = 2 sin(t / 2) and
-            # |a + c| = 2 sin((pi - t) / 2). The smaller length is used. An arc cosine of
-            # a . c would lose half the digits near 0 and pi.
-            shorter = np.sqrt(np.minimum(sum_square, difference_square))
-            half = np.arcsin(np.minimum(0.5 * shorter, 1.0))
-            is_obtuse = sum_square < difference_square
-            angle = np.where(is_obtuse, np.pi - 2.0 * half, 2.0 * half)
-            margins.append(np.minimum(angle - dyad.shortest, dyad.longest - angle))
-            # `triple_product` is the product of three sines: of both arcs and of the angle
-            # at the middle pair. The last one is 0 where the dyad is stretched or folded.
-            # If it is smaller than `SINGULAR_DYAD_SINE` (1e-6), the configuration has only
-            # half of its digits, and the status is AT_SINGULARITY.
-            least_product = SINGULAR_DYAD_SINE * np.prod(np.sin(dyad.arcs))
-            is_regular.append(triangle.triple_product >= least_product)
-        # The least margin of all dyads, NaN ignored, and the first dyad that has it.
+        numbers = range(len(self.chain.dyads))
+        margins = np.array([self._dyad_margin(number) for number in numbers])
+        is_regular = [self._is_dyad_regular(number) for number in numbers]
+        # A dyad without a margin (NaN) is ignored: its outer axes are unknown because a
+        # dyad placed before does not reach.
         margin = np.fmin.reduce(margins)
-        has_least_margin = np.array(margins) == margin  # (dyads, n)
-        limiting = np.argmax(has_least_margin, axis=0).astype(np.int8)
+        # The first dyad that has the least margin.
+        limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
         status = np.where(np.all(is_regular, axis=0), Status.OK, Status.AT_SINGULARITY)
-        # Rounding errors of the arcs may exceed a limit by `REACH_SLACK`. The negated
-        # comparison is also true for NaN.
-        status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
+        # Rounding errors of the arcs may exceed a limit by `REACH_SLACK`. NaN does not
+        # reach either.
+        is_within_reach = margin >= -REACH_SLACK
+        status[~is_within_reach] = Status.OUT_OF_REACH
         return DyadReach(margin, limiting, status.astype(np.int8))
+
+    def _dyad_margin(self, dyad_number: int) -> Floats:
+        """Return the margin (n,) of a dyad in rad, negative where it does not reach.
+
+        A dyad is two links with three pairs. It closes if the angle between its outer axes
+        is between the angles at which it is folded and stretched. The margin is the angle
+        that is left to the nearer one of these limits.
+        """
+        dyad = self.chain.dyads[dyad_number]
+        angle = self._middle_axis_parts(dyad_number).outer_angle
+        return np.minimum(angle - dyad.shortest, dyad.longest - angle)
+
+    def _is_dyad_regular(self, dyad_number: int) -> Bools:
+        """Return whether a dyad (n,) reaches, neither nearly stretched nor nearly folded.
+
+        The triple product of the axes of a dyad is the product of three sines: of both arcs
+        and of the angle at the middle pair. The last one is 0 where the dyad is stretched
+        or folded. If it is smaller than `SINGULAR_DYAD_SINE` (1e-6), the configuration has
+        only half of its digits.
+        """
+        dyad = self.chain.dyads[dyad_number]
+        least_product = SINGULAR_DYAD_SINE * np.prod(np.sin(dyad.arcs))
+        # False where the triple product is NaN, out of reach.
+        return self._middle_axis_parts(dyad_number).triple_product >= least_product
 
     def axis(self, pair: int, link: int) -> Floats:
         """Return the axis of a pair, as it is fixed in one of its links, in base axes.
@@ -389,23 +485,42 @@ class WorkingMode:
 
     @_shared_between_modes
     def _carried_vector(self, link: int, x: float, y: float, z: float) -> Floats:
-        """Return a vector that is fixed in a link, in base axes (3, n).
+        """Return a vector that is fixed in a moving link, in base axes (3, n).
 
-        The vector has the components x, y, z in the axes of the link. A link of a dyad has
-        an outer pair, at a link placed before, and the middle pair of the dyad. With their
-        axes p and q, the vector is a sum of p, q and p x q with constant weights.
+        The vector has the components x, y, z in the axes of the link.
+        """
+        if link == self.chain.posed_link:
+            return self._vector_of_posed_link(x, y, z)
+        return self._vector_of_dyad_link(link, x, y, z)
+
+    def _vector_of_posed_link(self, x: float, y: float, z: float) -> Floats:
+        """Return a vector of the link whose orientation the poses give, in base axes.
+
+        The vector (3, n) is x, y, z times the three axes of the link.
+        """
+        assert self.posed_rotation is not None
+        # Index 0 of the orientation (3, 3, n) is the axis of the link. Components and poses
+        # are joined to one index, so that one product of matrices sums over the axes.
+        axes_of_link = self.posed_rotation.reshape(3, -1)
+        return (np.array([x, y, z]) @ axes_of_link).reshape(3, -1)
+
+    def _vector_of_dyad_link(self, link: int, x: float, y: float, z: float) -> Floats:
+        """Return a vector that is fixed in a link of a dyad, in base axes (3, n).
+
+        The link has an outer pair, at a link placed before, and the middle pair of the
+        dyad. Their axes p and q are known. The vector is a sum of p, q and p x q with
+        constant weights.
+
+        Parameters
+        ----------
+        link
+            Number of the link.
+        x, y, z
+            Components of the vector in the axes of the link.
         """
         chain = self.chain
-        # The posed link is the one whose orientation (3, 3, n) the poses give.
-        if link == chain.posed_link:
-            assert self.posed_rotation is not None
-            # The vector is x, y, z times the three axes of the link. The first index of the
-            # orientation is the axis, the second one its component, the third one the pose.
-            # The last two are joined, so that one product of matrices sums over the axes.
-            flat_rotation = self.posed_rotation.reshape(3, -1)
-            return (np.array([x, y, z]) @ flat_rotation).reshape(3, -1)
         dyad = chain.dyads[chain.dyad_of_link[link]]
-        outer_pair, _ = chain.support_of(link)
+        outer_pair, _support = chain.support_of(link)
         p = self.axis(outer_pair, link)
         q = self.axis(dyad.middle_pair, link)
         p_weight, q_weight, cross_weight = chain.vector_weights(link, x, y, z)
@@ -425,43 +540,47 @@ class WorkingMode:
         Here a and c are the axes of the near and far pair of the dyad. The axis b is
         (3, n), the product (n,). Both are NaN where the dyad does not reach.
         """
-        triangle = self._triangle(dyad_number)
+        parts = self._middle_axis_parts(dyad_number)
         # Modes with equal signs of this dyad share the result.
         self.recorded_dyads.add(dyad_number)
         # The side of the plane through a and c on which b is, 1 or -1.
         side = self.signs[dyad_number] * self.chain.dyads[dyad_number].positive_mode_side
-        axis = triangle.common_part + side * triangle.signed_part
-        return axis, side * triangle.triple_product
+        axis = parts.common_part + side * parts.signed_part
+        return axis, side * parts.triple_product
 
     @_shared_between_modes
-    def _triangle(self, dyad_number: int) -> DyadTriangle:
+    def _middle_axis_parts(self, dyad_number: int) -> MiddleAxisParts:
         """Return the parts of the middle axis of a dyad, for both of its positions.
 
         The middle axis b has the angles `dyad.arcs` A and C to the outer axes a and c. Its
         two positions are mirror images of each other about the plane of a and c. They are
 
-            b = (cos A + cos C) (a + c) / |a + c|^2 + (cos A - cos C) (a - c) / |a - c|^2
-                + t (a x c) / |a x c|^2,
-            t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)),
+            b = sum_weight (a + c) + difference_weight (a - c) + cross_weight (a x c),
 
-        with both signs of the triple product t = b . (a x c). It is computed from half the
-        arcs, since differences of cosines lose digits if a and c are nearly parallel.
+        with both signs of the cross weight. `spherekit.geometry.dyad_axis` has formulas for
+        the weights. They use A / 2, C / 2, |a + c|^2 and |a - c|^2 instead of A, C and
+        a . c, and so lose no digits if a and c are nearly parallel.
         """
         dyad = self.chain.dyads[dyad_number]
+        half_near_arc, half_far_arc = dyad.half_arcs
         a, c = self._outer_axes(dyad_number)
         total = a + c
         difference = a - c
         sum_square = dot_columns(total, total)
         difference_square = dot_columns(difference, difference)
+
+        # 1. The triple product t = b . (a x c). Its square is negative out of reach, where
+        # t is NaN. Rounding errors can make the square negative at the limit of the reach,
+        # too, where t is 0.
         triple_product_square = triple_square(
-            *dyad.half_arcs, sum_square, difference_square
+            half_near_arc, half_far_arc, sum_square, difference_square
         )
-        # At the limit of the reach rounding errors can make the square negative.
         is_rounding = (triple_product_square < 0.0) & (triple_product_square > -REACH_SLACK)
-        triple_product_square[is_rounding] = 0.0
-        triple_product = np.sqrt(triple_product_square)
+        triple_product = np.sqrt(np.where(is_rounding, 0.0, triple_product_square))
+
+        # 2. The weights, and the two parts of b.
         sum_weight, difference_weight, cross_weight = middle_axis(
-            *dyad.half_arcs, sum_square, difference_square, triple_product
+            half_near_arc, half_far_arc, sum_square, difference_square, triple_product
         )
         common_part = total * sum_weight
         # With equal arcs b is in the middle between a and c.
@@ -469,11 +588,11 @@ class WorkingMode:
             common_part += difference * difference_weight
         # (a - c) x (a + c) is 2 a x c. Unlike a x c it keeps its relative accuracy if a and
         # c nearly coincide.
-        signed_part = cross_columns(difference, total)
-        signed_part *= 0.5 * cross_weight
-        return DyadTriangle(
+        doubled_cross_product = cross_columns(difference, total)
+        return MiddleAxisParts(
             common_part=common_part,
-            signed_part=signed_part,
+            signed_part=doubled_cross_product * (0.5 * cross_weight),
+            triple_product_square=triple_product_square,
             triple_product=triple_product,
             sum_square=sum_square,
             difference_square=difference_square,
@@ -485,62 +604,39 @@ class WorkingMode:
 
         Take one vector in each link of the pair, not parallel to its axis. The variable is
         the angle about the axis from the vector of the first link to that of the second
-        link, less the same angle in the position where the variable is 0. The difference of
-        both angles is computed from their cosines and sines, by the addition theorem.
+        link, less the same angle in the position where the variable is 0.
         """
         first_link, second_link = self.chain.ends[pair]
-        # Each vector in base axes (3, n), and its components (3,) in the frame of the pair
-        # in its link. z of this frame is the axis of the pair.
-        first_vector, first_components = self._find_vector_off_axis(pair, first_link)
-        second_vector, second_components = self._find_vector_off_axis(pair, second_link)
-        # Cosine and sine of the angle between the vectors, times their distances from the
-        # axis. The components along the axis drop out.
-        cosine = dot_columns(first_vector, second_vector)
-        cosine = cosine - first_components[2] * second_components[2]
-        sine = dot_columns(
-            self.axis(pair, second_link), cross_columns(first_vector, second_vector)
-        )
-        # The same at the variable 0, where the frames of the pair in both links coincide,
-        # so that the components are in the same axes.
-        zero_cosine = (
-            second_components[0] * first_components[0]
-            + second_components[1] * first_components[1]
-        )
-        zero_sine = (
-            second_components[1] * first_components[0]
-            - second_components[0] * first_components[1]
-        )
-        return np.arctan2(
-            sine * zero_cosine - cosine * zero_sine,
-            cosine * zero_cosine + sine * zero_sine,
-        )
+        first_vector = self._find_vector_off_axis(pair, first_link)
+        second_vector = self._find_vector_off_axis(pair, second_link)
+        axis = self.axis(pair, second_link)
+        angle_at_poses = _angle_about_axis(axis, first_vector, second_vector)
+        angle_at_zero = _angle_at_zero(first_vector, second_vector)
+        return angle_at_poses.subtract(angle_at_zero)
 
-    def _find_vector_off_axis(self, pair: int, link: int) -> tuple[Floats, Floats]:
+    def _find_vector_off_axis(self, pair: int, link: int) -> LinkVector:
         """Return a vector of a link that is not parallel to the axis of a pair.
 
         The pair angle is measured between such a vector of its first link and one of its
         second link.
-
-        Returns
-        -------
-        vector
-            (3, n) in base axes at n poses; (3, 1) if it is the same at all poses, because
-            it is fixed in the base.
-        components
-            (3,) the same vector in the frame of the pair in this link.
         """
         chain = self.chain
         pair_frame = chain.frame_in(pair, link)  # (3, 3); columns are its x, y and z axis
         # The orientations of the base and of the posed link are known, so any vector of
         # them is known. x of the frame is at right angles to the axis of the pair, z.
         if link in (chain.base, chain.posed_link):
-            return self.vector(link, pair_frame[:, 0]), np.array([1.0, 0.0, 0.0])
+            return LinkVector(
+                in_base=self.vector(link, pair_frame[:, 0]),
+                in_pair_frame=np.array([1.0, 0.0, 0.0]),
+            )
         # Of a link of a dyad, the axes of its pairs are known first.
         other_pair = self._choose_pair_off_axis(pair, link)
         axis_in_link = chain.axis_in(other_pair, link)
-        # Scalar products with the columns of the frame.
-        components = axis_in_link @ pair_frame
-        return self.axis(other_pair, link), components
+        return LinkVector(
+            in_base=self.axis(other_pair, link),
+            # Scalar products with the columns of the frame.
+            in_pair_frame=axis_in_link @ pair_frame,
+        )
 
     def _choose_pair_off_axis(self, pair: int, link: int) -> int:
         """Return a pair of a dyad's link whose axis is not parallel to that of a pair.
@@ -564,61 +660,58 @@ class WorkingMode:
     def pair_rate(self, pair: int) -> RateFraction:
         """Return the rate of a pair's variable per unit angular velocity of the output.
 
-        The result is a fraction ``numerator . w / denominator`` with the angular velocity w
-        of the output.
-
         The pair belongs to a dyad, two links between two links placed before, its supports.
-        The relative angular velocity of the supports is a sum of three vectors along the
-        axes of the dyad, whose lengths are the rates of its pairs. By Cramer's rule, one
-        rate is the scalar product of this velocity and the vector product of the other two
-        axes, divided by the triple product of all three.
-
-        Notes
-        -----
-        The near, middle and far pair of the dyad have the axes a, b, c and the rates A, B,
-        C. The supports have the angular velocities w_near and w_far, so that
-
-            w_near + a A = w_far + c C - b B.
-
-        The scalar product of this equation with the vector product of two axes leaves only
-        the rate of the third pair, times the triple product of the axes:
-
-            A = (b x c) . (w_far - w_near) / -t,    t = b . (a x c),
-            B = (c x a) . (w_far - w_near) / -t,
-            C = (b x a) . (w_far - w_near) / -t.
-
-        A and C are the rates of the links of the dyad relative to their supports, B is that
-        of the far link relative to the near link.
+        The supports have angular velocities that are known already. The rate of the pair is
+        the one with which the dyad follows them. It is a fraction
+        ``numerator . w / denominator`` with the angular velocity w of the output.
         """
         chain = self.chain
-        dyad_number = chain.dyad_of_pair[pair]
-        dyad = chain.dyads[dyad_number]
-        a, c = self._outer_axes(dyad_number)
-        # The sign of the triple product t is that of the working mode.
-        b, triple_product = self.signed_middle_axis(dyad_number)
-        # 1. The vector product of the other two axes, at right angles to both.
-        if pair == dyad.near_pair:
-            normal = cross_columns(b, c)
-        elif pair == dyad.middle_pair:
-            normal = cross_columns(c, a)
-        else:
-            normal = cross_columns(b, a)
-        # 2. The component of w_far - w_near along it. Rotations about the other two axes
-        # have no such component, so their rates need not be computed.
+        dyad = chain.dyads[chain.dyad_of_pair[pair]]
+        # normal . (w_far - w_near) = -triple_product * rate of the moving link
+        equation = self._pair_rate_equation(pair)
+        # The normal is at right angles to the axes of the other two pairs. Rotations about
+        # these have no component along it, so their rates need not be computed.
         other_pairs = [number for number in dyad.pairs if number != pair]
-        far_component = self.angular_velocity_along(normal, dyad.far_support, other_pairs)
-        near_component = self.angular_velocity_along(normal, dyad.near_support, other_pairs)
+        far_component = self.angular_velocity_along(
+            equation.normal, dyad.far_support, other_pairs
+        )
+        near_component = self.angular_velocity_along(
+            equation.normal, dyad.near_support, other_pairs
+        )
         component = far_component - near_component
-        # 3. The formulas divide by -t. They count the rates A, B, C as those of this link,
-        # relative to the other link of the pair.
-        counted_link = dyad.near_link if pair == dyad.near_pair else dyad.far_link
         # The variable of a pair is that of its second link relative to its first one. If
-        # the link is the first one, the rate has the opposite sign.
-        if chain.ends[pair][1] == counted_link:
-            divisor = -triple_product
-        else:
-            divisor = triple_product
+        # the moving link is the first one, the rate of the variable has the opposite sign.
+        is_second_link = chain.ends[pair][1] == equation.moving_link
+        triple_product = equation.triple_product
+        divisor = -triple_product if is_second_link else triple_product
         return RateFraction(component.numerator, component.denominator * divisor)
+
+    def _pair_rate_equation(self, pair: int) -> PairRateEquation:
+        """Return the equation for the rate of a pair of a dyad.
+
+        The near, middle and far pair of the dyad have the axes a, b, c and the rates A, B,
+        C. These are the rates of the near link relative to the near support, of the far
+        link relative to the near link, and of the far link relative to the far support. The
+        angular velocity of the far link, computed from both supports, is
+
+            w_near + a A + b B = w_far + c C.
+
+        The scalar product of this equation with the vector product of two axes leaves only
+        the rate of the third pair (Cramer's rule). With the triple product t = b . (a x c),
+
+            (b x c) . (w_far - w_near) = -t A,
+            (c x a) . (w_far - w_near) = -t B,
+            (b x a) . (w_far - w_near) = -t C.
+        """
+        dyad_number = self.chain.dyad_of_pair[pair]
+        dyad = self.chain.dyads[dyad_number]
+        a, c = self._outer_axes(dyad_number)
+        b, t = self.signed_middle_axis(dyad_number)
+        if pair == dyad.near_pair:
+            return PairRateEquation(cross_columns(b, c), t, dyad.near_link)
+        if pair == dyad.middle_pair:
+            return PairRateEquation(cross_columns(c, a), t, dyad.far_link)
+        return PairRateEquation(cross_columns(b, a), t, dyad.far_link)
 
     def angular_velocity_along(
         self, vector: Floats, link: int, normal_pairs: Sequence[int] = ()
@@ -629,9 +722,13 @@ class WorkingMode:
         ``numerator . w / denominator``, both parts of which are finite at singularities.
 
         A link of a dyad is joined to its support, a link placed before, by an outer pair of
-        the dyad. Its angular velocity is that of the support plus the rate of this pair
-        along its axis. The support is treated in the same way. This ends at the base, whose
-        angular velocity is 0, or at the posed link, which moves as the output does.
+        the dyad. The angular velocity of the link is that of its support plus a rotation
+        about the axis of this pair, so
+
+            vector . w_link = vector . w_support +- (rate of the pair) (vector . axis).
+
+        The support is treated in the same way. This ends at the base, which is at rest, or
+        at the posed link, whose angular velocity is w.
 
         Parameters
         ----------
@@ -646,23 +743,24 @@ class WorkingMode:
         chain = self.chain
         if link == chain.base:
             return RateFraction(np.zeros((3, 1)), np.ones(1))
-        # The posed link moves as the output does: vector . w.
         if link == chain.posed_link:
             return RateFraction(vector, np.ones(1))
         outer_pair, support = chain.support_of(link)
         if self._is_on_one_axis(outer_pair, normal_pairs, link):
-            # The axis of the outer pair is at right angles to the vector, too. The link
-            # and its support have the same angular velocity along the vector.
+            # The axis of the outer pair is at right angles to the vector, too, so the
+            # rotation about it adds nothing. The outer pair is also a pair of the support,
+            # and there it is the one whose axis is known to be at right angles.
             return self.angular_velocity_along(vector, support, [outer_pair])
         support_part = self.angular_velocity_along(vector, support)
-        # The rate of the second link of the pair relative to the first one.
+        # The rate of a pair is that of its second link relative to its first one.
         pair_rate = self.pair_rate(outer_pair)
         axis_component = dot_columns(vector, self.axis(outer_pair, link))
         pair_part = RateFraction(
             pair_rate.numerator * axis_component, pair_rate.denominator
         )
-        is_second_link = chain.ends[outer_pair][1] == link
-        return support_part + pair_part if is_second_link else support_part - pair_part
+        if chain.ends[outer_pair][1] == link:
+            return support_part + pair_part
+        return support_part - pair_part
 
     def _is_on_one_axis(self, pair: int, other_pairs: Sequence[int], link: int) -> bool:
         """Return whether a pair of a link is coaxial with one of several other pairs.
@@ -678,30 +776,13 @@ class WorkingMode:
         """Return the rate of an input per unit angular velocity of the output.
 
         The result is a fraction ``numerator . w / denominator`` with the angular velocity w
-        of the output.
-
-        An output that is a direction d can turn about it. In some mechanisms a last link,
-        the closing link, determines this turn. It joins two links that are placed already.
-        Its residual states by how much it does not fit, and the rate s . w of the residual
-        must be 0. Here
-
-        - w = v + k d, where v moves the direction and k is the rate of the turn,
-        - k = -(s . v) / (s . d), so that the closing link fits,
-        - r . w is the rate of the input, equal to ((s . d) r - (r . d) s) . v / (s . d).
-
-        This numerator is at right angles to d, so it may be multiplied by w instead of v.
+        of the output. If a closing link determines the turn of the output about its
+        direction, the component of w along this direction has no influence.
         """
         rate = self.pair_rate(pair)
-        if self.closing_link is not None:
-            directions = self.closing_link.directions
-            residual_rate = self.closing_link.residual_rate
-            rate_by_turn = dot_columns(rate.numerator, directions)
-            residual_by_turn = dot_columns(residual_rate.numerator, directions)
-            rate = RateFraction(
-                rate.numerator * residual_by_turn - residual_rate.numerator * rate_by_turn,
-                rate.denominator * residual_by_turn,
-            )
-        return rate
+        if self.closing_link is None:
+            return rate
+        return _eliminate_turn(rate, self.closing_link)
 
     @_shared_between_modes
     def _numerator_length(self, pair: int) -> Floats:
@@ -730,37 +811,36 @@ class WorkingMode:
         """Return the square (n,) of `output_speed`, continued to poses out of reach.
 
         `output_speed` is the speed of the output per unit rate of the input `pair`, an
-        outer pair of a dyad. The border of a workspace is searched where its square is
-        zero. This needs numbers on both sides, also where a dyad does not reach the pose.
+        outer pair of a dyad.
         """
         square = self.output_speed(pair) ** 2
         is_out_of_reach = np.isnan(square)
         return np.where(is_out_of_reach, self._continue_speed_square(pair), square)
 
     def _continue_speed_square(self, pair: int) -> Floats:
-        """Return values (n,) for the square of the output speed at poses out of reach.
+        """Return numbers (n,) that continue the squared output speed beyond the reach.
 
-        If the dyad of the input is between the base and the output's link, the speed is
-        ``|b . (a x c)| / sin(arc)``, with the axes a, b, c of the dyad and the arc of that
-        link of the dyad which the input does not join. The square of the triple product is
-        a function of a and c alone. It passes through 0 smoothly, and is negative where
-        the dyad does not reach. For other dyads the same function is used. The squared
-        speed may then have a kink at 0.
+        The search for the border of a workspace needs a number that changes its sign there.
+        The squared speed is positive within the reach and 0 at its limit. The numbers of
+        this function are negative where the dyad of the input does not reach. They are 0
+        elsewhere.
 
-        Positive values and NaN are replaced by 0. The dyad of the input reaches such a pose
-        or has no outer axes, so that another dyad is out of reach.
+        If the dyad is between the base and the output's link, the speed is |t| / sin(arc).
+        Here t is the triple product of the axes of the dyad, and the arc is that of the
+        link which the input does not drive. The square of t depends smoothly on the angle
+        between the outer axes, and is negative where the dyad does not reach. For other
+        dyads the same function is used. The squared speed may then have a kink at 0.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         near_arc, far_arc = dyad.arcs
-        other_arc = far_arc if pair == dyad.near_pair else near_arc
-        triangle = self._triangle(dyad_number)
-        # |a + c|^2 and |a - c|^2 stand for a . c. They lose no digits near 0 and pi.
-        triple_product_square = triple_square(
-            *dyad.half_arcs, triangle.sum_square, triangle.difference_square
-        )
-        # Unlike `minimum`, `fmin` returns the other number if one is NaN.
-        return np.fmin(triple_product_square / np.sin(other_arc) ** 2, 0.0)
+        # The near pair, if it is the input, drives the near link.
+        undriven_arc = far_arc if pair == dyad.near_pair else near_arc
+        triple_product_square = self._middle_axis_parts(dyad_number).triple_product_square
+        continuation = triple_product_square / np.sin(undriven_arc) ** 2
+        # The comparison is false in two cases, in which another dyad is out of reach: this
+        # dyad reaches (positive), or its outer axes are unknown (NaN).
+        return np.where(continuation < 0.0, continuation, 0.0)
 
     def axes(self, count: int) -> Floats:
         """Return the axes (n, count, 3) of the first `count` pairs in base axes.
@@ -788,3 +868,81 @@ class WorkingMode:
         order = {**chain.dyad_of_link, chain.base: -1, chain.posed_link: -1}
         first = min(chain.ends[pair], key=lambda link: order.get(link, np.inf))
         return self.axis(pair, first)
+
+
+def _angle_about_axis(axis: Floats, first: LinkVector, second: LinkVector) -> ScaledAngle:
+    """Return the angle about the axis of a pair from one vector to another one.
+
+    The projections p and q of both vectors onto the plane at right angles to the axis
+    enclose the angle. The results are p . q and axis . (p x q). The common factor is the
+    product of the lengths of p and q.
+
+    Parameters
+    ----------
+    axis
+        (3, n) axis of the pair in base axes, a unit vector.
+    first, second
+        A vector of each link of the pair. Both have z components along this axis.
+    """
+    _, _, first_along_axis = first.in_pair_frame
+    _, _, second_along_axis = second.in_pair_frame
+    # p . q is the scalar product of the vectors less that of their parts along the axis.
+    cosine = dot_columns(first.in_base, second.in_base)
+    cosine = cosine - first_along_axis * second_along_axis
+    # The parts along the axis have no influence on this triple product.
+    sine = dot_columns(axis, cross_columns(first.in_base, second.in_base))
+    return ScaledAngle(cosine, sine)
+
+
+def _angle_at_zero(first: LinkVector, second: LinkVector) -> ScaledAngle:
+    """Return the angle of `_angle_about_axis` in the position where the variable is 0.
+
+    The frames of the pair in both links coincide in this position. The x and y components
+    of both vectors, at right angles to the axis, are therefore in the same axes.
+
+    Parameters
+    ----------
+    first, second
+        A vector of each link of the pair.
+    """
+    first_x, first_y, _ = first.in_pair_frame
+    second_x, second_y, _ = second.in_pair_frame
+    return ScaledAngle(
+        cosine=second_x * first_x + second_y * first_y,
+        sine=second_y * first_x - second_x * first_y,
+    )
+
+
+def _eliminate_turn(
+    input_rate: RateFraction, closing_link: ClosingLinkState
+) -> RateFraction:
+    """Return the rate of an input while the closing link fits.
+
+    An output that is a direction d can turn about this direction. In some mechanisms the
+    closing link, which joins two links that are placed already, determines the turn.
+
+    Parameters
+    ----------
+    input_rate
+        Rate of the input if the turn were free: r . w per unit of its denominator.
+    closing_link
+        The directions d, and the rate s . w at which the closing link ceases to fit.
+
+    Notes
+    -----
+    The angular velocity of the output is w = v + k d, where v moves the direction and k is
+    the rate of the turn. The closing link fits if s . w = 0, so k = -(s . v) / (s . d). The
+    rate of the input is then
+
+        r . w = r . v + k (r . d) = ((s . d) r - (r . d) s) . v / (s . d).
+
+    The scalar product of the vector in front of v with d is 0. Therefore w can be written
+    in the place of v. A factor of s cancels, so the denominator of the residual's rate is
+    not needed.
+    """
+    d = closing_link.directions
+    r = input_rate.numerator
+    s = closing_link.residual_rate.numerator
+    r_along_d = dot_columns(r, d)
+    s_along_d = dot_columns(s, d)
+    return RateFraction(r * s_along_d - s * r_along_d, input_rate.denominator * s_along_d)
