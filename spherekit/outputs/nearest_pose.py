@@ -100,6 +100,13 @@ RETURN_FRACTIONS = np.logspace(-10.0, 0.0, 41)
 This happens at a corner of the border, or if a margin has no value beyond the border.
 """
 
+MIN_RESIDUAL_OF_SOLUTION = 1e-12
+"""Smallest residual, between 0 and 1, with which inequalities have a common solution.
+
+Larger: inequalities that only distant vectors satisfy count as contradictory. Smaller:
+rounding errors can hide a contradiction.
+"""
+
 MIN_GAIN = 1e-9
 """The search ends if a round reduces the arc to the nearest pose by less (rad).
 
@@ -247,15 +254,17 @@ class NearestPoseSearch:
         nearest to the target, and then samples that are not reachable, but whose least
         margin is nearest to 0. If both are too few, arbitrary samples fill the array.
         """
-        v = radius * BALL_SAMPLES[chart.dimension]
+        samples = radius * BALL_SAMPLES[chart.dimension]
         with np.errstate(all="ignore"):
-            least_margin = np.min(self.margins(chart.poses(v)), axis=1)
-        # The samples are sorted by their distance from the centre.
-        inside = np.flatnonzero(least_margin >= 0.0)[:SEARCH_START_COUNT]
-        # Infinite for reachable samples and for those with a margin that has no value.
+            least_margin = np.min(self.margins(chart.poses(samples)), axis=1)
+        # 1. Reachable samples. All samples are sorted by their distance from the centre.
+        reachable = np.flatnonzero(least_margin >= 0.0)[:SEARCH_START_COUNT]
+        # 2. Samples out of reach, those with the smallest violation first. Reachable
+        # samples and those whose margin has no value come last.
         violation = np.where(least_margin < 0.0, -least_margin, np.inf)
-        outside = np.argsort(violation)[: SEARCH_START_COUNT - len(inside)]
-        return v[np.concatenate([inside, outside])]
+        missing_count = SEARCH_START_COUNT - len(reachable)
+        nearly_reachable = np.argsort(violation)[:missing_count]
+        return samples[np.concatenate([reachable, nearly_reachable])]
 
     def _find_local_minimum(
         self, chart: NormalCoordinates, starts: Floats
@@ -359,15 +368,19 @@ class NearestPoseSearch:
         )
         # (k, 1 + 2 d, bounds)
         values = self._evaluate_margins(chart, v[:, None] + offsets)
-        centre = values[:, :1]
-        ahead = values[:, 1 : 1 + d]
-        behind = values[:, 1 + d :]
-        gradients = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
-        # A margin may be NaN beyond the border. Then a one-sided difference is used.
-        one_sided = (
-            np.where(np.isnan(ahead), centre - behind, ahead - centre) / DIFFERENCE_STEP
+        centre, ahead, behind = np.split(values, [1, 1 + d], axis=1)
+        # A margin may be NaN beyond the border, ahead of the point or behind it. Then the
+        # difference between the point and the other side is used.
+        central_difference = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
+        difference_ahead = (ahead - centre) / DIFFERENCE_STEP
+        difference_behind = (centre - behind) / DIFFERENCE_STEP
+        one_sided_difference = np.where(
+            np.isnan(ahead), difference_behind, difference_ahead
         )
-        gradients = np.where(np.isnan(gradients), one_sided, gradients)
+        gradients = np.where(
+            np.isnan(central_difference), one_sided_difference, central_difference
+        )
+        # From (k, d, bounds) to (k, bounds, d). Derivatives that do not exist become 0.
         return centre[:, 0], np.swapaxes(np.nan_to_num(gradients), 1, 2)
 
     def _evaluate_margins(self, chart: NormalCoordinates, v: Floats) -> Floats:
@@ -385,10 +398,8 @@ class NearestPoseSearch:
     ) -> Floats | None:
         """Move points at the border inside the workspace, and return the nearest of them.
 
-        A margin is how much is left to one limit of the mechanism, negative beyond it. Each
-        point is moved a little in a direction in which the margins that are nearly 0 grow.
-        The shortest of `INWARD_STEPS` that leads inside is used. If none does, the point is
-        moved back towards its start.
+        The points are results of the search. Because of rounding errors they can be a
+        little outside of the workspace.
 
         Parameters
         ----------
@@ -407,34 +418,79 @@ class NearestPoseSearch:
         true. None if no point can be moved inside.
         """
         nearest: Floats | None = None
+        nearest_distance = np.inf
         distances = np.linalg.norm(v, axis=1)
         for k in np.argsort(distances):
             # The points are in the order of their distance before they are moved. A move
             # back to a start can be long, so the first moved point need not be the nearest.
             # A point that is farther than a moved one already is not moved any more.
-            if nearest is not None and distances[k] >= _length(nearest):
+            if distances[k] >= nearest_distance:
                 break
-            values, gradients = self._linearise_margins(chart, v[k][None])
-            lengths = np.linalg.norm(gradients[0], axis=1)
-            # A limit counts as nearly reached (active) if its margin is less than 1000
-            # times the longest inward step, the last one. A step would have to reduce the
-            # margin by 1000 times its own length to cross another limit.
-            is_active = (values[0] < 1e3 * INWARD_STEPS[-1]) & (lengths > 0.0)
-            normals = unit_rows(gradients[0][is_active])
-            # The shortest vector whose component along the gradient of each active margin
-            # is at least 1, so a step along it moves away from all active limits. Its
-            # multiples by `INWARD_STEPS` are tried. It is NaN if there is no such vector.
-            inward_direction, _ = _solve_least_distance(normals, np.ones(len(normals)))
-            moved = self._find_first_inside(chart, v[k], inward_direction, INWARD_STEPS)
-            if moved is None:
-                moved = self._find_first_inside(
-                    chart, v[k], starts[k] - v[k], RETURN_FRACTIONS
-                )
-            if moved is None:
-                continue
-            if nearest is None or _length(moved) < _length(nearest):
-                nearest = moved
+            moved_point = self._move_point_inside(chart, v[k], starts[k])
+            if moved_point is not None and _length(moved_point) < nearest_distance:
+                nearest = moved_point
+                nearest_distance = _length(moved_point)
         return nearest
+
+    def _move_point_inside(
+        self, chart: NormalCoordinates, point: Floats, start: Floats
+    ) -> Floats | None:
+        """Move a point at the border of the workspace inside.
+
+        The point is moved away from the limits of the mechanism that it nearly reaches, by
+        the shortest of `INWARD_STEPS` that leads inside. If none does, it is moved back
+        towards its start.
+
+        Parameters
+        ----------
+        chart
+            Normal coordinates around the target pose.
+        point
+            (d,) coordinates of the point.
+        start
+            (d,) coordinates of the start from which the search arrived at the point.
+
+        Returns
+        -------
+        (d,) coordinates of a point inside, or None if there is none on both paths.
+        """
+        inward_direction = self._find_inward_direction(chart, point)
+        moved_point = self._find_first_inside(chart, point, inward_direction, INWARD_STEPS)
+        if moved_point is not None:
+            return moved_point
+        return self._find_first_inside(chart, point, start - point, RETURN_FRACTIONS)
+
+    def _find_inward_direction(self, chart: NormalCoordinates, point: Floats) -> Floats:
+        """Return the direction from a point at the border into the workspace.
+
+        A margin is how much is left to one limit of the mechanism. In the direction, all
+        margins that are nearly 0 (active) grow.
+
+        Parameters
+        ----------
+        chart
+            Normal coordinates around the target pose.
+        point
+            (d,) coordinates of the point.
+
+        Returns
+        -------
+        (d,) the shortest vector whose component along the gradient of each active margin is
+        at least 1. It is NaN if there is no such vector, and 0 if no margin is active.
+        """
+        values, gradients = self._linearise_margins(chart, point[None])
+        margins = values[0]  # (bounds,)
+        margin_gradients = gradients[0]  # (bounds, d)
+        # The direction is multiplied by `INWARD_STEPS`, the last of which is the longest.
+        # Other margins than the active ones are so large that such a step does not make
+        # them negative, unless it reduces a margin by 1000 times its own length.
+        has_gradient = np.linalg.norm(margin_gradients, axis=1) > 0.0
+        is_active = (margins < 1e3 * INWARD_STEPS[-1]) & has_gradient
+        normals = unit_rows(margin_gradients[is_active])
+        inward_direction, _multipliers = _solve_least_distance(
+            normals, np.ones(len(normals))
+        )
+        return inward_direction
 
     def _find_first_inside(
         self, chart: NormalCoordinates, point: Floats, direction: Floats, lengths: Floats
@@ -442,16 +498,16 @@ class NearestPoseSearch:
         """Return the point where a straight path enters the workspace for good.
 
         The points at the given lengths are tried first. The part of the path around the
-        border, from the last point outside to the second point inside, is then divided
-        again in the same way. The search ends if this part is shorter than `MIN_GAIN`
-        (rad), or if all points are inside.
+        border is then divided again in the same way. The search ends if this part is
+        shorter than `MIN_GAIN` (rad), or if all points of a division are inside.
 
         Parameters
         ----------
         chart
             Normal coordinates around the target pose.
         point, direction
-            (d,) the path is ``point + length direction``.
+            (d,) the path is ``point + length direction``. If the direction is NaN, all
+            points of the path are outside.
         lengths
             (m,) the lengths to try, rising.
 
@@ -459,22 +515,27 @@ class NearestPoseSearch:
         -------
         (d,) coordinates of the point, or None if the last point is outside.
         """
+        last = len(lengths) - 1
         while True:
             is_inside = self.is_inside(chart.poses(point + np.outer(lengths, direction)))
-            # Index of the first point inside, after the last point outside.
-            first = 1 + int(np.max(np.flatnonzero(~is_inside), initial=-1))
-            if first == len(lengths):
+            outside_indices = np.flatnonzero(~is_inside)
+            if len(outside_indices) == 0:
+                # The first point is so near to the border that rounding errors may have
+                # classified it wrongly, so the second one is used.
+                length_inside = lengths[min(1, last)]
+                break
+            last_outside = int(outside_indices[-1])
+            if last_outside == last:
                 return None
-            # This point is so near to the border that rounding errors may have classified
-            # it wrongly. The next point is farther inside, and is used.
-            upper = lengths[min(first + 1, len(lengths) - 1)]
-            lower = lengths[first - 1] if first else 0.0
-            is_narrow = (upper - lower) * _length(direction) < MIN_GAIN
-            are_all_inside = first == 0
-            if is_narrow or are_all_inside:
-                inside: Floats = point + upper * direction
-                return inside
-            lengths = np.linspace(lower, upper, len(lengths))
+            # The border is behind the last point outside. The second point after it is
+            # surely inside, whereas rounding errors may have decided about the first one.
+            length_outside = lengths[last_outside]
+            length_inside = lengths[min(last_outside + 2, last)]
+            if (length_inside - length_outside) * _length(direction) < MIN_GAIN:
+                break
+            lengths = np.linspace(length_outside, length_inside, len(lengths))
+        inside: Floats = point + length_inside * direction
+        return inside
 
 
 def _length(v: Floats) -> float:
@@ -565,15 +626,16 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
         satisfies them. The caller's penalty factor of violated margins, in the merit
         function of the line search, has to be larger.
     """
-    has_slope = (np.linalg.norm(gradients, axis=1) > 0.0) & np.isfinite(values)
-    gradients = gradients[has_slope]
-    values = values[has_slope]
-    # The shortest vector `point` = v + step with gradients @ point >= gradients @ v -
-    # values.
+    is_used = (np.linalg.norm(gradients, axis=1) > 0.0) & np.isfinite(values)
+    gradients = gradients[is_used]
+    values = values[is_used]
+    # With point = v + step, the problem is to find the shortest vector `point` such that
+    # values + gradients @ (point - v) >= 0.
     point, multipliers = _solve_least_distance(gradients, gradients @ v - values)
     step = point - v
-    # `point` is NaN if no point satisfies all linearised margins.
-    if not np.isfinite(step).all():
+    has_solution = np.isfinite(step).all()
+    if not has_solution:
+        # No point satisfies all linearised margins. All multipliers are then 0.
         violated = values < 0.0
         step = np.linalg.pinv(gradients[violated]) @ -values[violated]
     # The linearisation is a poor approximation beyond a fraction of a right angle. 1e-300
@@ -584,10 +646,6 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
 
 def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Floats]:
     """Find the shortest vector x with ``normals @ x >= offsets``.
-
-    This problem of least distance is solved as a problem of non-negative least squares:
-    minimise the length of r = E u - f over u >= 0, where E has the rows of normals^T and
-    below them the row of offsets, and f = (0, ..., 0, 1). Then x = -r[:d] / r[d].
 
     Parameters
     ----------
@@ -603,6 +661,16 @@ def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Flo
     multipliers
         (m,) Lagrange multipliers, ``x = normals.T @ multipliers``; zero if x is NaN.
 
+    Notes
+    -----
+    This problem of least distance is solved as one of non-negative least squares: find the
+    weights u >= 0 that minimise the length of the residual
+
+        (normals.T @ u, offsets . u - 1).
+
+    If this has the components (p, -h) at the minimum, then x = p / h, and the multipliers
+    are u / h. The inequalities contradict each other if h is 0.
+
     References
     ----------
     C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23.
@@ -611,19 +679,23 @@ def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Flo
     from scipy.optimize import nnls
 
     d = normals.shape[1]
-    if not np.any(offsets > 0.0):
+    zero_satisfies_all = not np.any(offsets > 0.0)
+    if zero_satisfies_all:
         return np.zeros(d), np.zeros(len(offsets))
-    # The rows are scaled to unit normals, so that the size of a normal has no influence.
-    scale = np.linalg.norm(normals, axis=1)
-    system = np.vstack([normals.T, offsets]) / scale
+    # Each inequality is divided by the length of its normal, so that this length has no
+    # influence. An inequality is a column of `system`.
+    normal_lengths = np.linalg.norm(normals, axis=1)
+    system = np.vstack([normals.T, offsets]) / normal_lengths
     target = np.append(np.zeros(d), 1.0)
     weights, _ = nnls(system, target)
     residual = system @ weights - target
-    # A residual of zero means that the inequalities contradict each other. 1e-12 allows for
-    # rounding errors.
-    if -residual[d] < 1e-12:
+    p = residual[:d]
+    h = -residual[d]
+    # The limit allows for rounding errors.
+    if h < MIN_RESIDUAL_OF_SOLUTION:
         return np.full(d, np.nan), np.zeros(len(offsets))
-    return -residual[:d] / residual[d], weights / scale / -residual[d]
+    multipliers = weights / normal_lengths / h
+    return p / h, multipliers
 
 
 def _make_disc_samples(count: int) -> Floats:

@@ -530,40 +530,45 @@ class RotationPath:
         leap fails, too, the step is halved again. The path ends at the smallest step.
         """
         nodes = [first_node]
-        # Length of the next step (rad of theta).
+        # Angles (rad) of the singular configurations over which leaps have led.
+        singular_thetas: list[float] = []
         step = FIRST_ROTATION_STEP_RAD
-        leaps: list[float] = []
-        # Where a leap was last tried, or where it led. The next leap is tried only at the
-        # distance LEAP_BELOW_STEP_RAD from there. Until then, failed steps are halved.
-        last_leap_theta = -np.inf
+        next_leap_theta = -np.inf  # No leap is tried before this angle.
         end_status = Status.OK
         while (theta := float(nodes[-1].theta[0])) < end:
             node = nodes[-1]
             step = min(step, _longest_step(node))
-            if len(nodes) >= MAX_PATH_NODES or step < SMALLEST_ROTATION_STEP_RAD:
-                has_too_many_nodes = len(nodes) >= MAX_PATH_NODES
-                end_status = Status.MODE_LOST if has_too_many_nodes else _end_reason(node)
+            if len(nodes) >= MAX_PATH_NODES:
+                end_status = Status.MODE_LOST
                 break
-            # A remainder shorter than the smallest step is added to this step.
+            if step < SMALLEST_ROTATION_STEP_RAD:
+                end_status = _end_reason(node)
+                break
+
+            # 1. An ordinary step. A remainder shorter than the smallest step is added.
             reaches_end = end - theta - step < SMALLEST_ROTATION_STEP_RAD
             next_node = self.step(node, end if reaches_end else theta + step)
-            if (
-                next_node is None
-                and step < LEAP_BELOW_STEP_RAD
-                and theta > last_leap_theta + LEAP_BELOW_STEP_RAD
-            ):
-                last_leap_theta = theta
-                leap = self.leap(node, end)
-                if leap is not None:
-                    next_node, singular_theta = leap
-                    leaps.append(singular_theta)
-                    last_leap_theta = float(next_node.theta[0])
-                    # The leap is the step that succeeded, so it is doubled below.
-                    step = last_leap_theta - theta
             if next_node is not None:
                 nodes.append(next_node)
-            step *= 0.5 if next_node is None else 2.0
-        return TrackedPath(PathNodes.concatenate(nodes), end_status, tuple(leaps))
+                step *= 2.0
+                continue
+
+            # 2. A leap, if the step was short.
+            if step < LEAP_BELOW_STEP_RAD and theta > next_leap_theta:
+                next_leap_theta = theta + LEAP_BELOW_STEP_RAD
+                leap = self.leap(node, end)
+                if leap is not None:
+                    node_behind, singular_theta = leap
+                    nodes.append(node_behind)
+                    singular_thetas.append(singular_theta)
+                    theta_behind = float(node_behind.theta[0])
+                    next_leap_theta = theta_behind + LEAP_BELOW_STEP_RAD
+                    step = 2.0 * (theta_behind - theta)
+                    continue
+
+            # 3. Both have failed.
+            step *= 0.5
+        return TrackedPath(PathNodes.concatenate(nodes), end_status, tuple(singular_thetas))
 
 
 def _longest_step(node: PathNodes) -> float:

@@ -458,32 +458,35 @@ class TargetDeviation:
                 [-self.linearisation.residual, self.remaining_rotation], axis=1
             )
             return np.matvec(self.system_inverse, right_side)
-        # The stiffness is the second derivative of a^2 / 2 by motions that keep the loops
-        # closed. Where its smallest eigenvalue is not clearly positive, a^2 / 2 is not
-        # convex, and a full Newton step could increase the angle.
-        #
-        # The Gauss-Newton matrix W^T W replaces the stiffness there. The columns of W are
-        # the angular velocities of the output link for a basis of the motions that keep the
-        # loops closed. The eigenvalues of W^T W are never negative, so its step decreases
-        # the angle if it is short enough.
-        #
-        # If the output link is on its target (a = 0), both matrices are equal. The smallest
-        # eigenvalue of W^T W is therefore the scale for that of the stiffness.
+        # Close the loops, and make the gradient of a^2 / 2 zero. Minus this gradient is
+        # G^T d, with the Jacobian G of the output link and the remaining rotation d. It
+        # acts like the force of a spring that pulls the link to the target.
+        return self._solve_motion(
+            force=np.vecmat(self.remaining_rotation, self.output_jacobian),
+            closure_change=-self.linearisation.residual,
+            stiffness=self._convex_stiffness(),
+        )
+
+    def _convex_stiffness(self) -> Floats:
+        """Return a stiffness (n, freedoms, freedoms) with which the angle a decreases.
+
+        The `stiffness` is the second derivative of a^2 / 2 by the motions that keep the
+        loops closed. Where its smallest eigenvalue is not clearly positive, a^2 / 2 is not
+        convex, and a full Newton step could increase the angle. The Gauss-Newton matrix
+        W^T W replaces it there. The columns of W are the angular velocities of the output
+        link in these motions. The eigenvalues of W^T W are never negative, so its step
+        decreases the angle if it is short enough.
+
+        The smallest eigenvalue of W^T W is the scale for that of the stiffness, because
+        both matrices are equal if the output link is on its target.
+        """
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
+        # The eigenvalues of W^T W are the squares of the singular values of W.
         least_gauss_newton_eigenvalue = self.output_singular_value**2
         is_convex = (
             self.least_eigenvalue > MIN_CONVEXITY_RATIO * least_gauss_newton_eigenvalue
         )
-        stiffness = np.where(is_convex[:, None, None], self.stiffness, gauss_newton)
-        # The step closes the loops and makes the gradient of a^2 / 2 zero. Minus this
-        # gradient is G^T d, with the Jacobian G of the output link and the remaining
-        # rotation d. It acts like the force of a spring with the energy a^2 / 2, which
-        # pulls the link to the target.
-        return self._solve_motion(
-            force=np.vecmat(self.remaining_rotation, self.output_jacobian),
-            closure_change=-self.linearisation.residual,
-            stiffness=stiffness,
-        )
+        return np.where(is_convex[:, None, None], self.stiffness, gauss_newton)
 
     def error(self, can_follow: bool) -> Floats:
         """Return the error (n,), in rad, of configurations that should be the nearest ones.
@@ -525,36 +528,56 @@ class TargetDeviation:
         -----
         The configurations of this object must be nearest ones already.
         """
-        # 1. Velocity equations: the loops stay closed, and the output link turns at 1
-        # rad per rad of theta about the axis, which are the last three equations. The
-        # pseudo-inverse gives the rates with the smallest misfit.
-        velocity_right = np.zeros(self.system.shape[:2])
+        following = self._following_rates(axis)
+        follows = following.follows
+        if np.all(follows):
+            return following
+        nearest_first, nearest_second = self._nearest_rates(axis)
+        return TargetRates(
+            first=np.where(follows[:, None], following.first, nearest_first),
+            second=np.where(follows[:, None], following.second, nearest_second),
+            follows=follows,
+        )
+
+    def _following_rates(self, axis: Floats) -> TargetRates:
+        """Return the derivatives with which the output link follows its target.
+
+        The target turns about the axis by the angle theta. With the Jacobians J of the
+        loops and G of the output link, the first and second derivatives of the variables
+        by theta, x' and x'', have to satisfy
+
+            J x' = 0,           G x' = axis,
+            J x'' = -J' x',     G x'' = -G' x'.
+
+        The result has the derivatives with the smallest misfit. The link follows the target
+        (`follows`) if it is on it and the misfit is zero, up to the tolerance
+        `ON_TARGET_RAD`. The misfit is the difference between both sides of the equations:
+        the angle (rad) by which the link would leave the target while it turns by 1 rad.
+
+        Parameters
+        ----------
+        axis
+            (3,) unit vector in the axes of body 0.
+        """
+        # `system` (n, equations + 3, variables) is J above G.
+        right_side_shape = self.system.shape[:2]
+        velocity_right = np.zeros(right_side_shape)
         velocity_right[:, -3:] = axis
         first = np.matvec(self.system_inverse, velocity_right)
         velocity_misfit = np.matvec(self.system, first) - velocity_right
 
-        # 2. Acceleration equations: system @ second + system_change @ first = 0. The second
-        # term is known: system_change is the change of both Jacobians at the rates `first`.
+        # J' x' and G' x', with the changes of the Jacobians at the rates x'.
         loop_bias, output_bias = self._velocity_biases(first, self._vector_rates(first))
         acceleration_right = -np.concatenate([loop_bias, output_bias], axis=1)
         second = np.matvec(self.system_inverse, acceleration_right)
         acceleration_misfit = np.matvec(self.system, second) - acceleration_right
-        # Both sides of these equations can be large near singular configurations, and their
-        # rounding errors with them. The misfit is therefore divided by 1 + the size of the
-        # right side.
+        # The right side can be large near singular configurations, and its rounding errors
+        # with it, so the tolerance is relative to 1 + its size.
         acceleration_misfit /= 1.0 + max_abs(acceleration_right, axis=1)[:, None]
 
-        # 3. The output link follows the target if it is on it and both equations have a
-        # solution. A misfit is the angle (rad) by which the link would leave the target
-        # while it turns by 1 rad, so it has the tolerance of such an angle. Otherwise the
-        # derivatives are those of the nearest configurations.
         misfit = max_abs(np.hstack([velocity_misfit, acceleration_misfit]), axis=1)
-        follows = ~self._is_off_target & (misfit < ON_TARGET_RAD)
-        if not np.all(follows):
-            nearest_first, nearest_second = self._nearest_rates(axis)
-            first = np.where(follows[:, None], first, nearest_first)
-            second = np.where(follows[:, None], second, nearest_second)
-        return TargetRates(first, second, follows)
+        is_on_target = ~self._is_off_target
+        return TargetRates(first, second, follows=is_on_target & (misfit < ON_TARGET_RAD))
 
     def _velocity_biases(
         self, rates: Floats, vector_rates: Floats

@@ -16,7 +16,7 @@ from itertools import islice, product
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
@@ -114,12 +114,8 @@ def _list_possible_lengths(
 
     The rolled length of a contact is the arc (rad) that one wheel has rolled on the other.
     The given lengths close the loops, but the wheels may mesh in other teeth than in the
-    file. For example, a wheel of 10 teeth that makes one more revolution on a wheel of 15
-    meets other teeth of that wheel. The right lengths therefore differ from the given ones
-    by whole revolutions of wheels.
-
-    In the assembly of the file, rolled lengths are linear functions of the inputs. Only
-    lengths that these functions can take are returned.
+    file. The right lengths then differ from the given ones by whole revolutions of wheels.
+    Only lengths that some inputs can roll are returned.
 
     Parameters
     ----------
@@ -136,32 +132,69 @@ def _list_possible_lengths(
     most `MAX_TRIED_ASSEMBLIES` are returned, because the caller closes the loops for each
     of them, which takes time.
     """
-    tree = held_solver.closure.tree
-    # The contacts whose rolled lengths these are.
-    contacts = [tree.pair_of_variable[v] for v in gear_phases.variables]
-    joints = [held_solver.closure.joints[contact] for contact in contacts]
+    combinations = _combine_equivalent_lengths(held_solver, gear_phases, lengths)
+    possible_lengths = combinations[_can_be_rolled(gear_phases, combinations)]
+    order = np.argsort(np.sum(np.abs(possible_lengths), axis=1), kind="stable")
+    return possible_lengths[order[:MAX_TRIED_ASSEMBLIES]]
+
+
+def _combine_equivalent_lengths(
+    held_solver: PositionSolver, gear_phases: GearPhases, lengths: Floats
+) -> Floats:
+    """Return combinations of rolled lengths that differ by whole revolutions of wheels.
+
+    Parameters
+    ----------
+    held_solver
+        Solver of the mechanism with its output held, in which the lengths are variables.
+    gear_phases
+        Its `variables` are the numbers of the variables that are rolled lengths.
+    lengths
+        (m,) rolled lengths (rad), one for each contact.
+
+    Returns
+    -------
+    (n, m) rolled lengths (rad). There are at most `MAX_LENGTH_COMBINATIONS`, so in a
+    mechanism with many contacts some combinations are missing.
+    """
+    closure = held_solver.closure
     # For each contact the lengths that differ by whole revolutions, the smallest absolute
     # values first.
-    lengths_of_contacts = [
-        list_equivalent_lengths(joint, float(length))
-        for joint, length in zip(joints, lengths, strict=True)
-    ]
-    # Combinations of one length for each contact. Their number is limited, so in a
-    # mechanism with many contacts the right one may not be among them.
-    combinations = np.array(
-        list(islice(product(*lengths_of_contacts), MAX_LENGTH_COMBINATIONS))
-    )
-    # In the configuration of the mechanism file, the wheels have rolled the reference
-    # lengths. Inputs change the lengths by ratios @ (change of the inputs). A change is
-    # possible if its projection onto the range of the matrix `ratios` does not alter it.
-    reference_lengths = gear_phases.lengths
+    equivalent_lengths = []
+    for variable, length in zip(gear_phases.variables, lengths, strict=True):
+        contact = closure.tree.pair_of_variable[variable]
+        equivalent_lengths.append(
+            list_equivalent_lengths(closure.joints[contact], float(length))
+        )
+    all_combinations = product(*equivalent_lengths)
+    return np.array(list(islice(all_combinations, MAX_LENGTH_COMBINATIONS)))
+
+
+def _can_be_rolled(gear_phases: GearPhases, lengths: Floats) -> Bools:
+    """Return whether some inputs roll a set of lengths in the assembly of the file.
+
+    The lengths are linear functions of the inputs: `gear_phases.lengths` in the reference
+    configuration, plus ratios @ (change of the inputs). Some change of the inputs gives a
+    change of the lengths if its projection onto the range of the matrix `ratios` does not
+    alter it. It need not consist of whole revolutions.
+
+    Parameters
+    ----------
+    gear_phases
+        The ratios by which the lengths follow from the inputs.
+    lengths
+        (n, m) sets of rolled lengths (rad).
+
+    Returns
+    -------
+    (n,) flags.
+    """
     ratios = gear_phases.ratios
     projection = ratios @ np.linalg.pinv(ratios)
-    change = combinations - reference_lengths
-    misfit = max_abs(change - change @ projection.T, axis=1)
-    combinations = combinations[misfit < SAME_ROLLED_LENGTH_RAD]
-    order = np.argsort(np.sum(np.abs(combinations), axis=1), kind="stable")
-    return combinations[order[:MAX_TRIED_ASSEMBLIES]]
+    length_change = lengths - gear_phases.lengths
+    projected_change = length_change @ projection.T
+    misfit = max_abs(length_change - projected_change, axis=1)
+    return misfit < SAME_ROLLED_LENGTH_RAD
 
 
 def _find_input_revolutions(
