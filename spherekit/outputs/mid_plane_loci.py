@@ -11,6 +11,7 @@ The unit normal n of the mid-plane and the signs of the legs determine a configu
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
@@ -108,6 +109,25 @@ def mid_plane_loci(
     # Singular configurations that are on no curve: none are searched.
     stray = np.zeros((0, len(mechanism.variable_owners)))
     return SingularCurves(kind, curves=tuple(curves), claim=completeness, stray=stray)
+
+
+@dataclass(frozen=True)
+class SingularMotions:
+    """Motions at n configurations that would be possible if these were singular.
+
+    Attributes
+    ----------
+    rates
+        (n, variables) rates of the pair variables, of unit length.
+    residual
+        (n,) the larger one of two numbers that are 0 at a singular configuration, where
+        rounding errors of both have about the same size: by how much the rates fail to
+        satisfy the velocity equations, and the rotation (rad) by which a loop is open. It
+        is infinite without a configuration.
+    """
+
+    rates: Floats
+    residual: Floats
 
 
 class _MidPlaneCurveSearch:
@@ -360,6 +380,24 @@ class _MidPlaneCurveSearch:
             return f"elbows of the legs of {names} along one line"
         return "the loops lose rank"
 
+    def _find_configurations(self, normals: Floats, signs: Integers) -> Floats:
+        """Return the pair variables (n, variables) of mid-planes in one mode.
+
+        A row is NaN where a leg does not reach the mid-plane.
+
+        Parameters
+        ----------
+        normals
+            (n, 3) unit normals of the mid-planes, in which base and output mirror each
+            other. A normal and the signs determine a configuration.
+        signs
+            (legs,) signs of the assembly mode, 1 or -1 for each leg, which choose one of
+            the two elbows (axes between its two links) that the leg can have.
+        """
+        link_orientations = self.form.place(normals, signs)
+        values, _residuals = self.form.values(link_orientations)
+        return values
+
     def _compute_determinants(self, signs: Integers, normals: Floats) -> Floats:
         """Return the determinants of the velocity equations with locked inputs.
 
@@ -380,14 +418,39 @@ class _MidPlaneCurveSearch:
         -------
         (n,) determinants, NaN where a leg does not reach.
         """
-        # The orientations of all links, and from these the pair variables (n, pairs).
-        link_orientations = self.form.place(normals, signs)
-        values, _residuals = self.form.values(link_orientations)
+        values = self._find_configurations(normals, signs)
         determinants = nans(len(normals))
         rows = np.flatnonzero(all_finite(values, 1))
         jacobian = self.locus.closure.linearise(values[rows]).jacobian
         determinants[rows] = np.linalg.det(jacobian[:, :, self.passive])
         return determinants
+
+    def _find_singular_motions(self, values: Floats) -> SingularMotions:
+        """Return the motion at each configuration that is nearest to that of a singularity.
+
+        At a singular point of type I an input moves while the output rests, at one of type
+        II the output moves while the inputs rest. The rates of all pairs then solve the
+        velocity equations of the loops, together with the equations that the output (or the
+        inputs) rest. A solution other than 0 exists if the least singular value of the
+        matrix is 0. (There are at least as many equations as rates.)
+
+        Parameters
+        ----------
+        values
+            (n, variables) pair variables (rad), NaN where there is no configuration.
+        """
+        linearisation = self.locus.tangent_space(values).linearisation
+        rest_equations = self.locus.constraint.equations(linearisation)
+        equations = np.hstack([linearisation.jacobian, rest_equations])
+        # The decomposition refuses NaN, so equations without a configuration are set to 0.
+        # Their closure residual becomes infinite.
+        _, singular_values, right_vectors = np.linalg.svd(np.nan_to_num(equations))
+        closure_residual = np.nan_to_num(linearisation.closure_residual, nan=np.inf)
+        least_singular_value = singular_values[:, -1]
+        return SingularMotions(
+            rates=right_vectors[:, -1],
+            residual=np.maximum(closure_residual, least_singular_value),
+        )
 
     def _make_curve(
         self, normals: Floats, signs: Integers, is_closed: bool, reason: str
@@ -397,17 +460,6 @@ class _MidPlaneCurveSearch:
         Base and output link are mirror images of each other in the mid-plane, a plane
         through the centre. Its unit normal and the signs of the mode determine the
         configuration, so a curve of configurations is given by a curve of normals.
-
-        At a singular point of type I an input moves while the output rests, at one of type
-        II the output moves while the inputs rest. The rates of all pairs then solve the
-        velocity equations of the loops, together with the equations that the output (or the
-        inputs) rest. A solution other than 0 exists if the least singular value of the
-        matrix is 0. (There are at least as many equations as rates.)
-
-        The residual of a point is the larger one of this value and of the closure residual
-        (rad), the rotation by which a loop is open. Both are 0 at a singular configuration,
-        and rounding errors of both have about the same size. Points with a residual above
-        `CLOSURE_TOLERANCE` are left out.
 
         Parameters
         ----------
@@ -421,28 +473,22 @@ class _MidPlaneCurveSearch:
         reason
             Why the curve is singular, as text.
         """
-        # The orientations of all links, and from these the pair variables (n, pairs).
-        link_orientations = self.form.place(normals, signs)
-        values, _residuals = self.form.values(link_orientations)
-        linearisation = self.locus.tangent_space(values).linearisation
-        constraint = self.locus.constraint.equations(linearisation)
-        equations = np.hstack([linearisation.jacobian, constraint])
-        # Points without a configuration are NaN, which the decomposition refuses. They are
-        # set to 0 here. Their closure residual is infinite, so they are left out below.
-        _, singular_values, right_vectors = np.linalg.svd(np.nan_to_num(equations))
-        closure_residual = np.nan_to_num(linearisation.closure_residual, nan=np.inf)
-        residual = np.maximum(closure_residual, singular_values[:, -1])
-        # The last right singular vector is the motion of the singularity.
-        points = self.report.describe(values, right_vectors[:, -1], residual)
-        # Whether each point is of the type that is searched.
+        values = self._find_configurations(normals, signs)
+        motions = self._find_singular_motions(values)
+        points = self.report.describe(values, motions.rates, motions.residual)
+
+        # Points with open loops, and points that are regular or of another type, are left
+        # out.
+        is_singular = motions.residual < CLOSURE_TOLERANCE
         has_type = self.report.has_type(points.type)
-        selected = np.flatnonzero((residual < CLOSURE_TOLERANCE) & has_type)
+        selected = np.flatnonzero(is_singular & has_type)
+        no_points = points.rows(slice(0))
         # Arc length (rad) that the normal has travelled along the curve at each point.
         arc_length = np.append(0.0, np.cumsum(arc(normals[1:], normals[:-1])))
         return CurveSeen(
             points=points.rows(selected),
-            # No points at which both types I and II occur: they are not searched here.
-            both=points.rows(slice(0)),
+            # Points at which types I and II occur together are not searched here.
+            both=no_points,
             s=arc_length[selected],
             closed=is_closed and len(selected) == len(normals),
             why=reason,
