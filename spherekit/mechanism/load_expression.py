@@ -479,21 +479,28 @@ def _iterate_steep_arguments(
     # The power series of these operations, such as products and sines, converge everywhere.
     if name in ENTIRE_OPERATIONS or is_ignored:
         return
+    for argument in _steep_arguments(name, arguments):
+        # An argument without variables is a constant.
+        if _find_names(argument):
+            yield argument
+
+
+def _steep_arguments(name: str, arguments: list[Node]) -> list[Node]:
+    """Return the expressions near whose zeros a function or operation changes suddenly."""
     if name in ("min", "max"):
         # The value has a kink where two arguments are equal.
-        arguments = [("-", *pair) for pair in combinations(arguments, 2)]
-    elif name == "/":
-        # Only the denominator counts.
-        arguments = arguments[1:]
-    elif name == "**":
+        return [("-", *pair) for pair in combinations(arguments, 2)]
+    if name == "/":
+        _, denominator = arguments
+        return [denominator]
+    if name == "**":
         base, exponent = arguments
         # A power with a natural number as exponent is a product. With another number only
         # its base counts. With a variable exponent both count.
         if isinstance(exponent, float):
             is_natural = exponent >= 0.0 and exponent.is_integer()
-            arguments = [] if is_natural else [base]
-    # An argument without variables is a constant.
-    yield from (argument for argument in arguments if _find_names(argument))
+            return [] if is_natural else [base]
+    return arguments
 
 
 def _find_names(node: Node) -> frozenset[str]:
