@@ -305,12 +305,6 @@ class _GearedMode:
         Some of its pairs, the entry pairs, are driven by the wheels or are inputs
         themselves. Their angles are linear functions of the inputs, ratios @ inputs +
         offsets, from which the inputs follow.
-
-        The angle of an entry pair is known up to whole revolutions. With wheels, a
-        revolution of it changes the inputs by an angle that is no whole revolution, while
-        the pose remains the same. The inputs with the smallest sum of absolute values are
-        returned. The angle of each entry pair is first reduced to (-pi, pi]. One revolution
-        less, none, and one more are tried.
         """
         kinematics = self.kinematics
         # `wheelless_number` is the number of a pair in the mechanism without wheels, by its
@@ -319,16 +313,8 @@ class _GearedMode:
             self.wheelless_mode.angle(kinematics.wheelless_number[pair])
             for pair in kinematics.entry_pairs
         ]
-        wrapped_angles = wrap(np.stack(entry_angles, axis=1) - kinematics.offsets)
-        entry_count = wrapped_angles.shape[1]
-        # All combinations of -1, 0 and 1 revolutions of the entry pairs. The combination
-        # without revolutions comes first and wins if sums are equal.
-        revolutions = TURN * np.array(list(product((0.0, -1.0, 1.0), repeat=entry_count)))
-        # (n, combinations, inputs)
-        candidates = (wrapped_angles[:, None] + revolutions) @ kinematics.inverse_ratios.T
-        sums = np.sum(np.abs(candidates), axis=2)
-        best = np.argmin(np.round(sums, EQUAL_SUM_DECIMALS), axis=1)
-        return candidates[np.arange(len(candidates)), best]
+        angles_from_zero = np.stack(entry_angles, axis=1) - kinematics.offsets
+        return _choose_least_inputs(wrap(angles_from_zero), kinematics.inverse_ratios)
 
     @cached_property
     def _values(self) -> Floats:
@@ -429,12 +415,12 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
        (two links and three R pairs).
     """
     driven = list(driven_pairs(mechanism))
-    train = find_gear_train(mechanism, driven)
     r_pairs = {mechanism.pair_number[name] for name in mechanism.angles}
-    # 1. All pairs that are no R pairs have to be contacts of the wheels.
+    # 1. R pairs and contacts are all pairs.
+    train = find_gear_train(mechanism, driven)
     if train is None or len(r_pairs) + len(train.contacts) < len(mechanism.pairs):
         return None
-    # 2. The remaining pairs are those of the links between ground and output.
+    # 2. The entry pairs are among the pairs that remain without the wheels.
     pairs_without_wheels = _find_carrying_pairs(mechanism, output, r_pairs)
     entry_pairs = _choose_entry_pairs(train, driven, pairs_without_wheels)
     if entry_pairs is None:
@@ -443,9 +429,34 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
     limited_pairs = {mechanism.pair_number[limit.pair] for limit in mechanism.joint_limits}
     if not limited_pairs <= pairs_without_wheels:
         return None
-    # 4. The inputs of the mechanism without the wheels are the entry pairs. Their angles
-    # follow from the pose. Names of assembly modes are those of the whole mechanism, so
-    # they are left out.
+    # 4. The remaining mechanism consists of dyads.
+    wheelless = _solve_without_wheels(
+        mechanism, output, pairs_without_wheels, entry_pairs=list(entry_pairs)
+    )
+    if wheelless is None:
+        return None
+    return GearedKinematics(
+        mechanism, output, wheelless=wheelless, train=train, entry_pairs=entry_pairs
+    )
+
+
+def _solve_without_wheels(
+    mechanism: Mechanism, output: Output, carrying_pairs: set[int], entry_pairs: list[int]
+) -> DyadKinematics | None:
+    """Return the closed form of a mechanism without its wheels, None if it has none.
+
+    Parameters
+    ----------
+    mechanism
+        The whole mechanism.
+    output
+        The output.
+    carrying_pairs
+        Numbers of the pairs of the mechanism without wheels.
+    entry_pairs
+        Numbers of those of them that become its inputs.
+    """
+    # The names of assembly modes are those of the whole mechanism, so they are left out.
     entry_inputs = tuple(
         Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in entry_pairs
     )
@@ -453,19 +464,41 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
     # still move, or hinder each other, if its output is held.
     try:
         driven_at_entry_pairs = replace(mechanism, inputs=entry_inputs, modes={})
-        part = of_pairs(driven_at_entry_pairs, pairs_without_wheels)
+        part = of_pairs(driven_at_entry_pairs, carrying_pairs)
         inverse = InverseKinematics(part, output.name)
     except SpherekitError:
         return None
-    if not inverse.has_closed_form:
-        return None
-    return GearedKinematics(
-        mechanism,
-        output,
-        wheelless=DyadKinematics(inverse),
-        train=train,
-        entry_pairs=entry_pairs,
-    )
+    return DyadKinematics(inverse) if inverse.has_closed_form else None
+
+
+def _choose_least_inputs(entry_angles: Floats, inverse_ratios: Floats) -> Floats:
+    """Return the inputs with the smallest sum of absolute values at each of n poses.
+
+    The angle of an entry pair is known up to whole revolutions. With wheels, a revolution
+    of it changes the inputs by an angle that is no whole revolution, while the pose remains
+    the same. One revolution less, none, and one more are tried for each entry pair.
+
+    Parameters
+    ----------
+    entry_angles
+        (n, entry pairs) angles (rad) in (-pi, pi], less their values at inputs of 0.
+    inverse_ratios
+        (inputs, entry pairs) derivatives of the inputs by these angles.
+
+    Returns
+    -------
+    (n, inputs) rad. If sums are equal, inputs without revolutions are preferred.
+    """
+    entry_count = entry_angles.shape[1]
+    # (combinations, entry pairs). The combination without revolutions is the first one, and
+    # `argmin` chooses the first one of equal sums.
+    combinations = list(product((0.0, -1.0, 1.0), repeat=entry_count))
+    revolutions = TURN * np.array(combinations)
+    possible_angles = entry_angles[:, None] + revolutions  # (n, combinations, entry pairs)
+    possible_inputs = possible_angles @ inverse_ratios.T  # (n, combinations, inputs)
+    sums = np.sum(np.abs(possible_inputs), axis=2)
+    best = np.argmin(np.round(sums, EQUAL_SUM_DECIMALS), axis=1)
+    return possible_inputs[np.arange(len(possible_inputs)), best]
 
 
 def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]:

@@ -798,25 +798,53 @@ def _close_mode(
     slope = closing_link.slope(mode, directions)
     residual = np.abs(closing_link.residual(mode))
 
-    status = mode.status.copy()
-    is_in_reach = status != Status.OUT_OF_REACH
-    # Later statuses replace earlier ones: if there is no root, its slope has no meaning,
-    # and a root of the other sign belongs to another mode. Where the slope is almost 0, two
-    # roots are about to meet. Like the sine of a dyad that is nearly stretched, it is then
-    # known with half of the digits only, so the same limit applies to it.
-    is_singular = np.abs(slope) < SINGULAR_DYAD_SINE
-    has_other_sign = slope * link_sign <= 0.0
-    status[is_in_reach & is_singular] = Status.AT_SINGULARITY
-    status[is_in_reach & has_other_sign] = Status.MODE_LOST
-    # The residual divided by the slope is the next step of Newton's method (rad), an
-    # estimate of the error of the turn. This test alone is not enough: where a dyad is
-    # stretched the slope is infinite, so that the step is small without a root.
-    is_closed = (residual < CLOSING_RESIDUAL) & (
-        residual < TURN_STEP_TOLERANCE_RAD * np.abs(slope)
-    )
-    status[is_in_reach & ~is_closed] = Status.NOT_CONVERGED
     # The slope is the rate of the residual for a turn alone. Rates of the inputs need the
     # rate of the residual for any angular velocity of the output.
     residual_rate = closing_link.residual_rate(mode)
+    status = _closing_status(mode.status, residual, slope, link_sign)
     state = ClosingLinkState(residual_rate, directions, status)
     return replace(mode, closing_link=state)
+
+
+def _closing_status(
+    dyad_status: SmallIntegers, residual: Floats, slope: Floats, link_sign: int
+) -> SmallIntegers:
+    """Return whether the closing link fits after Newton's method has found the turns.
+
+    The status is, in this order:
+
+    - OUT_OF_REACH where a dyad does not reach,
+    - NOT_CONVERGED where the residual is not 0,
+    - MODE_LOST where the slope has not the sign of the mode,
+    - AT_SINGULARITY where the slope is almost 0, because two roots are about to meet,
+    - otherwise that of the dyads.
+
+    Parameters
+    ----------
+    dyad_status
+        (n,) codes of `Status` of the dyads.
+    residual
+        (n,) absolute value of the cosine of the angle between the axes of the closing link
+        less the cosine of its arc.
+    slope
+        (n,) derivative of the residual (with its sign) by the turn.
+    link_sign
+        Sign of the slope in the mode, 1 or -1.
+    """
+    status = dyad_status.copy()
+    is_in_reach = dyad_status != Status.OUT_OF_REACH
+    # Like the sine of a dyad that is nearly stretched, a slope that is almost 0 is known
+    # with half of the digits only, so the same limit applies to it.
+    is_singular = np.abs(slope) < SINGULAR_DYAD_SINE
+    has_other_sign = slope * link_sign <= 0.0
+    # The residual divided by the slope is the next step of Newton's method (rad), an
+    # estimate of the error of the turn. This test alone is not enough: where a dyad is
+    # stretched the slope is infinite, so that the step is small without a root.
+    has_small_residual = residual < CLOSING_RESIDUAL
+    has_small_step = residual < TURN_STEP_TOLERANCE_RAD * np.abs(slope)
+    is_closed = has_small_residual & has_small_step
+    # Later statuses replace earlier ones.
+    status[is_in_reach & is_singular] = Status.AT_SINGULARITY
+    status[is_in_reach & has_other_sign] = Status.MODE_LOST
+    status[is_in_reach & ~is_closed] = Status.NOT_CONVERGED
+    return status

@@ -198,18 +198,9 @@ class MidPlaneArchitecture:
             `home` is possible, and the normal is NaN. The smaller it is, the larger is the
             error of the normal.
         """
-        difference = directions - self.home
-        # Both vectors should have the length 1. If their lengths differ by rounding, the
-        # normal is wrong by the rounding error divided by the distance, which can be large.
-        # The direction is therefore shortened to the length of `home`, by the difference of
-        # both lengths. It is half of the difference of their squares, which is
-        # (direction - home) . (direction + home), since both lengths are nearly 1.
-        square_difference = np.sum(
-            difference * (directions + self.home), axis=1, keepdims=True
-        )
-        length_difference = 0.5 * square_difference
-        # The direction is nearly a unit vector along which the length is subtracted.
-        difference = difference - length_difference * directions
+        # If the lengths of both vectors differ by rounding, the normal is wrong by the
+        # rounding error divided by the distance, which can be large.
+        difference = _difference_of_equal_lengths(directions, self.home)
         distance = np.linalg.norm(difference, axis=1)
         with np.errstate(all="ignore"):
             return difference / distance[:, None], distance
@@ -249,14 +240,10 @@ class MidPlaneArchitecture:
         components are those in mirror axes: the axes of the base, turned by the constant
         matrix `frame`.
 
-        The direction p of the output is the mirror image of the constant direction m
-        (`home`). So n = (p - m) / L with the distance L of both. Since L' = p' . n, the
-        derivative is n' = (p' - L' n) / L.
-
         Parameters
         ----------
         directions
-            (n, 3) directions p of the output in the axes of the base.
+            (n, 3) directions of the output in the axes of the base.
         angular_velocities
             (n, 3, k) angular velocity of the output per unit rate of each of k variables,
             in the axes of the base.
@@ -265,20 +252,51 @@ class MidPlaneArchitecture:
         -------
         (n, k, 2) derivatives of phi and of gamma by these variables.
         """
-        normals, distance = self.normals_to(directions @ self.frame)
-        # (n, k, 3) derivatives w x p of the directions, in base axes and in mirror axes.
-        rates_in_base = cross(np.swapaxes(angular_velocities, 1, 2), directions[:, None])
-        direction_rates = rates_in_base @ self.frame
-        length_rates = np.matvec(direction_rates, normals)[..., None]
+        velocities = np.swapaxes(angular_velocities, 1, 2)  # (n, k, 3)
+        direction_rates = cross(velocities, directions[:, None])
+        normals, normal_rates = self._normal_rates(
+            directions @ self.frame, direction_rates @ self.frame
+        )
         x, y, z = normals.T
         with np.errstate(all="ignore"):
-            normal_rates = direction_rates - length_rates * normals[:, None]
-            normal_rates = normal_rates / distance[:, None, None]
-            # sqrt(1 - x^2) is the length of (y, z), without cancellation. The normal from m
-            # to p can have z < 0. The angles are then those of the opposite normal.
-            scale = np.stack([-1.0 / np.hypot(y, z), 1.0 / np.hypot(x, z)], axis=1)
-            scale *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
-            return scale[:, None] * normal_rates[..., :2]
+            # sqrt(1 - x^2) is the length of (y, z), without cancellation.
+            phi_by_x = -1.0 / np.hypot(y, z)
+            gamma_by_y = 1.0 / np.hypot(x, z)
+            derivatives = np.stack([phi_by_x, gamma_by_y], axis=1)  # (n, 2), without 2
+            # The normal can have z < 0. The angles are then those of the opposite normal,
+            # whose x and y have the opposite rates.
+            derivatives *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
+            xy_rates = normal_rates[..., :2]
+            return derivatives[:, None] * xy_rates
+
+    def _normal_rates(
+        self, directions: Floats, direction_rates: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the normals of mid-planes and their derivatives.
+
+        The direction p of the output is the mirror image of the constant direction m
+        (`home`). The normal is therefore n = (p - m) / L with the distance L of both. Since
+        L' = p' . n, its derivative is n' = (p' - L' n) / L.
+
+        Parameters
+        ----------
+        directions
+            (n, 3) directions p of the output, in mirror axes.
+        direction_rates
+            (n, k, 3) derivatives p' by k variables.
+
+        Returns
+        -------
+        normals
+            (n, 3) unit normals in mirror axes, pointing from m to p.
+        normal_rates
+            (n, k, 3) derivatives of the normals. They are not finite if p is m.
+        """
+        normals, distance = self.normals_to(directions)
+        distance_rates = np.matvec(direction_rates, normals)  # (n, k)
+        with np.errstate(all="ignore"):
+            across = direction_rates - distance_rates[..., None] * normals[:, None]
+            return normals, across / distance[:, None, None]
 
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes nearest to orientations of the end effector.
@@ -648,3 +666,27 @@ def describe_mid_plane(normal: Floats) -> str:
     """Return the angles of a mid-plane with the normal (3,) as text."""
     phi, gamma, _ = np.round(np.degrees(mirror_angles(normal)), 9) + 0.0
     return f"phi = {phi:.6g}, gamma = {gamma:.6g} deg"
+
+
+def _difference_of_equal_lengths(vectors: Floats, reference: Floats) -> Floats:
+    """Return the differences between unit vectors and another one, without rounded lengths.
+
+    The vectors are first shortened by the rounding error by which they are longer than the
+    reference. With both lengths nearly 1, this is half of the difference of their squares,
+    |v|^2 - |r|^2 = (v - r) . (v + r), and it is subtracted along the vector v.
+
+    Parameters
+    ----------
+    vectors
+        (n, 3) unit vectors v, up to rounding.
+    reference
+        (3,) unit vector r, up to rounding.
+
+    Returns
+    -------
+    (n, 3) differences v - r.
+    """
+    difference = vectors - reference
+    square_difference = np.sum(difference * (vectors + reference), axis=1, keepdims=True)
+    length_difference = 0.5 * square_difference
+    return difference - length_difference * vectors

@@ -27,6 +27,7 @@ from spherekit.outputs.fixed_axis_rotation import (
     follow_to,
     unit,
 )
+from spherekit.outputs.forward_kinematics import PoseSolutions
 from spherekit.outputs.inverse_kinematics import InverseKinematics
 from spherekit.outputs.mid_plane_architecture import (
     MidPlaneArchitecture,
@@ -560,15 +561,7 @@ class PoseFinder:
         solutions = kinematics.solutions(poses)
         modes = []
         for k, label in enumerate(labels):
-            # A pose has one configuration in each working mode. The one with the
-            # variables of the candidate is that of its mode.
-            rows = np.flatnonzero(solutions.row == k)
-            difference = wrap(solutions.values[rows] - candidates.values[k])
-            distance = max_abs(difference, axis=1)
-            is_same = len(rows) > 0 and np.min(distance) < SAME_MODE_RAD
-            working_mode = ""
-            if is_same:
-                working_mode = label_of(solutions.signs[rows[np.argmin(distance)]])
+            working_mode = _find_working_mode(solutions, k, candidates.values[k])
             modes.append((label, working_mode))
         return modes
 
@@ -598,36 +591,119 @@ class PoseFinder:
         SolveError
             If the axis is not determined, or the start is singular.
         """
-        architecture = self.form  # the mid-plane symmetric architecture or None
-        start_values = start.values[number]
         start_orientation = start.orientations[number]
-        # Signs 1 and -1 of the legs. They are used only with a mid-plane architecture, of
-        # which a label such as "+-+" has one sign for each leg.
-        signs = np.array([1.0 if sign == "+" else -1.0 for sign in start.labels[number]])
+        architecture = self.form
+        if architecture is not None:
+            signs = _signs_of_legs(start.labels[number])
+            if isinstance(end, AtRotation):
+                rotation = _rotate_in_mid_plane(architecture, start_orientation, signs, end)
+            else:
+                rotation = _rotate_to_mirror_image(
+                    architecture, start_orientation, signs, end
+                )
+            if rotation is not None:
+                return rotation
+
+        start_values = start.values[number]
         if isinstance(end, AtRotation):
-            if architecture is not None:
-                normals, _deviation = architecture.normals(start_orientation[None])
-                normal = normals[0]
-                axis = unit(end.axis)
-                # The sine of the angle between the axis and the mid-plane. `frame` rotates
-                # from the axes of the normal to those of the base.
-                axis_sine = abs(normal @ architecture.frame.T @ axis)
-                if axis_sine < IN_PLANE_RAD:
-                    return architecture.rotation_about(normal, axis, end.angle, signs)
             return follow_rotation(
                 self.mechanism, start_values, end.axis, end.angle, self.output.name
             )
-        if architecture is not None:
-            # `deviations` are the angles (rad) of both orientations from the nearest mirror
-            # image of the base. The orientation at the start is such an image. The end may
-            # be any orientation, so it is tested.
-            normals, deviations = architecture.normals(
-                np.stack([start_orientation, end.orientation])
-            )
-            start_normal, end_normal = normals
-            if deviations[1] < SAME_ORIENTATION_RAD:
-                return architecture.rotation_between(start_normal, end_normal, signs)
         return follow_to(self.mechanism, start_values, end.orientation, self.output.name)
+
+
+def _find_working_mode(solutions: PoseSolutions, pose: int, values: Floats) -> str:
+    """Return the label of the working mode of a configuration, "" if it is in none.
+
+    A pose has one configuration in each working mode. The one with the same variables is
+    searched.
+
+    Parameters
+    ----------
+    solutions
+        The configurations of several poses in all working modes.
+    pose
+        Number of the pose of the configuration.
+    values
+        (variables,) pair variables (rad) of the configuration.
+    """
+    rows = np.flatnonzero(solutions.row == pose)
+    if len(rows) == 0:
+        return ""
+    difference = wrap(solutions.values[rows] - values)
+    distance = max_abs(difference, axis=1)
+    nearest = np.argmin(distance)
+    if not distance[nearest] < SAME_MODE_RAD:
+        return ""
+    return label_of(solutions.signs[rows[nearest]])
+
+
+def _signs_of_legs(label: str) -> Floats:
+    """Return the signs (legs,), 1 or -1, of a label such as "+-+"."""
+    return np.array([1.0 if sign == "+" else -1.0 for sign in label])
+
+
+def _rotate_in_mid_plane(
+    architecture: MidPlaneArchitecture,
+    start_orientation: Floats,
+    signs: Floats,
+    end: AtRotation,
+) -> FollowedRotation | None:
+    """Return the rotation about an axis in the mid-plane, None if the axis is elsewhere.
+
+    Parameters
+    ----------
+    architecture
+        The architecture, in which the output link is the mirror image of the base.
+    start_orientation
+        (3, 3) orientation of the output link at the start.
+    signs
+        (legs,) signs of the legs.
+    end
+        Axis and angle of the rotation.
+    """
+    normals, _deviation = architecture.normals(start_orientation[None])
+    start_normal = normals[0]
+    axis = unit(end.axis)
+    # The sine of the angle between the axis and the mid-plane. `frame` rotates from the
+    # axes of the normal to those of the base.
+    axis_sine = abs(start_normal @ architecture.frame.T @ axis)
+    if not axis_sine < IN_PLANE_RAD:
+        return None
+    return architecture.rotation_about(start_normal, axis, end.angle, signs)
+
+
+def _rotate_to_mirror_image(
+    architecture: MidPlaneArchitecture,
+    start_orientation: Floats,
+    signs: Floats,
+    end: EndOrientation,
+) -> FollowedRotation | None:
+    """Return the rotation to a mirror image of the base, None if the end is none.
+
+    The orientation at the start is a mirror image of the base. The end may be any
+    orientation.
+
+    Parameters
+    ----------
+    architecture
+        The architecture, in which the output link is the mirror image of the base.
+    start_orientation
+        (3, 3) orientation of the output link at the start.
+    signs
+        (legs,) signs of the legs.
+    end
+        The orientation at the end.
+    """
+    normals, deviations = architecture.normals(
+        np.stack([start_orientation, end.orientation])
+    )
+    start_normal, end_normal = normals
+    # The angle (rad) from the nearest mirror image of the base.
+    _, end_deviation = deviations
+    if not end_deviation < SAME_ORIENTATION_RAD:
+        return None
+    return architecture.rotation_between(start_normal, end_normal, signs)
 
 
 def _list_modes(architecture: MidPlaneArchitecture) -> list[Floats]:

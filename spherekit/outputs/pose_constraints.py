@@ -283,15 +283,21 @@ def find_least_margin(
     limiting
         (n,) number of this limit, -1 if it is not known.
     """
+    # 1. Size: the least angle that is left, over all limits. NaN is ignored.
     angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)  # (n, limits)
     margin, limiting = _select_least(angle_margins)
-    # The arc cosine amplifies rounding errors at 0 and pi, so the sign of the angle is not
-    # certain there. The cosines decide whether a pose is inside.
+
+    # 2. Sign: the arc cosine amplifies rounding errors at 0 and pi, so a negative angle can
+    # be a rounding error there. The cosines decide whether a pose is inside.
     is_inside = _find_least_cosine_margin(bounds, rows) >= 0.0
-    margin[(margin < 0.0) & is_inside] = 0.0
-    # If one of the margins is NaN, it could be smaller than the minimum of the others. Only
-    # a negative minimum is still sure to mean that the pose is outside.
-    is_unknown = np.isnan(angle_margins).any(axis=1) & ~(margin < 0.0)
+    is_rounding = (margin < 0.0) & is_inside
+    margin[is_rounding] = 0.0
+
+    # 3. Certainty: a margin that is NaN could be smaller than the least of the others. It
+    # matters only if this is not negative, since a pose beyond one limit is outside anyway.
+    is_outside = margin < 0.0
+    has_unknown_margin = np.isnan(angle_margins).any(axis=1)
+    is_unknown = has_unknown_margin & ~is_outside
     return np.where(is_unknown, np.nan, margin), np.where(is_unknown, -1, limiting)
 
 
