@@ -477,15 +477,24 @@ def _write_smooth_modes(source: FormulaSource, scalar: str) -> Iterator[str]:
     """Yield the C function that selects an assembly mode at an input, if there is one.
 
     An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
-    values. In the C code they are called ``places``. In closed form they are the sign (+1
-    or -1) of each dyad (two links and three R pairs). Configuration curves of modes may
-    cross. A mode that follows a smooth curve through a crossing has other signs beyond it.
-    The crossings therefore divide the range of the input into intervals. The C function
-    finds the interval of an input, and writes the mode values of this interval to an array.
+    values. A mode that follows a smooth curve of configurations through a crossing with
+    another curve has other mode values beyond it. The written function therefore has a
+    table of mode values (``places``), by interval of the input and mode::
 
-    Without closed form, the mode values are the variables (rad) of all pairs in a known
-    configuration. The C function then also returns the input of this configuration, from
-    which steps of Newton's method lead to the wanted input.
+        void fourbar_smooth_mode(int k, double q, double mode[])
+        {
+            static const double starts[2] = {-INFINITY, 3.14};   // of the intervals
+            static const double places[2][2][1] = {...};
+            int interval = 0;
+            while (interval + 1 < 2 && q >= starts[interval + 1])
+                ++interval;
+            for (int n = 0; n < 1; ++n)
+                mode[n] = q == q ? places[interval][k][n] : NAN;
+        }
+
+    Its arguments are the number k of the mode and the input q (rad). The mode values in the
+    interval of q are written to the last argument. If configurations repeat after a period
+    of the input, q is first moved into the range of the input.
 
     Parameters
     ----------
@@ -497,33 +506,59 @@ def _write_smooth_modes(source: FormulaSource, scalar: str) -> Iterator[str]:
     smooth_modes = source.smooth_modes
     if smooth_modes is None:
         return
-
-    def array_text(values: Floats) -> str:
-        """Return an array without its outer braces, which the template has."""
-        return nested_with_nan(values, "{}", "NAN", "INFINITY")[1:-1]
-
-    # Names and numbers that are inserted in the templates.
     fields = source.smooth_mode_fields
-    # Lines of C that move an input q outside of the range into it by whole periods. If the
-    # range is shorter than a period, q may end beside it, as near as possible.
-    moved = C_MOVED_INPUT_TEMPLATE.format(**fields) if source.is_periodic else ""
-    input_lines = ""
-    return_line = ""
-    if source.formulas.step:
-        input_lines = KNOWN_INPUTS_TEMPLATE.format(
-            **fields, inputs=array_text(smooth_modes.inputs)
-        )
-        return_line = "    return q == q ? inputs[interval][k] : NAN;\n"
-    # In C, k is the mode and n the index of a mode value. An input q that is NaN, which
-    # differs from itself, has NaN as its result.
-    value = "q == q ? places[interval][k][n] : NAN"
+    lines_that_move_q = (
+        C_MOVED_INPUT_TEMPLATE.format(**fields) if source.is_periodic else ""
+    )
     yield C_SMOOTH_MODE_TEMPLATE.format(
         **fields,
-        starts=array_text(np.array(smooth_modes.starts)),
-        places=array_text(smooth_modes.mode_values),
-        inputs=input_lines,
         head=_smooth_mode_head(source, scalar),
-        moved=moved,
-        written=value if scalar == "double" else f"{scalar}({value})",
-        returned=return_line,
+        starts=_array_elements(np.array(smooth_modes.starts)),
+        places=_array_elements(smooth_modes.mode_values),
+        inputs=_known_inputs_array(source),
+        moved=lines_that_move_q,
+        written=_mode_value_expression(scalar),
+        returned=_return_known_input(source),
     )
+
+
+def _array_elements(values: Floats) -> str:
+    """Return the elements of an array as C, without the outer braces."""
+    text = nested_with_nan(values, "{}", nan_literal="NAN", infinity_literal="INFINITY")
+    return text.removeprefix("{").removesuffix("}")
+
+
+def _mode_value_expression(scalar: str) -> str:
+    """Return the C expression of mode value n of mode k at the input q.
+
+    It is NaN if q is NaN, which C recognises by q == q being false.
+    """
+    value = "q == q ? places[interval][k][n] : NAN"
+    # In C++ the number type may be a class, which is constructed from the double.
+    return value if scalar == "double" else f"{scalar}({value})"
+
+
+def _known_inputs_array(source: FormulaSource) -> str:
+    """Return the C array of the inputs of known configurations, empty in closed form.
+
+    Without closed form, Newton's method starts from a known configuration of the mode. The
+    array has the input (rad) of this configuration, by interval of the input and mode.
+    """
+    has_closed_form = not source.formulas.step
+    if has_closed_form:
+        return ""
+    assert source.smooth_modes is not None
+    return KNOWN_INPUTS_TEMPLATE.format(
+        **source.smooth_mode_fields, inputs=_array_elements(source.smooth_modes.inputs)
+    )
+
+
+def _return_known_input(source: FormulaSource) -> str:
+    """Return the C line that returns the input of the known configuration of mode k.
+
+    It is NaN if q is NaN. In closed form the line is empty, because there is no start.
+    """
+    has_closed_form = not source.formulas.step
+    if has_closed_form:
+        return ""
+    return "    return q == q ? inputs[interval][k] : NAN;\n"

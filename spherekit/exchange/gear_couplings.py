@@ -261,36 +261,28 @@ class CoaxialEquation:
     def construct_gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
         """Return the gears of first link and idler, and those of idler and second link.
 
-        The equation of the links is u x + v y = 0, or y = ratio x with ratio = -u / v. Here
-        x, z and y are the angular velocities of the first link, the idler and the second
-        link relative to the carrier. The product of the ratios z / x and y / z of both
-        meshes is the ratio of the links. Both have the size sqrt(abs(ratio)), so that no
-        wheel is very small.
+        Let x, z and y be the angular velocities of the first link, the idler and the second
+        link relative to the carrier. The equation u x + v y = 0 gives the ratio y / x. It
+        is the product of the ratios z / x and y / z of the two meshes. Both get the same
+        size, sqrt(abs(y / x)), so that no wheel is very small. The sense of z is free; it
+        is opposite to that of x.
 
         Parameters
         ----------
         idler_link
             Number of the link that is the idler wheel.
         """
-        # `construct_bevel_gears` takes the factors u and v of u a + v b = 0. Here a is the
-        # velocity of the carrier relative to the first wheel of a mesh, and b that of its
-        # second wheel relative to the carrier. Both follow the chain from the first wheel
-        # over the carrier to the second wheel.
-        # First mesh: a = -x and b = z, so ratio_size (-x) - z = 0 or z = -ratio_size x.
-        # Second mesh: a = -z and b = y, so (ratio / ratio_size) (-z) - y = 0. Putting z in
-        # gives y = ratio x.
-        ratio = -self.factors[0] / self.factors[1]
-        ratio_size = float(np.sqrt(abs(ratio)))
+        first_link, second_link = self.links
+        u, v = self.factors
+        ratio = -u / v  # y / x
+        first_mesh_ratio = -float(np.sqrt(abs(ratio)))  # z / x
+        second_mesh_ratio = ratio / first_mesh_ratio  # y / z
         return (
-            construct_bevel_gears(
-                (self.links[0], idler_link),
-                (self.axis, self.idler_axis),
-                (ratio_size, -1.0),
+            construct_gears_with_ratio(
+                (first_link, idler_link), (self.axis, self.idler_axis), first_mesh_ratio
             ),
-            construct_bevel_gears(
-                (idler_link, self.links[1]),
-                (self.idler_axis, self.axis),
-                (ratio / ratio_size, -1.0),
+            construct_gears_with_ratio(
+                (idler_link, second_link), (self.idler_axis, self.axis), second_mesh_ratio
             ),
         )
 
@@ -408,6 +400,28 @@ def _write_equations(
     return equations / scales
 
 
+def construct_gears_with_ratio(
+    links: tuple[int, int], axes: tuple[Floats, Floats], ratio: float
+) -> BevelGears:
+    """Return the pitch circles of two gears with a ratio of their angular velocities.
+
+    Parameters
+    ----------
+    links
+        Numbers of the two links that are the gears.
+    axes
+        (3,) unit vectors of the axes of the gears, about which angular velocities relative
+        to the carrier are counted.
+    ratio
+        Angular velocity of the second gear, divided by that of the first gear. Both are
+        relative to the carrier.
+    """
+    # With the velocities p and y of the gears the equation is ratio p - y = 0. The first
+    # velocity in `construct_bevel_gears` is x = -p, that of the carrier relative to the
+    # first gear. This gives -ratio x - y = 0.
+    return construct_bevel_gears(links, axes, factors=(-ratio, -1.0))
+
+
 def construct_bevel_gears(
     links: tuple[int, int], axes: tuple[Floats, Floats], factors: tuple[float, float]
 ) -> BevelGears:
@@ -430,24 +444,55 @@ def construct_bevel_gears(
     one, which rolls inside the larger one, comes first.
     """
     u, v = factors
-    # The relative angular velocity of the links is x A + y B. It lies along the common line
-    # of the pitch cones if u x + v y = 0.
+    # Pitch cones roll about the line along which they touch. It has the direction of the
+    # relative angular velocity of the links, x A + y B. The rates x = v, y = -u satisfy the
+    # equation, and all others are multiples of them.
     contact_line = unit_rows(v * axes[0] - u * axes[1])
-    # A circle has two centres on the sphere, opposite to each other on its axis. The one
-    # nearer to the contact line is taken, so that the radius is at most a quarter turn.
-    centres = [axis if axis @ contact_line >= 0.0 else -axis for axis in axes]
-    first, second = (
-        PitchCircle(float(arc(centre, contact_line)), link, centre)
-        for centre, link in zip(centres, links, strict=True)
-    )
-    # Gears that touch from outside have their centres on opposite sides of the contact
-    # line.
-    normals = np.cross(centres, contact_line)
-    is_external = bool(normals[0] @ normals[1] < 0.0)
+    first = _construct_pitch_circle(links[0], axes[0], contact_line)
+    second = _construct_pitch_circle(links[1], axes[1], contact_line)
+    is_external = _is_line_between(contact_line, first.centre, second.centre)
     # The smaller circle of an internal pair comes first, see `BevelGears`.
     if not is_external and second.radius < first.radius:
         first, second = second, first
     return BevelGears((first, second), is_external)
+
+
+def _construct_pitch_circle(link: int, axis: Floats, contact_line: Floats) -> PitchCircle:
+    """Return the circle on the unit sphere about the axis of a gear, through a point.
+
+    A circle has two centres on the sphere, opposite to each other on its axis. The centre
+    nearer to the point is used, so that the radius is at most a quarter turn.
+
+    Parameters
+    ----------
+    link
+        Number of the link that is the gear.
+    axis
+        (3,) unit vector of its axis.
+    contact_line
+        (3,) unit vector to the point of the circle at which it touches another one.
+    """
+    centre = axis if axis @ contact_line >= 0.0 else -axis
+    return PitchCircle(float(arc(centre, contact_line)), link, centre)
+
+
+def _is_line_between(line: Floats, first_centre: Floats, second_centre: Floats) -> bool:
+    """Return whether two centres are on opposite sides of a line through the origin.
+
+    The two planes from the line to the centres have the normals centre x line. These are
+    opposite to each other if the line is between the centres. Two circles that touch at the
+    line then touch from outside.
+
+    Parameters
+    ----------
+    line
+        (3,) unit vector in the plane of both centres.
+    first_centre, second_centre
+        (3,) unit vectors to the centres.
+    """
+    first_normal = np.cross(first_centre, line)
+    second_normal = np.cross(second_centre, line)
+    return bool(first_normal @ second_normal < 0.0)
 
 
 def _find_bevel_equations(
@@ -506,9 +551,10 @@ def _find_coaxial_equations(
     """Yield the equations of coaxial gears that follow from the couplings of joints.
 
     Such gears are on two links that are hinged to a third one, the carrier, about the same
-    axis. The equation is u x + v y = 0 for their rates x and y relative to the carrier. It
-    has to be a linear combination of the couplings. Since coaxial gears do not touch, an
-    idler wheel on the carrier transmits the motion from one to the other.
+    axis. The equation is u x + v y = 0, where x and y are the angular velocities of the
+    first and the second link relative to the carrier, about this axis. It has to be a
+    linear combination of the couplings. Since coaxial gears do not touch, an idler wheel on
+    the carrier transmits the motion from one to the other.
 
     Parameters
     ----------
@@ -524,70 +570,107 @@ def _find_coaxial_equations(
         if len(axes) != 1:
             continue
         axis = axes[0].axis
-        # Each hinge has a number, and its sense: -1 if the path goes against it.
+        # The path leads from the first link to the carrier, and on to the second link. Each
+        # hinge on it gives the rotation of its far end relative to its near end.
         to_carrier, from_carrier = axes[0].hinges
-        # Rotations of both links relative to the carrier. The path leads to the carrier by
-        # its first hinge, so this rotation is reversed.
         rotations = np.zeros((2, len(hinges)))
+        # x: of the first link relative to the carrier, so against the path.
         rotations[0, to_carrier.hinge] = -to_carrier.sense
+        # y: of the second link relative to the carrier.
         rotations[1, from_carrier.hinge] = from_carrier.sense
         factors = _find_implied_factors(rotations, equations)
         if factors is None:
             continue
-        (carrier,) = {*hinges[to_carrier.hinge].links} & {*hinges[from_carrier.hinge].links}
-        # The axis of the idler is at right angles to the axis of the gears. Any such
-        # direction will do. The cross product with the coordinate axis that is farthest
-        # from the axis of the gears is the most accurate one.
-        farthest_axis = np.eye(3)[int(np.argmin(np.abs(axis)))]
-        across = np.cross(axis, farthest_axis)
         yield CoaxialEquation(
             equation=factors @ rotations,
             links=(path.first_link, path.last_link),
             axis=axis,
             factors=(factors[0], factors[1]),
-            carrier=carrier,
-            idler_axis=across / np.linalg.norm(across),
+            carrier=_find_common_link(hinges[to_carrier.hinge], hinges[from_carrier.hinge]),
+            idler_axis=_find_perpendicular(axis),
         )
 
 
-def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None:
-    """Return the factors (2,) of two rotations in an equation that the couplings imply.
+def _find_common_link(first_hinge: ImportedPair, second_hinge: ImportedPair) -> int:
+    """Return the number of the only link that two hinges have in common."""
+    (link,) = {*first_hinge.links} & {*second_hinge.links}
+    return link
 
-    Couplings imply the equation u x + v y = 0 if the rates x and y of the two rotations
-    satisfy it in every motion that the couplings allow.
+
+def _find_perpendicular(axis: Floats) -> Floats:
+    """Return any unit vector (3,) at right angles to a unit vector (3,).
+
+    It is along the cross product with the coordinate axis that is most nearly at right
+    angles to the vector. This product is the longest, and so the most accurate one.
+    """
+    coordinate_axis = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    perpendicular = np.cross(axis, coordinate_axis)
+    return perpendicular / np.linalg.norm(perpendicular)
+
+
+def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None:
+    """Return the factors u, v of an equation of two rotations that the couplings imply.
+
+    The couplings imply the equation u x + v y = 0 if the rates x and y of the two rotations
+    satisfy it in every motion that the couplings allow. Each motion gives a point (x, y) of
+    a plane, and there are three cases:
+
+    - The points fill the plane: x and y are independent, so there is no equation.
+    - The points are on a line through the origin: (u, v) is the normal of this line. If one
+      factor is zero, the line is a coordinate axis, and one rotation is always at rest.
+    - The only point is the origin: both rotations are always at rest.
+
+    Two links are gears only in the second case, with both factors different from zero.
 
     Parameters
     ----------
     rotations
-        (2, hinges) two rotations as sums of the rates of hinges.
+        (2, hinges) the rates x and y as sums of the rates of hinges.
     equations
         (couplings, hinges) equations between the rates.
 
     Returns
     -------
-    The factors, or None if there is no such equation, or if the couplings keep one or both
-    of the rotations at zero.
+    The factors (2,), or None if the two links are no gears.
     """
-    # The motions that the couplings allow are the null space of `equations`. The right
-    # singular vectors from `rank` on are a basis of it, one motion in each row.
-    _, equation_values, motions = np.linalg.svd(equations)
-    rank = int(np.sum(equation_values > COUPLING_TOLERANCE))
-    # (2, allowed motions) the rates of both rotations in each motion. The factors combine
-    # the two rows to zero. They exist if the rank is 1, so that the second singular value
-    # is zero, and are the second left singular vector.
-    allowed_rotations = rotations @ motions[rank:].T
-    combinations, rotation_values, _ = np.linalg.svd(allowed_rotations)
-    # With fewer than two motions there are fewer singular values; the others are zero.
-    rotation_values = np.append(rotation_values, np.zeros(2 - len(rotation_values)))
-    has_no_equation = rotation_values[1] > COUPLING_TOLERANCE
-    are_both_at_rest = rotation_values[0] <= COUPLING_TOLERANCE
-    if has_no_equation or are_both_at_rest:
-        return None
-    factors = combinations[:, 1]
-    # A factor of zero means that the couplings keep the other rotation at zero.
+    # Columns are the points (x, y) of motions that span all others.
+    points = rotations @ _find_allowed_motions(equations).T
+    # The columns of `directions` are the direction in which the points extend farthest from
+    # the origin, and the one at right angles to it.
+    directions, extents, _ = np.linalg.svd(points)
+    farthest_direction_extent, normal_extent = _pad_with_zeros(extents, 2)
+    if normal_extent > COUPLING_TOLERANCE:
+        return None  # the points fill the plane
+    if farthest_direction_extent <= COUPLING_TOLERANCE:
+        return None  # the only point is the origin
+    factors = directions[:, 1]
     if np.min(np.abs(factors)) <= COUPLING_TOLERANCE:
-        return None
+        return None  # one rotation is always at rest
     return factors
+
+
+def _find_allowed_motions(equations: Floats) -> Floats:
+    """Return motions that satisfy equations, and of which all others are combinations.
+
+    Parameters
+    ----------
+    equations
+        (couplings, hinges) equations between the rates of hinges.
+
+    Returns
+    -------
+    (motions, hinges) rates of the hinges in each motion. Rows are orthonormal.
+    """
+    # These motions are the null space of `equations`. The right singular vectors (rows)
+    # without a singular value, or with a zero one, are a basis of it.
+    _, singular_values, right_vectors = np.linalg.svd(equations)
+    rank = int(np.sum(singular_values > COUPLING_TOLERANCE))
+    return right_vectors[rank:]
+
+
+def _pad_with_zeros(values: Floats, length: int) -> Floats:
+    """Return values with zeros appended, up to a length."""
+    return np.append(values, np.zeros(length - len(values)))
 
 
 def _group_by_axis(hinges: Sequence[ImportedPair], path: LinkPath) -> list[CoaxialHinges]:

@@ -136,17 +136,23 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
 def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     """Yield the Python text of the function that selects an assembly mode at an input.
 
-    An assembly mode is one way to assemble the mechanism. *Mode values* are the numbers
-    that select it in the formulas: the signs of its dyads (two links and three R pairs), or
-    the variables from which Newton's method starts. A mode can follow a smooth curve of
-    configurations through crossings with other curves. Its mode values then change at the
-    crossings, which divide the range of the input into intervals. The written function
-    returns the values in the interval of its input q. Without such modes nothing is
-    yielded.
+    An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
+    values. A mode that follows a smooth curve of configurations through a crossing with
+    another curve has other mode values beyond it. The written function therefore has a
+    table of mode values (``places``), by interval of the input q and mode::
 
-    If positions have no closed form, the mode values of an interval are the pair variables
-    in a known configuration. The written function then also returns the input of this
-    configuration, from which steps of Newton's method lead to q.
+        def fourbar_smooth_mode(number, q):
+            starts = np.array([-np.inf, 3.14])  # of the intervals
+            places = np.array([...])
+            q = np.asarray(q, dtype=float)
+            interval = np.searchsorted(starts[1:], q, side="right")
+            mode = list(MODES).index(number)
+            mode_there = np.moveaxis(places[interval, mode], -1, 0)
+            return np.where(np.isnan(q), np.nan, mode_there)
+
+    Without closed form, the mode values are the pair variables of a known configuration,
+    and the written function also returns the input of this configuration. Nothing is
+    yielded if modes do not follow smooth curves.
     """
     if source.smooth_modes is None:
         return
@@ -157,16 +163,15 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         # Lines that shift q into the range of the input by whole periods.
         moved_template=PYTHON_MOVED_INPUT_TEMPLATE,
     )
+    # The mode values at q are a variable of the written function.
+    returned = _nan_where_q_is_nan(f"{source.mode_argument}_there")
     input_lines = ""
     docstring_end = ""
-    # The expressions after "return" in the written function. They contain variables of the
-    # template: the input `q`, the mode values at q, whose name ends with "_there", and the
-    # indices `interval` and `mode`. The function returns NaN where q is NaN.
-    returned = f"np.where(np.isnan(q), np.nan, {source.mode_argument}_there)"
-    if source.formulas.step:  # the step of Newton's method; empty in closed form
+    has_closed_form = not source.formulas.step
+    if not has_closed_form:
+        returned += ", " + _nan_where_q_is_nan("inputs[interval, mode]")
         input_lines = f"    inputs = np.array(\n        {texts.known_inputs}\n    )\n"
         docstring_end = KNOWN_INPUTS_TEXT
-        returned += ", np.where(np.isnan(q), np.nan, inputs[interval, mode])"
     yield PYTHON_SMOOTH_MODE_TEMPLATE.format(
         **source.smooth_mode_fields,
         starts=texts.interval_starts,
@@ -176,3 +181,8 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         returned=returned,
         end=docstring_end,
     )
+
+
+def _nan_where_q_is_nan(expression: str) -> str:
+    """Return the Python expression that is NaN where q is NaN, and otherwise the given."""
+    return f"np.where(np.isnan(q), np.nan, {expression})"
