@@ -401,7 +401,6 @@ class SensitivityAnalysis(AbstractAnalysis):
         largest deviation. In addition mechanisms with random sizes, the draws, are
         computed. Rows that failed are NaN.
         """
-        # 1. First order.
         sensitivity = self._sensitivity(batch.mechanism)
         deviations = self._size_deviations(sensitivity)
         samples = _input_samples(batch, sensitivity)
@@ -409,6 +408,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         # that the angles of such pairs include whole revolutions.
         configurations = continue_load_angles(batch).values
         with np.errstate(all="ignore"):
+            # values: (quantities, n), gradients: (sizes, quantities, n)
             values, gradients = sensitivity.at(samples, configurations)
             has_failed = batch.status != Status.OK
             values[:, has_failed] = np.nan
@@ -420,20 +420,9 @@ class SensitivityAnalysis(AbstractAnalysis):
             is_dependent = np.sqrt(variance) > self._zero_spread
             shares = np.where(is_dependent, squares / variance, np.nan)
 
-        # 2. Draws: standard deviation, largest deviation, and part of the draws that cannot
-        # be assembled.
-        draw_statistics = np.full((3, *variance.shape), np.nan)
-        # Draws are computed only in rows that did not fail. A row that failed has NaN for
-        # every quantity, so one quantity is enough to test.
-        rows = np.flatnonzero(np.isfinite(values[0]))
-        if self.draws and len(rows):
-            drawn_values = sensitivity.scattered(
-                samples[rows], configurations[rows], deviations.draws(len(sensitivity.keys))
-            )
-            draw_statistics[:, :, rows] = _summarize_draws(
-                drawn_values - values[:, rows, None]
-            )
-        drawn_spread, drawn_worst, lost = draw_statistics
+        drawn_spread, drawn_worst, lost = self._compute_draws(
+            sensitivity, samples, configurations, values
+        )
         tolerances = Tolerances(
             spread=np.sqrt(variance),
             # s: size, c: quantity, n: row
@@ -451,6 +440,44 @@ class SensitivityAnalysis(AbstractAnalysis):
             shares=shares,
             tolerances=tolerances,
         )
+
+    def _compute_draws(
+        self,
+        sensitivity: Sensitivity,
+        samples: Floats,
+        configurations: Floats,
+        values: Floats,
+    ) -> Floats:
+        """Return statistics of the quantities in mechanisms with random sizes (draws).
+
+        Parameters
+        ----------
+        sensitivity
+            The quantities as functions of the sizes.
+        samples
+            Inputs of the n rows.
+        configurations
+            (n, variables) pair variables of the rows.
+        values
+            (quantities, n) quantities without deviations, NaN in rows that failed.
+
+        Returns
+        -------
+        (3, quantities, n) standard deviation, largest deviation, and part of the draws that
+        cannot be assembled. NaN in rows that failed, and in all rows without draws.
+        """
+        statistics = np.full((3, *values.shape), np.nan)
+        # A row that failed has NaN for every quantity, so one quantity is enough to test.
+        rows = np.flatnonzero(np.isfinite(values[0]))
+        if self.draws and len(rows):
+            size_draws = self._size_deviations(sensitivity).draws(len(sensitivity.keys))
+            # (quantities, rows, draws)
+            drawn_values = sensitivity.scattered(
+                samples[rows], configurations[rows], size_draws
+            )
+            drawn_deviations = drawn_values - values[:, rows, None]
+            statistics[:, :, rows] = _summarize_draws(drawn_deviations)
+        return statistics
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest spread of each quantity, and the size that causes most of it.

@@ -356,9 +356,7 @@ class DyadsWithClosingLink:
         The turn is the angle of the output link about its direction. It determines all
         other links, and thereby the angle d between the axes of the two pairs of the
         closing link. This link has the arc a, so it closes if f = cos(d) - cos(a) is 0.
-        Roots of this residual are bracketed between equally spaced samples of the turn, the
-        turns at which a dyad gets out of reach, and the extrema of f. Close pairs of roots
-        can be missed.
+        Close pairs of roots of f can be missed.
 
         Parameters
         ----------
@@ -370,14 +368,14 @@ class DyadsWithClosingLink:
         Returns
         -------
         The turns in (-pi, pi] with their directions, and for each the sign of the slope of
-        f by the turn.
+        f by the turn. The sign is 1 if the slope is 0.
         """
         brackets = self._bracket_roots(directions, signs)
-        turn, is_root = self._refine_brackets(brackets, directions, signs)
-        row, turn = _merge_equal_turns(brackets.row[is_root], wrap(turn[is_root]))
+        refined_turn, is_root = self._refine_brackets(brackets, directions, signs)
+        row, turn = _merge_equal_turns(brackets.row[is_root], wrap(refined_turn[is_root]))
         root_directions = directions[:, row]
-        mode = self.place_dyads(root_directions, turn, signs)
-        slope = self.slope(mode, root_directions)
+        placed_dyads = self.place_dyads(root_directions, turn, signs)
+        slope = self.slope(placed_dyads, root_directions)
         return TurnSolutions(row, turn, sense=np.where(slope < 0.0, -1.0, 1.0))
 
     def _refine_brackets(

@@ -285,6 +285,8 @@ class DyadChain:
         pair, link
             Numbers of the pair and of one of its links.
         """
+        # In each pass, the axis of `source_pair` in `source_link`, times `sense`, is the
+        # axis that is asked for.
         source_pair = pair
         source_link = link
         sense = 1.0
@@ -294,8 +296,9 @@ class DyadChain:
             if not self.is_coaxial(source_pair, outer_pair, source_link):
                 break
             source_axis = self.axis_in(source_pair, source_link)
-            cosine = source_axis @ self.axis_in(outer_pair, source_link)
-            sense *= float(np.sign(cosine))
+            outer_axis = self.axis_in(outer_pair, source_link)
+            # The axes have the same or the opposite direction, so this is 1 or -1.
+            sense *= float(np.sign(source_axis @ outer_axis))
             source_pair = outer_pair
             source_link = support
         return AxisSource(source_pair, source_link, sense)

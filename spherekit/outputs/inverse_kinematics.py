@@ -153,14 +153,15 @@ class Inverse:
         """
         if self.normals is None:
             raise SolveError("the Jacobian needs the normals; solve with normals=True")
-        # `type_1` is the rate at which the output turns about the normal of input i per
-        # unit rate of this input. The scalar product of row i of the inverse Jacobian with
-        # the angular velocity of the output is therefore the rate of input i.
+        # With the unit normal n_i of input i, the output turns about n_i at `type_1` per
+        # unit rate of this input: n_i . w = type_1 q_i'. So q_i' = (n_i / type_1) . w, and
+        # n_i / type_1 is row i of the inverse Jacobian.
         inverse_rows = self.normals / self.type_1[..., None]
         third_row = None
         if inverse_rows.shape[2] == 2:
-            # With two inputs the third row is the direction of the output, about which it
-            # has no angular velocity.
+            # With two inputs the matrix is completed by a row along the direction of the
+            # output, about which it has no angular velocity. Its length has no influence on
+            # the first two columns of the inverse.
             third_row = np.cross(inverse_rows[..., 0, :], inverse_rows[..., 1, :])
         # The columns of the inverse of a matrix are the cross products of its rows,
         # divided by the determinant.

@@ -335,8 +335,10 @@ class TargetDeviation:
         """Return the second time derivatives of the axis vectors of all variables.
 
         The axis a of a pair is fixed in a body with the angular velocity w and the angular
-        acceleration w': a'' = w' x a + w x a'. For contact pairs this would need a further
-        derivative of their profiles, which is not available: the result is NaN.
+        acceleration w', so a'' = w' x a + w x a'. With the variables v between body 0 and
+        this body, their rates r_v and their vectors a_v, at constant rates
+
+            w = sum of r_v a_v,    w' = sum of r_v a_v'.
 
         Parameters
         ----------
@@ -347,19 +349,20 @@ class TargetDeviation:
 
         Returns
         -------
-        (n, variables, 3).
+        (n, variables, 3). NaN for contact pairs, which would need a further derivative of
+        their profiles that is not available.
         """
         tree = self.linearisation.tree
         vectors = self.linearisation.vectors
-        # For each variable the first body of its pair, in which the axis is fixed.
-        first_bodies = tree.first_bodies[list(tree.pair_of_variable)]
-        # The angular velocity of a body is the sum of rate times vector over the variables
-        # on its path. The rates are constant. The derivative therefore is the same sum with
-        # the derivatives of the vectors.
-        angular_velocities = tree.body_rates(vectors, rates)[:, first_bodies]
-        angular_accelerations = tree.body_rates(vector_rates, rates)[:, first_bodies]
-        result = cross(angular_accelerations, vectors)
-        result += cross(angular_velocities, vector_rates)
+        # (n, bodies, 3)
+        angular_velocities = tree.body_rates(vectors, rates)
+        angular_accelerations = tree.body_rates(vector_rates, rates)
+        # The axis of a variable is fixed in the first body of its pair.
+        carrying_bodies = tree.first_bodies[list(tree.pair_of_variable)]
+        w = angular_velocities[:, carrying_bodies]
+        w_rate = angular_accelerations[:, carrying_bodies]
+        result = cross(w_rate, vectors)
+        result += cross(w, vector_rates)
         joints = self.linearisation.joints
         is_contact = [not joints[pair].has_axis for pair in tree.pair_of_variable]
         result[:, is_contact] = np.nan
