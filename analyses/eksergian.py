@@ -261,6 +261,8 @@ class Eksergian(AbstractAnalysis):
         # the only input (number 0).
         inertia_parts = solution.B_parts
         force_parts = solution.Q_parts[:, 0]
+        # The user may ask for the torque at another pair than the input.
+        torque = self._torque_at_pair(batch, solution.tau)
         # `of_parts` returns OK for each finite part, and the status of the row for others.
         return {
             "eksergian": {
@@ -270,7 +272,7 @@ class Eksergian(AbstractAnalysis):
                 "B": solution.B,
                 "dB_dq": solution.dB_dq,
                 "Q": solution.Q,
-                "tau": self._torque_at_pair(batch, solution.tau),
+                "tau": torque,
                 "residual": batch.residual,
                 "status": solution.status,
             },

@@ -547,26 +547,36 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
         The key of the values.
     """
     if isinstance(first, Mapping):
-        merged = {
-            name: _merge_summaries(value, second[name], name)
-            for name, value in first.items()
-            if name != "at"
-        }
-        if "at" in first:
-            # The position of a maximum is that of the first block if the maximum is there,
-            # otherwise that of the second block.
-            positions_of_first = {
-                name: position
-                for name, position in first["at"].items()
-                if merged[name] == first[name]
-            }
-            merged["at"] = second["at"] | positions_of_first
-        return merged
+        return _merge_mappings(first, second)
     if isinstance(first, bool | list):
         return first or second
-    if key.startswith("rows_"):
+    is_row_count = key.startswith("rows_")
+    if is_row_count:
         return first + second
-    return max((value for value in (first, second) if value is not None), default=None)
+    # A maximum.
+    known_values = [value for value in (first, second) if value is not None]
+    return max(known_values, default=None)
+
+
+def _merge_mappings(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the mapping of two blocks of rows from the mappings of both.
+
+    The values of each key are merged by `_merge_summaries`. The entry ``at``, if there is
+    one, has the position of each maximum. It is that of the first block if the first block
+    has the maximum, otherwise that of the second block.
+    """
+    merged = {}
+    for name, value in first.items():
+        if name != "at":
+            merged[name] = _merge_summaries(value, second[name], name)
+    if "at" in first:
+        positions = dict(second["at"])
+        for name, position in first["at"].items():
+            is_maximum_in_first = merged[name] == first[name]
+            if is_maximum_in_first:
+                positions[name] = position
+        merged["at"] = positions
+    return merged
 
 
 def _make_findings(summary: Mapping[str, Any]) -> Findings:
