@@ -58,6 +58,21 @@ class BodyInertia(NamedTuple):
     is_stated: bool
 
 
+class MassCentre(NamedTuple):
+    """Mass and centre of mass of a body.
+
+    Attributes
+    ----------
+    mass
+        Mass (kg).
+    centre
+        (3,) centre of mass (m), in ground axes, from the centre of the sphere.
+    """
+
+    mass: float
+    centre: Floats
+
+
 class LinkInertia(NamedTuple):
     """Inertia of a link in its axes.
 
@@ -178,59 +193,106 @@ def make_body_inertia(
     light_ratio
         Inertia of a link without mass, relative to the largest of all links.
     """
-    link_inertia = link_inertias.by_link.get(
-        link, LinkInertia(np.zeros((3, 3)), None, None)
-    )
-    mass = link_inertia.mass
-    # The tensor about the centre of the sphere O, in ground axes.
+    link_inertia = link_inertias.by_link.get(link)
+    # A mass whose tensor about O is zero is a point at O, which has no effect on the
+    # motion. It is replaced, too.
+    if link_inertia is None or not np.any(link_inertia.tensor):
+        light_tensor = _make_light_tensor(link_inertias, light_ratio)
+        mass_centre = _choose_mass_centre(light_tensor)
+        return _make_body_about_centre(link, light_tensor, mass_centre, is_stated=False)
+
     tensor_about_O = rotation @ link_inertia.tensor @ rotation.T
-    if not np.any(link_inertia.tensor):
-        # A mass whose tensor about O is zero is a point at O, which has no effect on the
-        # motion. It is replaced, too.
-        largest_trace = max(
-            np.trace(inertia.tensor) for inertia in link_inertias.by_link.values()
-        )
-        moment = max(light_ratio * largest_trace, LEAST_INERTIA_KG_M2)
-        tensor_about_O = moment * np.eye(3)
-        mass = None
-    # Whether the body gets the mass and the centre that the mechanism file states.
-    is_stated = False
-    if mass is not None and link_inertia.centre is not None:
-        gyration_radius = np.sqrt(np.trace(tensor_about_O) / mass)
-        centre_distance = np.linalg.norm(link_inertia.centre)
-        is_stated = bool(centre_distance > CENTRE_RADIUS_RATIO * gyration_radius)
-        centre = rotation @ link_inertia.centre
-    if mass is None or not is_stated:
-        mass, centre = _choose_mass(tensor_about_O)
-    # The tensor about the centre of mass (parallel axis theorem).
-    tensor = tensor_about_O - point_mass_inertia(mass, centre)
-    symmetric_tensor = 0.5 * (tensor + tensor.T)
-    return BodyInertia(link, mass, centre, symmetric_tensor, is_stated)
+    mass_centre_of_file = _find_usable_mass_centre(link_inertia, rotation, tensor_about_O)
+    return _make_body_about_centre(
+        link,
+        tensor_about_O,
+        mass_centre_of_file or _choose_mass_centre(tensor_about_O),
+        is_stated=mass_centre_of_file is not None,
+    )
 
 
-def _choose_mass(tensor: Floats) -> tuple[float, Floats]:
-    """Return a mass, and a centre away from O, of a body with this tensor about O.
+def _make_light_tensor(link_inertias: LinkInertias, light_ratio: float) -> Floats:
+    """Return the inertia tensor (3, 3) about O of a body without inertia (kg m2).
+
+    All its moments are `light_ratio` times the largest trace of the tensors of all links.
+    """
+    largest_trace = max(
+        np.trace(inertia.tensor) for inertia in link_inertias.by_link.values()
+    )
+    moment = max(light_ratio * largest_trace, LEAST_INERTIA_KG_M2)
+    return moment * np.eye(3)
+
+
+def _find_usable_mass_centre(
+    link_inertia: LinkInertia, rotation: Floats, tensor_about_O: Floats
+) -> MassCentre | None:
+    """Return the stated mass and centre of a link, unless one is missing or it is at O.
+
+    Parameters
+    ----------
+    link_inertia
+        Inertia of the link in its axes.
+    rotation
+        (3, 3) rotation from the axes of the link to ground axes.
+    tensor_about_O
+        (3, 3) inertia tensor about the centre of the sphere O (kg m2).
+    """
+    if link_inertia.mass is None or link_inertia.centre is None:
+        return None
+    gyration_radius = np.sqrt(np.trace(tensor_about_O) / link_inertia.mass)
+    centre_distance = np.linalg.norm(link_inertia.centre)
+    is_away_from_O = centre_distance > CENTRE_RADIUS_RATIO * gyration_radius
+    if not is_away_from_O:
+        return None
+    return MassCentre(link_inertia.mass, rotation @ link_inertia.centre)
+
+
+def _choose_mass_centre(tensor: Floats) -> MassCentre:
+    """Return a mass and a centre away from O that a body with this tensor about O can have.
 
     Bodies with different masses and centres have the same tensor about O. MuJoCo closes
     loops wrongly if the centre of mass is at O, so another one is chosen.
 
-    The second moments S = trace(I) / 2 - I are the sum of mass times r r^T over all points
-    r of the body. With mass = trace(S), the root mean square of the distances of its points
-    from O is 1 m. A centre c is possible if S - mass c c^T has no negative moments. The
-    largest possible distance from O is on the axis of the largest second moment. Half of
-    this distance leaves moments about c that are positive and not nearly zero.
+    The second moments S of a body are the sum of mass times r r^T over its points r. They
+    follow from the tensor. A mass m and a centre c are possible if S - m c c^T, the second
+    moments about the centre, has no negative moments. They are chosen as follows:
+
+    1. m = trace(S). The root mean square of the distances of the points from O is then 1 m.
+    2. c is on the axis of the largest moment of S. There the distance from O may be up to
+       sqrt(moment / m).
+    3. c is at half of this distance, so that the moment about the centre is not zero.
 
     Parameters
     ----------
     tensor
-        (3, 3) inertia tensor I about O (kg m2).
-
-    Returns
-    -------
-    The mass (kg) and the centre (3,) (m).
+        (3, 3) inertia tensor about O (kg m2).
     """
     second_moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    moments, directions = np.linalg.eigh(second_moments)
     mass = float(np.trace(second_moments))
-    centre = 0.5 * np.sqrt(moments[-1] / mass) * directions[:, -1]
-    return mass, centre
+    # `eigh` returns the moments in ascending order.
+    moments, directions = np.linalg.eigh(second_moments)
+    largest_distance = np.sqrt(moments[-1] / mass)
+    return MassCentre(mass, 0.5 * largest_distance * directions[:, -1])
+
+
+def _make_body_about_centre(
+    link: str, tensor_about_O: Floats, mass_centre: MassCentre, is_stated: bool
+) -> BodyInertia:
+    """Return the inertia of a body with the tensor about its centre of mass.
+
+    Parameters
+    ----------
+    link
+        Name of the body.
+    tensor_about_O
+        (3, 3) inertia tensor about the centre of the sphere O (kg m2), in ground axes.
+    mass_centre
+        Its mass and centre of mass.
+    is_stated
+        Whether the mechanism file states them.
+    """
+    mass, centre = mass_centre
+    # The parallel axis theorem.
+    tensor = tensor_about_O - point_mass_inertia(mass, centre)
+    symmetric_tensor = 0.5 * (tensor + tensor.T)
+    return BodyInertia(link, mass, centre, symmetric_tensor, is_stated)

@@ -4,6 +4,7 @@ A table is interpolated between its nodes. The m inputs have nodes at equal step
 the box between neighbouring nodes, with 2^m corners.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations_with_replacement, product
 from typing import Any, NamedTuple
@@ -263,34 +264,66 @@ class CouplingTable:
         derivatives: Any = 0.0
         turning: Any = 0.0
         for corner in product((0, 1), repeat=len(self.inputs)):
-            weight = np.prod(np.where(corner, positions, 1.0 - positions), axis=1)
-            distance = (positions - corner) * self.step
-            node_indices = tuple((cells + corner).T)
-            node = mode, np.ravel_multi_index(node_indices, tuple(self.count))
-            # In the sums n is the point, k the variable, p the pole, i and j are inputs,
-            # and x is a component of a vector.
-            gradient = self.coefficients[node]
-            hessian = self.derivatives[node]
-            gradient_change = np.einsum("nkij,nj->nki", hessian, distance)
-            turning_change = np.einsum(
-                "npijx,nj->npix", self.turning_derivatives[node], distance
-            )
-            angle_change = np.einsum(
-                "nki,ni->nk", 2 / 3 * gradient + gradient_change / 6, distance
-            )
-            angle = self.angles[node] + angle_change
-            angles = angles + _broadcast(weight, 2) * angle
-            coefficient = gradient + 0.5 * gradient_change
-            coefficients = coefficients + _broadcast(weight, 3) * coefficient
-            derivatives = derivatives + _broadcast(weight, 4) * hessian
-            corner_turning = self.turning[node] + 0.5 * turning_change
-            turning = turning + _broadcast(weight, 4) * corner_turning
+            weights = _multilinear_weights(positions, corner)
+            extended = self._extend_from_corner(mode, cells, positions, corner)
+            angles = angles + _multiply_points(weights, extended.angles)
+            coefficients = coefficients + _multiply_points(weights, extended.coefficients)
+            derivatives = derivatives + _multiply_points(weights, extended.derivatives)
+            turning = turning + _multiply_points(weights, extended.turning)
         return CouplingValues(angles, coefficients, derivatives, turning)
 
+    def _extend_from_corner(
+        self, mode: int, cells: Integers, positions: Floats, corner: Sequence[int]
+    ) -> CouplingValues:
+        """Return the values at points, extended from one corner of their cells.
 
-def _broadcast(weight: Floats, dimensions: int) -> Floats:
-    """Return weights (n,) with axes of length 1 appended, up to a number of dimensions."""
-    return weight.reshape(-1, *(1,) * (dimensions - 1))
+        Parameters
+        ----------
+        mode
+            Position of the mode in `modes`.
+        cells
+            (n, m) index of the cell of each point along each input.
+        positions
+            (n, m) position in the cell, from 0 to 1 along each input.
+        corner
+            Position of the corner in the cell: 0 or 1 along each of the m inputs.
+        """
+        corner_node = np.ravel_multi_index(tuple((cells + corner).T), tuple(self.count))
+        node = mode, corner_node
+        distance = (positions - corner) * self.step  # d (n, m), in rad
+        angle = self.angles[node]  # f (n, K)
+        gradient = self.coefficients[node]  # g (n, K, m)
+        hessian = self.derivatives[node]  # H (n, K, m, m)
+        # In the sums n is the point, k the variable, p the pole, i and j are inputs, and x
+        # is a component of a vector.
+        hessian_change = np.einsum("nkij,nj->nki", hessian, distance)  # H d
+        # (2/3) g d + (1/6) d H d, with d factored out.
+        slope = 2 / 3 * gradient + hessian_change / 6
+        angle_change = np.einsum("nki,ni->nk", slope, distance)
+        turning_change = np.einsum(
+            "npijx,nj->npix", self.turning_derivatives[node], distance
+        )
+        return CouplingValues(
+            angles=angle + angle_change,
+            coefficients=gradient + 0.5 * hessian_change,
+            derivatives=hessian,
+            turning=self.turning[node] + 0.5 * turning_change,
+        )
+
+
+def _multilinear_weights(positions: Floats, corner: Sequence[int]) -> Floats:
+    """Return the weights (n,) of a corner of a cell at positions (n, m) in the cell.
+
+    The weight is a product over the inputs, of 1 - position if the corner is at the
+    beginning of the cell (0), and of the position if it is at the end (1).
+    """
+    return np.prod(np.where(corner, positions, 1.0 - positions), axis=1)
+
+
+def _multiply_points(weights: Floats, values: Floats) -> Floats:
+    """Return values (n, ...) of points, multiplied by the weight (n,) of each point."""
+    trailing_axes = (1,) * (values.ndim - 1)
+    return weights.reshape(-1, *trailing_axes) * values
 
 
 def write_npz(table: CouplingTable, path: AnyPath) -> None:

@@ -385,73 +385,124 @@ def _compute_table(
         coefficient_error=0.0,
     )
     periods = np.array([period for joint in motion.joints for period in joint.periods])
-    _find_periods(table, periods[passive_variables])
-    coefficient_error = _measure_errors(table, grid_values, refined_counts)
-    return replace(table, coefficient_error=coefficient_error)
+    _find_periodic_inputs(table, periods[passive_variables])
+    cell_errors = _measure_errors(table, grid_values, refined_counts)
+    with np.errstate(invalid="ignore"):
+        is_sure = cell_errors.angles <= tolerance
+    return replace(
+        table,
+        error=cell_errors.angles,
+        sure=is_sure,
+        coefficient_error=float(np.max(cell_errors.rates[is_sure], initial=0.0)),
+    )
+
+
+@dataclass(frozen=True)
+class InterpolationErrors:
+    """The largest absolute errors of interpolation in each cell of a table.
+
+    They are NaN in cells in which the mode is missing at a corner or an examined point.
+
+    Attributes
+    ----------
+    angles
+        (..., cells) error over all angles (rad).
+    rates
+        (..., cells) error over all rates of passive variables (coefficients) and all
+        angular velocities of links. Both are per unit rate of an input, so they have no
+        unit.
+    """
+
+    angles: Floats
+    rates: Floats
 
 
 def _measure_errors(
     table: CouplingTable, grid_values: GridValues, refined_counts: tuple[int, ...]
-) -> float:
-    """Measure the errors of interpolation, and write them to the table.
+) -> InterpolationErrors:
+    """Return the errors (modes, cells) of interpolation in a table.
 
     Errors are measured at points of the refined grid, which divide each cell into
     `PARTS_PER_CELL` parts along each input. They are multiplied by `ERROR_BETWEEN_POINTS`,
-    because errors between these points may be larger. A cell may be used (it is `sure`) if
-    its largest error of an angle is then within the tolerance.
+    because errors between these points may be larger.
 
     Parameters
     ----------
     table
-        The table, whose arrays `error` and `sure` are changed.
+        The table.
     grid_values
         Computed values on the refined grid.
     refined_counts
         Number of points of that grid along each input.
-
-    Returns
-    -------
-    The largest absolute error in cells that are sure, over all rates of passive variables
-    (coefficients) and all angular velocities of links. Both are per unit rate of an input,
-    so they have no unit.
     """
-    input_count = len(refined_counts)
-    cells = np.indices(tuple(table.count - 1)).reshape(input_count, -1).T
-    coefficient_error = np.zeros_like(table.error)
-    # A point in a cell is given by the number of parts along each input. `position` goes
-    # from 0 to 1 in the cell.
-    for part in product(range(PARTS_PER_CELL + 1), repeat=input_count):
-        position = np.array(part) / PARTS_PER_CELL
-        is_corner = np.all((position == 0.0) | (position == 1.0))
+    angle_errors = np.zeros_like(table.error)
+    rate_errors = np.zeros_like(table.error)
+    # A point in a cell is given by the number of parts along each input.
+    for part in product(range(PARTS_PER_CELL + 1), repeat=len(refined_counts)):
+        is_corner = all(number in (0, PARTS_PER_CELL) for number in part)
         if is_corner:
             continue  # The values there are stored, so the error is zero.
-        point_indices = PARTS_PER_CELL * cells + part
-        points = np.ravel_multi_index(tuple(point_indices.T), refined_counts)
-        positions = np.broadcast_to(position, cells.shape)
         for mode in range(len(table.modes)):
-            # `turning` are angular velocities of links relative to each other.
-            values = table.interpolate(mode, cells, positions)
-            for interpolated, computed, largest_error in (
-                (values.angles, grid_values.angles, table.error),
-                (values.coefficients, grid_values.coefficients, coefficient_error),
-                (values.turning, grid_values.turning, coefficient_error),
-            ):
-                error = np.abs(interpolated - computed[mode, points])
-                error_of_cell = np.max(error.reshape(len(points), -1), axis=1, initial=0.0)
-                # NaN, of cells without a mode, remains NaN.
-                np.maximum(largest_error[mode], error_of_cell, out=largest_error[mode])
-    table.error[:] *= ERROR_BETWEEN_POINTS
-    with np.errstate(invalid="ignore"):
-        table.sure[:] = table.error <= table.tolerance
-    sure_errors = ERROR_BETWEEN_POINTS * coefficient_error[table.sure]
-    return float(np.max(sure_errors, initial=0.0))
+            errors = _measure_errors_at_part(table, grid_values, refined_counts, mode, part)
+            # The maximum with NaN, of cells without a mode, is NaN.
+            angle_errors[mode] = np.maximum(angle_errors[mode], errors.angles)
+            rate_errors[mode] = np.maximum(rate_errors[mode], errors.rates)
+    return InterpolationErrors(
+        angles=ERROR_BETWEEN_POINTS * angle_errors,
+        rates=ERROR_BETWEEN_POINTS * rate_errors,
+    )
 
 
-def _find_periods(table: CouplingTable, periods: Floats) -> None:
+def _measure_errors_at_part(
+    table: CouplingTable,
+    grid_values: GridValues,
+    refined_counts: tuple[int, ...],
+    mode: int,
+    part: tuple[int, ...],
+) -> InterpolationErrors:
+    """Return the errors (cells,) of interpolation at one point in each cell.
+
+    Parameters
+    ----------
+    table
+        The table.
+    grid_values
+        Computed values on the refined grid.
+    refined_counts
+        Number of points of that grid along each input.
+    mode
+        Position of the assembly mode in the table.
+    part
+        The point, as the number of steps of the refined grid from the first corner of the
+        cell along each input, from 0 to `PARTS_PER_CELL`.
+    """
+    # (cells, inputs) index of each cell along each input.
+    cells = np.indices(tuple(table.count - 1)).reshape(len(refined_counts), -1).T
+    position_in_cell = np.array(part) / PARTS_PER_CELL  # from 0 to 1 along each input
+    interpolated = table.interpolate(
+        mode, cells, np.broadcast_to(position_in_cell, cells.shape)
+    )
+    point_indices = PARTS_PER_CELL * cells + part
+    points = np.ravel_multi_index(tuple(point_indices.T), refined_counts)
+    return InterpolationErrors(
+        angles=_largest_differences(interpolated.angles, grid_values.angles[mode, points]),
+        rates=np.maximum(
+            _largest_differences(
+                interpolated.coefficients, grid_values.coefficients[mode, points]
+            ),
+            _largest_differences(interpolated.turning, grid_values.turning[mode, points]),
+        ),
+    )
+
+
+def _largest_differences(interpolated: Floats, computed: Floats) -> Floats:
+    """Return the largest absolute difference (n,) of two arrays (n, ...) at each point."""
+    differences = np.abs(interpolated - computed)
+    return np.max(differences.reshape(len(differences), -1), axis=1, initial=0.0)
+
+
+def _find_periodic_inputs(table: CouplingTable, periods: Floats) -> None:
     """Mark the inputs that are periodic: after a revolution all configurations return.
-
-    Only inputs whose range is exactly one revolution are examined. All values at the first
-    node of such an input are compared with the values at its last node.
 
     Parameters
     ----------
@@ -460,34 +511,84 @@ def _find_periods(table: CouplingTable, periods: Floats) -> None:
     periods
         (K,) period (rad) of each passive variable.
     """
-    mode_count = len(table.modes)
-    grid_shape = (mode_count, *table.count)
-    for axis, range_length in enumerate(table.step * (table.count - 1)):
-        if abs(range_length - TURN) > RETURN_TOLERANCE:
-            continue
-        # Changes of all angles, and of their rates per unit rate of the inputs
-        # (coefficients), from the first to the last node of this input.
-        grid_axis = 1 + axis
-        angles = table.angles.reshape(*grid_shape, -1)
-        coefficients = table.coefficients.reshape(*grid_shape, -1)
-        angle_change = np.take(angles, -1, grid_axis) - np.take(angles, 0, grid_axis)
-        coefficient_change = np.take(coefficients, -1, grid_axis) - np.take(
-            coefficients, 0, grid_axis
-        )
-        # (modes, nodes of the other inputs, variables)
-        angle_change = angle_change.reshape(mode_count, -1, len(periods))
-        # If a mode does not exist at a node, its values are NaN. The comparisons below are
-        # then false, and the input does not count as periodic.
-        # Each variable may grow by whole periods (`rise`), such as the angle of a crank by
-        # a revolution. The rise is read at one node of the other inputs, and must be the
-        # same at all. A variable that never repeats has an infinite period. Its rise would
-        # be NaN, and is set to zero.
-        with np.errstate(invalid="ignore"):
-            rise = np.nan_to_num(np.round(angle_change[:, 0] / periods) * periods)
-        returns = (
-            max_abs(angle_change - rise[:, None]) < RETURN_TOLERANCE
-            and max_abs(coefficient_change) < RETURN_TOLERANCE
-        )
-        if returns:
-            table.periodic[axis] = True
-            table.rise[:, axis] = rise
+    for input_index in range(len(table.inputs)):
+        growth = _find_growth_per_revolution(table, input_index, periods)
+        if growth is not None:
+            table.periodic[input_index] = True
+            table.rise[:, input_index] = growth
+
+
+def _find_growth_per_revolution(
+    table: CouplingTable, input_index: int, periods: Floats
+) -> Floats | None:
+    """Return the growth of each variable in a revolution after which all values return.
+
+    A variable may grow by whole periods, such as the angle of a crank by a revolution. The
+    growth has to be the same at all nodes of the other inputs, and the rates per unit rate
+    of the inputs (coefficients) must not change.
+
+    Parameters
+    ----------
+    table
+        The table.
+    input_index
+        Position of the input in the table.
+    periods
+        (K,) period (rad) of each passive variable.
+
+    Returns
+    -------
+    (modes, K) growth (rad) of each variable. None if the range of the input is not exactly
+    one revolution, if values do not return, or if a mode is missing at a node.
+    """
+    range_length = table.step[input_index] * (table.count[input_index] - 1)
+    if abs(range_length - TURN) > RETURN_TOLERANCE:
+        return None
+    angle_change = _change_over_range(table, table.angles, input_index)
+    coefficient_change = _change_over_range(table, table.coefficients, input_index)
+    # The growth is read at the first node of the other inputs, and compared with the
+    # changes at all of their nodes.
+    growth = _round_to_whole_periods(angle_change[:, 0], periods)
+    # At nodes without a mode the changes are NaN, and these comparisons are false.
+    is_returning = (
+        max_abs(angle_change - growth[:, np.newaxis]) < RETURN_TOLERANCE
+        and max_abs(coefficient_change) < RETURN_TOLERANCE
+    )
+    return growth if is_returning else None
+
+
+def _change_over_range(table: CouplingTable, values: Floats, input_index: int) -> Floats:
+    """Return the change of values from the first to the last node of an input.
+
+    Parameters
+    ----------
+    table
+        The table.
+    values
+        (modes, nodes, ...) values at its nodes.
+    input_index
+        Position of the input in the table.
+
+    Returns
+    -------
+    (modes, nodes of the other inputs, values of a node) changes.
+    """
+    mode_count = len(values)
+    value_count = math.prod(values.shape[2:])
+    # (modes, nodes along each input, values of a node)
+    grid = values.reshape(mode_count, *table.count, value_count)
+    first = np.take(grid, 0, axis=1 + input_index)
+    last = np.take(grid, -1, axis=1 + input_index)
+    return (last - first).reshape(mode_count, -1, value_count)
+
+
+def _round_to_whole_periods(angle_change: Floats, periods: Floats) -> Floats:
+    """Return changes of variables (..., K), rounded to whole periods (K,) of each variable.
+
+    A variable that never repeats has an infinite period. Its rounded change is zero.
+    """
+    has_period = np.isfinite(periods)
+    rounded = np.zeros_like(angle_change)
+    period_counts = np.round(angle_change[..., has_period] / periods[has_period])
+    rounded[..., has_period] = period_counts * periods[has_period]
+    return rounded
