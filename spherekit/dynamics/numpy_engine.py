@@ -1082,7 +1082,7 @@ def _momentum_newton_matrix(slopes: Floats, length: float) -> Floats:
         Length h of the step, s.
     """
     integrals_of_slopes = 0.5 * length * INTEGRATION_MATRIX * slopes  # h/2 A diag(d)
-    return np.linalg.inv(np.eye(NODE_COUNT) - integrals_of_slopes)
+    return np.asarray(np.linalg.inv(np.eye(NODE_COUNT) - integrals_of_slopes))
 
 
 def _allowed_momentum_rate_error(
