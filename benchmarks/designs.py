@@ -159,9 +159,10 @@ def run(quick: bool) -> list[Section]:
     return [
         Section(
             "Designs",
-            "Figures of merit of random designs, in all modes over a full turn. Processor "
-            "time on one core. The last column is the time of `sk.run` with the poles of "
-            "each design, divided by that of the kernel of all designs.",
+            "Figures of merit of random designs, in all modes over a full turn. Times are "
+            "processor times on one core, with one kernel for all designs. The column "
+            "`alone over kernel` is the time of a separate `sk.run` with the poles of each "
+            "design, divided by the time of the kernel.",
             (
                 "mechanism and figures",
                 "designs",
@@ -228,9 +229,10 @@ def _measure_peers(case: DesignCase, count: int) -> Section:
     ]
     return Section(
         "Designs beside peers",
-        f"{count} random four-bars at {case.samples} inputs. Processor time. MuJoCo "
-        "computes the dynamics at each sample without closing the loop, which takes less "
-        "time than positions would take. Making the XML is not counted.",
+        f"{count} random four-bars at {case.samples} inputs. Times are processor times. "
+        "MuJoCo computes the dynamics at each sample and does not close the loop, so "
+        "computing positions would take longer. The time in which the XML is written is "
+        "not counted.",
         ("job", f"time over {own_name}", "us per design"),
         rows,
     )

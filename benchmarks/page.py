@@ -23,8 +23,8 @@ other machines, or while other programs run, ratios are similar, but single time
 
 To repeat the measurements, run `pip install -e '.[test,peers]'` and then `python -m
 benchmarks` in the root of the repository. The extra `peers` installs the other programs;
-programs that are not installed are skipped. To run some benchmarks only, give their names,
-as in `python -m benchmarks planning peers`; `--quick` makes a short run. `--add
+programs that are not installed are skipped. To run only some of the benchmarks, give their
+names, as in `python -m benchmarks planning peers`; `--quick` shortens the run. `--add
 docs/benchmarks.json` adds the results to the record of this page, and `python
 docs/make_benchmarks.py` then writes the page. Other pages have further measurements: [rows
 of a run](engine.md#rows-at-once), [long runs](runs.md#how-long-how-large), [cost](cost.md),

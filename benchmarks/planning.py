@@ -91,7 +91,7 @@ def _measure_chains(quick: bool, has_triads: bool) -> Section:
         f"number of links to the power {_fit_exponent(rows, POLE_TIME_COLUMN):.2f}, and "
         "that of the plan of groups to the power "
         f"{_fit_exponent(rows, GROUP_TIME_COLUMN):.2f}. The number of poles grows as "
-        "its square.",
+        "the square of the number of links.",
     )
 
 

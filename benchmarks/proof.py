@@ -125,12 +125,12 @@ def _measure_single_inputs(
         )
     return Section(
         "Certified modes at an input",
-        "Random geometries at the input of their reference pose. The columns have the "
-        "share of geometries for which all complex modes are proven, and for which all "
-        "real modes are certified. A certificate of a triad is wrong if an elimination "
-        "in exact rational numbers has another number of real roots; another certificate "
-        "is wrong if solving finds more modes. `over solving` is the time of the proof "
-        "divided by that of the solution in floating point.",
+        "Random geometries at the input of their reference pose. The columns contain the "
+        "fraction of geometries for which all complex modes are proven, and for which all "
+        "real modes are certified. A certificate of a triad is wrong if an elimination in "
+        "exact rational numbers yields a different number of real roots; another "
+        "certificate is wrong if the numerical solution finds more modes. `over solving` "
+        "is the time of the proof divided by that of the numerical solution.",
         ("group", "geometries", "all complex modes", "certified", "wrong", "over solving"),
         rows,
     )
@@ -249,9 +249,10 @@ def _measure_revolutions(
         )
     return Section(
         "Certified curves over a whole turn",
-        "Random geometries. `other` counts certified geometries for which solving finds "
-        "another number of modes between two dead centres. `over searching` is the time of "
-        "the proof divided by that of finding the dead centres in floating point.",
+        "Random geometries. `other` counts certified geometries for which a numerical "
+        "solution finds a different number of modes between two dead centres. `over "
+        "searching` is the time of the proof divided by that of finding the dead centres "
+        "numerically.",
         ("mechanism", "geometries", "certified", "other", "s", "most s", "over searching"),
         rows,
     )

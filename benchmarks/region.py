@@ -180,9 +180,9 @@ def _measure_accuracy(quick: bool) -> Section:
         )
     return Section(
         "Area of a workspace",
-        "The workspace of a spherical five-bar with limits of its elbows is the "
-        f"intersection of two annuli. Its area is {five_bar.area:.6f} sr by quadrature of "
-        "a closed form. Errors are relative.",
+        "The workspace of a spherical five-bar whose elbows have joint limits is the "
+        "intersection of two annuli. Its true area, by quadrature of a closed form, is "
+        f"{five_bar.area:.6f} sr. Errors are relative.",
         ("tolerance", "ms", "evaluations", "calls", "stated error", "true error"),
         rows,
         "The evaluations that are needed to find the parts of the region already give its "
@@ -221,10 +221,11 @@ def _measure_mechanisms(quick: bool) -> Section:
             )
     return Section(
         "Workspaces of mechanisms",
-        "All working modes, with the outer axes of driven legs at least 10 degrees "
-        "apart, and with inputs and measures at every vertex. The time includes the "
-        "preparation of the mechanism. Errors are relative. The last column is the "
-        "difference from the area for a tolerance of 1e-10.",
+        "Workspaces in all working modes, if the outer axes of driven legs have to be at "
+        "least 10 degrees apart. Inputs and transmission measures are computed at every "
+        "vertex of the border. The time includes the preparation of the mechanism. Errors "
+        "are relative. The last column is the difference from the area for a tolerance of "
+        "1e-10.",
         (
             "mechanism",
             "tolerance",
@@ -235,7 +236,8 @@ def _measure_mechanisms(quick: bool) -> Section:
             "difference",
         ),
         rows,
-        "The goal is 2 s at most for a whole workspace with the area to 1e-4.",
+        "The goal is a time of at most 2 s for a whole workspace whose area has a relative "
+        "error of 1e-4.",
     )
 
 
@@ -280,13 +282,14 @@ def _measure_limited(quick: bool) -> Section:
         )
     return Section(
         "Workspaces that end in cusps",
-        "One working mode to 1e-4. Either a pair is limited to -40 to 100 deg, and the "
-        "border of this limit touches that of the reach; or the distance from "
-        "singularities is at least a small angle, and both borders run side by side. "
-        "Processor time; errors are relative.",
+        "The workspace in one working mode, with a tolerance of 1e-4. In some rows, a pair "
+        "is limited to -40 to 100 deg, and the border of this limit touches the border of "
+        "the reach. In the others, the distance from singularities has to be at least a "
+        "small angle, and both borders are close to each other over a long distance. Times "
+        "are processor times, and errors are relative.",
         ("mechanism", "limit", "s", "evaluations", "stated error"),
         rows,
-        "The goal is 2 s at most for each.",
+        "The goal is a time of at most 2 s for each.",
     )
 
 
@@ -327,8 +330,8 @@ def _measure_annuli(quick: bool) -> Section:
         )
     return Section(
         "Cost of a narrow region",
-        "An annulus with the outer radius 0.7 rad and the given width. The cost is "
-        "proportional to its length divided by its width.",
+        "The area of an annulus with the outer radius 0.7 rad and the given width. The cost "
+        "is proportional to the length of the annulus divided by its width.",
         ("width, rad", "ms", "evaluations", "evaluations x width", "holes", "error, sr"),
         rows,
     )
@@ -359,7 +362,8 @@ def _measure_orientations(quick: bool) -> Section:
         )
     return Section(
         "Volume of orientations",
-        "Orientations that tilt one axis by at most 0.5 rad. Errors are relative.",
+        "The volume of the set of orientations that tilt one axis by at most 0.5 rad. "
+        "Errors are relative.",
         ("tolerance", "ms", "evaluations", "stated error", "true error"),
         rows,
     )

@@ -22,16 +22,20 @@ from spherekit.velocities.row_quantities import sample_names
 TEXT = """Exported C, and C that CasADi makes from Pinocchio's algorithms. Both are compiled
 with `gcc -O2` and called in C at 1000 samples: the four-bar over a turn, the wrist on a
 circle of its inputs, without loads. The coefficients are the velocity and acceleration
-coefficients of all links relative to the ground, for each input. In Pinocchio, bodies are
-on RZ joints. Their x axes are at right angles to two hinges, and their inertia is about O,
-which removes most products. Its `rnea` and `forwardKinematics` in SX give two closure
-equations for each cut of a loop. The dependent rates follow by elimination with fixed
-pivots, and the torque by projection. At the end, `cse` removes common subexpressions. The
-columns spherekit and Pinocchio say how positions are computed: `given` as arguments,
+coefficients of all links relative to the ground, for each input.
+
+In the Pinocchio model, each body is attached by an RZ joint. The x axis of a body is
+perpendicular to its two hinge axes, and its inertia is taken about the centre O, so that
+most multiplications vanish. Pinocchio's `rnea` and `forwardKinematics`, in CasADi's SX,
+yield two closure equations for each loop that is cut. The dependent rates follow by
+elimination with fixed pivots, and the torque by projection. At the end, `cse` removes
+common subexpressions.
+
+The columns spherekit and Pinocchio state how positions are computed: `given` as arguments,
 `Newton` by one step from the sample before, `closed` from the input alone."""
 CONCLUSION = """Medians of processor time. `times` is the time of Pinocchio divided by that
-of spherekit. `difference` is the largest difference of results, relative to their size or
-to 1. If both use a Newton step, the difference is larger, because the two steps lead to
+of spherekit. `difference` is the largest difference of results, relative to the larger of
+their size and 1. If both use a Newton step, the difference is larger, because the two steps lead to
 different configurations."""
 ABSENT_TEXT = (
     " Pinocchio was not measured: it needs `pin`, `casadi`, their headers, Eigen's and g++."
