@@ -330,8 +330,8 @@ def _measure_annuli(quick: bool) -> Section:
         )
     return Section(
         "Cost of a narrow region",
-        "The area of an annulus with the outer radius 0.7 rad and the given width. The cost "
-        "is proportional to the length of the annulus divided by its width.",
+        "The area of an annulus with the outer radius 0.7 rad and the given width. The "
+        "cost is proportional to the length of the annulus divided by its width.",
         ("width, rad", "ms", "evaluations", "evaluations x width", "holes", "error, sr"),
         rows,
     )

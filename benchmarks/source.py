@@ -33,10 +33,10 @@ common subexpressions.
 
 The columns spherekit and Pinocchio state how positions are computed: `given` as arguments,
 `Newton` by one step from the sample before, `closed` from the input alone."""
-CONCLUSION = """Medians of processor time. `times` is the time of Pinocchio divided by that
-of spherekit. `difference` is the largest difference of results, relative to the larger of
-their size and 1. If both use a Newton step, the difference is larger, because the two steps lead to
-different configurations."""
+CONCLUSION = """The times are medians of processor time. `times` is the time of Pinocchio
+divided by that of spherekit. `difference` is the largest difference of results, relative
+to the larger of their size and 1. If both use a Newton step, the difference is larger,
+because the two steps lead to different configurations."""
 ABSENT_TEXT = (
     " Pinocchio was not measured: it needs `pin`, `casadi`, their headers, Eigen's and g++."
 )

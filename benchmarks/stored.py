@@ -73,11 +73,11 @@ def run(quick: bool) -> list[Section]:
         Section(
             "Stored functions",
             "All functions of `spherekit export --to model`. The own error is the estimate "
-            "that is stored with the model. The largest error is the difference from direct "
-            f"computation at {input_count} random inputs. Both are relative to the largest "
-            "value of the function. Times are those of single calls from Python at random "
-            f"inputs, in rounds of {CALLS_PER_ROUND} calls. They alternate with rounds of "
-            "`math.sin`; `in sines` is the median of the ratios of both times.",
+            "that is stored with the model. The largest error is the difference from "
+            f"direct computation at {input_count} random inputs. Both are relative to the "
+            "largest value of the function. Times are those of single calls from Python at "
+            f"random inputs, in rounds of {CALLS_PER_ROUND} calls. They alternate with "
+            "rounds of `math.sin`; `in sines` is the median of the ratios of both times.",
             (
                 "mechanism",
                 "mode",
