@@ -66,6 +66,9 @@ MIN_COMPILED_ROWS = 1 << 19
 REFERENCE_SAMPLES = 64
 """Samples from which the kernel learns in which order it eliminates variables."""
 
+BYTES_PER_NUMBER = 8
+"""Size of a number of type float64 (bytes)."""
+
 BLOCK_BYTES = 1 << 27
 """Largest size of the columns of a block, or of its rotation matrices if they are read."""
 
@@ -608,24 +611,32 @@ class BatchRunner:
     def block_size(self) -> int:
         """Number of samples in a block, limited by memory.
 
-        Each sample has one row in each assembly mode. The rows are evaluated by a kernel
-        (compiled functions for many rows at once). `BLOCK_BYTES` limits the memory of a
-        block. A block has at most `MAX_BLOCK_FACTOR` times the samples of a block without a
-        kernel (`PositionAnalysis.block`). If the run is recorded for the 3D viewer, it has
-        at most as many as that block.
+        The memory is that of `_bytes_per_row`. There is a second limit: a run without a
+        kernel (compiled functions for many rows at once) has blocks of
+        `PositionAnalysis.block` samples. A recorded run has at most as many, any other run
+        at most `MAX_BLOCK_FACTOR` times as many.
         """
         position_analysis = self.sampling.position_analysis
-        # A column has 8 bytes in each row.
-        bytes_per_row = 8 * self.kernel.column_count
-        # Some analyses read the orientations of links (frames).
-        if self.reads_frames:
-            # Rotation matrices of the links need more memory than the columns.
-            frame_bytes = evaluation_memory(position_analysis.mechanism, 1)
-            bytes_per_row = max(bytes_per_row, frame_bytes)
-        mode_count = len(position_analysis.assembly_modes)
-        fitting_size = BLOCK_BYTES // (bytes_per_row * mode_count)
-        factor = 1 if self.is_recorded else MAX_BLOCK_FACTOR
-        return max(1, min(fitting_size, position_analysis.block * factor))
+        # Each sample has one row in each assembly mode.
+        bytes_per_sample = self._bytes_per_row * len(position_analysis.assembly_modes)
+        fitting_size = BLOCK_BYTES // bytes_per_sample
+        largest_size = position_analysis.block
+        if not self.is_recorded:
+            largest_size *= MAX_BLOCK_FACTOR
+        return max(1, min(fitting_size, largest_size))
+
+    @property
+    def _bytes_per_row(self) -> int:
+        """Bytes of a row: its columns, or its rotation matrices if they need more.
+
+        `BLOCK_BYTES` limits each of the two on its own, not their sum. Rotation matrices
+        count only if an analysis reads them.
+        """
+        column_bytes = BYTES_PER_NUMBER * self.kernel.column_count
+        if not self.reads_frames:
+            return column_bytes
+        mechanism = self.sampling.position_analysis.mechanism
+        return max(column_bytes, evaluation_memory(mechanism, row_count=1))
 
     def blocks(self, size: int, first_sample: int = 0) -> Iterator[Motion]:
         """Yield the motion in blocks of successive samples.

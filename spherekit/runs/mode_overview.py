@@ -14,7 +14,7 @@ from spherekit.conventions import Facts
 from spherekit.runs.smooth_extremes import SmoothExtremes
 from spherekit.status import Status
 
-MAX_SPANS = 32
+MAX_LIST_ENTRIES = 32
 """Number of entries that each list of an overview has at most.
 
 The lists are the spans of samples with one status, and for each output the places of rest,
@@ -88,7 +88,7 @@ class OutputOverview:
     further_type_1_places
         Number of such places that are not listed.
     last_determinant
-        The place, the determinant and the sense (see `add_determinants`) of the last
+        The place, the determinant and the sense (see `find_zero_crossings`) of the last
         examined row, None if it has no determinant. The next block needs it.
     last_velocities
         The velocity of the output per rate of each input in the last examined row of a
@@ -188,14 +188,14 @@ class OutputOverview:
 
     def add_uncertain_rest(self, first: float, last: float) -> None:
         """Note two samples between which the output comes to rest, by their places."""
-        if len(self.uncertain_rests) < MAX_SPANS:
+        if len(self.uncertain_rests) < MAX_LIST_ENTRIES:
             self.uncertain_rests.append([first, last])
         else:
             self.further_rests += 1
 
     def add_rest(self, place: float) -> None:
         """Note a place at which the output comes to rest."""
-        if len(self.rests) < MAX_SPANS:
+        if len(self.rests) < MAX_LIST_ENTRIES:
             self.rests.append(place)
         else:
             self.further_rests += 1
@@ -257,22 +257,15 @@ class OutputOverview:
     def add_determinants(
         self, determinants: Floats, senses: Floats, places: Floats
     ) -> None:
-        """Note where determinants of successive rows change their sign.
+        """Note singularities of type I: places where the determinant passes through zero.
 
-        They are determinants of velocity Jacobians. Between two rows with different signs
-        there is a singularity of type I, unless an input turns back between them. The rate
-        of the input then changes its sign, and the determinant with it.
+        The determinants are those of the output's velocity Jacobian in successive rows. The
+        last row of the block before is compared, too.
 
         Parameters
         ----------
-        determinants
-            (m,) determinants, NaN in rows without one. No sign change is looked for across
-            such rows.
-        senses
-            (m,) sign of the product of the rates of all inputs in a simulation, otherwise
-            0. No sign change is looked for between rows of different senses.
-        places
-            (m,) place of each sample: its time (s), the first input (rad) or its number.
+        determinants, senses, places
+            As in `find_zero_crossings`, for the m rows of this block.
         """
         if not len(determinants):
             return
@@ -281,20 +274,48 @@ class OutputOverview:
             places = np.append(place, places)
             determinants = np.append(determinant, determinants)
             senses = np.append(sense, senses)
-        has_other_sign = determinants[1:] * determinants[:-1] < 0.0
-        changes = np.flatnonzero(has_other_sign & (senses[1:] == senses[:-1]))
-        for row in changes.tolist():
-            # The place of the zero, by linear interpolation between both rows.
-            before, after = determinants[row], determinants[row + 1]
-            share = before / (before - after)
-            place = float(places[row] + share * (places[row + 1] - places[row]))
-            if len(self.type_1_places) < MAX_SPANS:
+        for place in find_zero_crossings(determinants, senses, places):
+            if len(self.type_1_places) < MAX_LIST_ENTRIES:
                 self.type_1_places.append(place)
             else:
                 self.further_type_1_places += 1
         is_known = bool(np.isfinite(determinants[-1]))
         last = [float(places[-1]), float(determinants[-1]), float(senses[-1])]
         self.last_determinant = last if is_known else None
+
+
+def find_zero_crossings(
+    determinants: Floats, senses: Floats, places: Floats
+) -> list[float]:
+    """Return the places at which a determinant passes through zero between two rows.
+
+    The determinant is that of the velocity Jacobian, with the velocity of the output per
+    unit rate of each input. It also changes its sign where an input turns back, because it
+    is infinite there. Rows of different senses are therefore not compared.
+
+    Parameters
+    ----------
+    determinants
+        (m,) determinants in successive rows, NaN in rows without one. Such rows are not
+        compared with their neighbours.
+    senses
+        (m,) sign of the product of the rates of all inputs in a simulation, otherwise 0.
+    places
+        (m,) place of each sample: its time (s), the first input (rad) or its number.
+
+    Returns
+    -------
+    The places, interpolated linearly between the two rows.
+    """
+    has_other_sign = determinants[1:] * determinants[:-1] < 0.0
+    has_same_sense = senses[1:] == senses[:-1]
+    crossings = []
+    for row in np.flatnonzero(has_other_sign & has_same_sense).tolist():
+        before = determinants[row]
+        after = determinants[row + 1]
+        share = before / (before - after)
+        crossings.append(float(places[row] + share * (places[row + 1] - places[row])))
+    return crossings
 
 
 @dataclass
@@ -308,8 +329,8 @@ class ModeOverview:
     ----------
     spans
         Spans of successive samples with the same status, by the name of the status: the
-        numbers of the first and the last sample. At most `MAX_SPANS` are stored for each
-        status.
+        numbers of the first and the last sample. At most `MAX_LIST_ENTRIES` are stored for
+        each status.
     unlisted_spans
         Number of the spans that are not stored, by status.
     transmission
@@ -356,7 +377,7 @@ class ModeOverview:
             if spans and spans[-1][1] == first - 1:
                 # The last span of this status continues.
                 spans[-1][1] = last
-            elif len(spans) < MAX_SPANS:
+            elif len(spans) < MAX_LIST_ENTRIES:
                 spans.append([first, last])
             else:
                 count = self.unlisted_spans.get(status_name, 0)

@@ -9,7 +9,7 @@ samples at once, the reference rows replace those of the whole motion.
 """
 
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -172,16 +172,18 @@ def compute_reference(
 ) -> ReferenceRows:
     """Compute configurations and poles in many digits, as a reference for a run.
 
-    A pole is the axis about which one link rotates relative to another.
+    A pole is the axis about which one link rotates relative to another, while one input
+    moves and the others are locked.
 
     Parameters
     ----------
     motion
         The configurations of the run: n rows.
-    requests, pole_fields
-        For each input that moves while the others are locked: the poles that the run has
-        evaluated, and their values. Without requests, the rates of the first input are
-        computed.
+    requests
+        The poles that the run has evaluated: one request for each moving input. Without
+        requests, the rates of the first input are computed.
+    pole_fields
+        The values of these poles in the run, one field for each request.
     arithmetic
         The number of digits; see `exact_rows_by_input`, which also lists the errors that
         can be raised.
@@ -193,12 +195,9 @@ def compute_reference(
     input_pairs = [request.plan.input for request in requests]
     if not input_pairs:
         input_pairs = list(motion.assembly.inputs[:1])
-    # The frames of the pairs describe the geometry of a mechanism. A run computes them from
-    # the sizes in its file, rounded to float64. Near a dead centre this rounding matters,
-    # so the run computes such rows from the decimal sizes of the file (`is_decimal`). Then
-    # the reference also has frames from the decimal sizes.
+    # Usually the reference has the sizes of the run, which are rounded to float64.
     frames = None
-    if any(np.any(pole_field.is_decimal) for pole_field in pole_fields):
+    if _has_decimal_rows(pole_fields):
         arithmetic = arithmetic or Digits()
         with arithmetic.within():
             frames = read_decimals(motion.mechanism).revolute_frames()
@@ -211,6 +210,15 @@ def compute_reference(
         motion=exact_motion(motion, all_rows, exact[0]),
         pole_fields=tuple(map(exact_field, exact, requests, pole_fields)),
     )
+
+
+def _has_decimal_rows(pole_fields: Iterable[PoleField]) -> bool:
+    """Return whether a run has rows that need the sizes as decimal numbers of the file.
+
+    Near a dead centre, rounding the sizes to float64 changes the poles noticeably. A run
+    computes such rows from the decimal sizes, so their reference has to use them, too.
+    """
+    return any(np.any(pole_field.is_decimal) for pole_field in pole_fields)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """A recording of a mechanism before any run: links, pairs, arcs and zero positions."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from spherekit.arrays import Floats
 from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.errors import SolveError
 from spherekit.escaping import markdown_text
@@ -14,6 +16,7 @@ from spherekit.geometry.triangle import arc
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_planner import plans
+from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.scenes.link_scenes import link_shapes, moving_link_scenes, static_scene
@@ -22,6 +25,12 @@ from spherekit.scenes.scene import Mark, Primitive, Scene, SphereCurves, Text
 
 TRIED_INPUTS = 9
 """Number of inputs, evenly spaced over the ranges, that are tried if the first fails."""
+
+MIN_AXIS_SUM = 1e-9
+"""Length of the sum of all pair axes (unit vectors) below which they have no middle.
+
+Smaller: rounding errors of axes that cancel each other give a direction.
+"""
 
 ZERO_ARC_RADIUS_RAD = np.radians(9.0)
 """Angular radius of the arc that shows how far a pair is from its zero position."""
@@ -56,33 +65,49 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     """
     position_analysis, motion, note = _assemble(mechanism)
     shapes = link_shapes(mechanism)
-    # The label of an assembly mode (way to assemble the mechanism) has a sign for each
-    # group of links. A dyad, a group of two links, has the sign + or -. Other groups have
-    # the sign "~". A label with this sign only does not distinguish modes and is left out.
-    titles = {}
-    for mode in motion.assembly_modes:
-        signs = "" if set(mode.label) == {"~"} else f" ({mode.label})"
-        titles[mode.number] = f"Mode {mode.number}{signs}"
-    # The eye looks at the middle of all pair axes (z axes of the pair frames).
-    axis_sum = np.nansum(motion.frames[:, :, :, 2], axis=(0, 1))
-    length = np.linalg.norm(axis_sum)
-    # Axes on opposite sides may cancel but for rounding. Then they have no middle.
-    focus = axis_sum / length if length > 1e-9 else None
     with RerunRecorder(mechanism.name, path=path) as recorder:
-        # The plans of how pole axes are constructed, one for each moving input. Some
-        # mechanisms move although links and pairs give too small a mobility by count. With
-        # `by_rank`, their mobility is that by the rank of the velocity equations.
+        # The recording has a text on how poles (axes of the relative rotation of two links)
+        # are constructed. It needs a plan for each input. The plans use the same mobility
+        # as the position analysis: by count, or by the rank of the velocity equations.
         pole_plans = plans(mechanism, position_analysis.by_rank)
-        still_scene = static_scene(pole_plans, shapes)
-        recorder.start(RecordingHead([still_scene], assembly_modes=titles, focus=focus))
+        head = RecordingHead(
+            scenes=[static_scene(pole_plans, shapes)],
+            assembly_modes=_mode_titles(motion.assembly_modes),
+            focus=_find_middle_of_axes(motion),
+        )
+        recorder.start(head)
         sample = np.zeros(1, np.int64)  # the recording has one sample, number 0
-        # One row per mode.
+        # Each assembly mode has one row in the motion, and a page in the recording.
         for row, scene in enumerate(moving_link_scenes(motion, shapes)):
             recorder.log(scene, sample)
-            # Each pair gets an arc from its zero to its present angle.
             additions = (*_zero_arcs(motion, row), _size_table(motion, row, note))
             recorder.log(Scene(scene.page, additions), sample)
     return note
+
+
+def _mode_titles(modes: Iterable[AssemblyMode]) -> dict[int, str]:
+    """Return the title of each assembly mode by its number.
+
+    The label of a mode has a sign for each group of links: + or - for a group of two links,
+    "~" for a larger one. A label of "~" only does not distinguish modes and is left out.
+    """
+    titles = {}
+    for mode in modes:
+        signs = "" if set(mode.label) == {"~"} else f" ({mode.label})"
+        titles[mode.number] = f"Mode {mode.number}{signs}"
+    return titles
+
+
+def _find_middle_of_axes(motion: Motion) -> Floats | None:
+    """Return the unit vector (3,) to the middle of all pair axes, in ground axes.
+
+    The result is None if the axes cancel each other.
+    """
+    # (rows, pairs, 3): the axis of a pair is the third column of its frame.
+    pair_axes = motion.frames[:, :, :, 2]
+    axis_sum = np.nansum(pair_axes, axis=(0, 1))
+    length = np.linalg.norm(axis_sum)
+    return axis_sum / length if length > MIN_AXIS_SUM else None
 
 
 def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
