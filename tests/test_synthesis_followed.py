@@ -9,7 +9,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.api.designs import specification_of
-from spherekit.designs.design_variables import CENTRAL_WEIGHTS
+from spherekit.designs.design_variables import CENTRAL_STENCIL
 from spherekit.designs.figure_gradients import FigureGradients
 from spherekit.designs.synthesis_modes import find_all_modes
 from spherekit.files.library import find
@@ -281,13 +281,13 @@ def check_gradients(tmp_path, name, vary, samples, figures):
         for variable, step in enumerate(steps):
             change = np.zeros(len(design))
             change[variable] = step
-            # The formula sums weighted differences over 1, 2, 3 and 4 steps to both sides.
-            weighted_difference = 0.0
-            for count, weight in enumerate(CENTRAL_WEIGHTS, 1):
-                above = figure_gradients.evaluate(design + count * change, modes[k])
-                below = figure_gradients.evaluate(design - count * change, modes[k])
-                weighted_difference += weight * (above.figures - below.figures)
-            derivative = weighted_difference / step
+            weighted_sum = 0.0
+            for point in CENTRAL_STENCIL:
+                changed = figure_gradients.evaluate(
+                    design + point.offset * change, modes[k]
+                )
+                weighted_sum += point.weight * changed.figures
+            derivative = weighted_sum / step
             errors = np.abs(derivative - result.gradients[:, variable])
             assert np.all(errors < 1e-8 * sizes + 1e-12)
 

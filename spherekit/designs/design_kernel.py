@@ -7,6 +7,7 @@ computed once for each design (`prepare`) and not again at every row (`evaluate`
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -230,6 +231,21 @@ class DesignKernel:
             return self.evaluate(np.concatenate(arguments))
 
 
+class KernelOutputs(NamedTuple):
+    """The outputs of a kernel of a mechanism with redundant constraints.
+
+    Attributes
+    ----------
+    columns
+        (columns, n) quantities at n configurations.
+    residual
+        (n,) relative residual of the loop equations of the rates.
+    """
+
+    columns: Floats
+    residual: Floats
+
+
 class RedundantKernel:
     """A kernel of one design with redundant constraints; it is used like `DesignKernel`.
 
@@ -309,24 +325,45 @@ class RedundantKernel:
         (columns, n) columns. Those that follow from rates are NaN where every kernel
         violates the equations of some loop by more than `MAX_LOOP_RESIDUAL`.
         """
-        count = rows.shape[1]
-        columns = np.full((len(self._follows_from_rates), count), np.nan)
-        smallest_residual = np.full(count, np.inf)
-        for kernel, prepared in zip(self._kernels, self._prepared, strict=True):
-            # The last arguments are `prepared`, which follow from the sizes alone and are
-            # the same at all configurations.
-            repeated = np.broadcast_to(prepared, (len(prepared), count))
-            outputs = kernel.evaluate(np.concatenate([rows, repeated]))
-            # The last output is the relative residual of all loops.
-            column_values = outputs[:-1]
-            residual = outputs[-1]
-            is_better = (residual < smallest_residual) & (residual <= MAX_LOOP_RESIDUAL)
-            columns[:, is_better] = column_values[:, is_better]
-            smallest_residual[is_better] = residual[is_better]
-            # Columns that do not follow from rates are right in every kernel.
-            is_independent = ~self._follows_from_rates
-            columns[is_independent] = column_values[is_independent]
+        outputs_of_kernels = [
+            self._evaluate_kernel(kernel, prepared, rows)
+            for kernel, prepared in zip(self._kernels, self._prepared, strict=True)
+        ]
+        columns = np.full((len(self._follows_from_rates), rows.shape[1]), np.nan)
+        # Columns that do not follow from rates are right in every kernel.
+        is_independent = ~self._follows_from_rates
+        columns[is_independent] = outputs_of_kernels[-1].columns[is_independent]
+
+        # Choose the kernel of the other columns, for each configuration.
+        rate_columns = np.flatnonzero(self._follows_from_rates)
+        smallest_residual = np.full(rows.shape[1], np.inf)
+        for outputs in outputs_of_kernels:
+            is_better = outputs.residual < smallest_residual
+            is_allowed = outputs.residual <= MAX_LOOP_RESIDUAL
+            chosen = np.flatnonzero(is_better & is_allowed)
+            smallest_residual[chosen] = outputs.residual[chosen]
+            for k in rate_columns:
+                columns[k, chosen] = outputs.columns[k, chosen]
         return columns
+
+    def _evaluate_kernel(
+        self, kernel: DesignKernel, prepared: Floats, rows: Floats
+    ) -> KernelOutputs:
+        """Return the outputs of one kernel at n configurations.
+
+        Parameters
+        ----------
+        kernel
+            One of the kernels of the design.
+        prepared
+            (k, 1) arguments of this kernel that follow from the sizes alone.
+        rows
+            (arguments, n) the other arguments, as for `evaluate`.
+        """
+        # The sizes are the same at all configurations.
+        repeated = np.broadcast_to(prepared, (len(prepared), rows.shape[1]))
+        outputs = kernel.evaluate(np.concatenate([rows, repeated]))
+        return KernelOutputs(columns=outputs[:-1], residual=outputs[-1])
 
 
 def _find_rate_columns(expressions: DesignExpressions, columns: Sequence[str]) -> Bools:

@@ -265,16 +265,14 @@ def _accumulate_growth(
     -------
     (pairs, k, n) angles (rad) over full revolutions, NaN where a design does not close.
     """
-    # An angle of half a revolution may be slightly above -pi because of rounding, and
-    # should be pi. `count_revolutions` is -1 for such angles and 0 for all others. Only the
-    # values at the first station remain; the loop replaces all others.
-    unwrapped = angles - TURN * count_revolutions(angles)
+    unwrapped = np.empty_like(angles)
+    unwrapped[:, 0] = _replace_minus_half_revolution(angles[:, 0])
     for k in range(1, len(stations)):
         next_angles = unwrapped[:, k - 1] + growth[:, k - 1]
-        # The mode closes at this station, and its angles could not be followed from the
-        # previous one. All pairs of a design are NaN at once, so the first pair tells.
-        starts_anew = np.isnan(next_angles[0]) & np.isfinite(angles[0, k])
-        designs = np.flatnonzero(starts_anew)
+        # All pairs of a design are NaN at once, so the first pair tells.
+        is_continued = ~np.isnan(next_angles[0])
+        closes = np.isfinite(angles[0, k])
+        designs = np.flatnonzero(closes & ~is_continued)
         if len(designs):
             next_angles[:, designs] = _unwrap_from_mode_end(
                 angles_at,
@@ -285,6 +283,16 @@ def _accumulate_growth(
             )
         unwrapped[:, k] = next_angles
     return unwrapped
+
+
+def _replace_minus_half_revolution(angles: Floats) -> Floats:
+    """Return reduced angles (rad), of which those that are -pi up to rounding become pi.
+
+    Reduced angles are in (-pi, pi]. After the change, rounding does not decide about a
+    revolution.
+    """
+    # The count is -1 for angles that are -pi up to rounding, and 0 for all others.
+    return angles - TURN * count_revolutions(angles)
 
 
 def _unwrap_from_mode_end(
@@ -342,10 +350,8 @@ def _unwrap_from_mode_end(
         start_angles=inside_angles,
         end_angles=closed_angles,
     )
-    # The angles are in (-pi, pi] already. Only those that are -pi up to rounding change
-    # here: they become pi, so that rounding does not decide about a revolution.
-    start_angles = inside_angles - TURN * count_revolutions(inside_angles)
-    reduced_angles = closed_angles - TURN * count_revolutions(closed_angles)
+    start_angles = _replace_minus_half_revolution(inside_angles)
+    reduced_angles = _replace_minus_half_revolution(closed_angles)
     # `growth` is NaN where the angles cannot be followed.
     return np.where(np.isnan(growth), reduced_angles, start_angles + growth)
 

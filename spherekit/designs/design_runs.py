@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.conventions import Facts
 from spherekit.designs.design_evaluation import SINGLE_DESIGN_PART_SIZE, DesignEvaluator
 from spherekit.designs.design_variables import OK, DesignVariable, make_design
@@ -533,48 +533,89 @@ class DesignRuns:
         DesignError
             If a figure at given inputs has another number of inputs than the table.
         """
-        expression = merit.parsed(self.units[merit.name])
-        columns = {name: rows[name].to_numpy(dtype=float) for name in expression.names}
-        values = np.broadcast_to(expression.evaluate(columns), len(rows))
-        if "status" in rows:
-            overflows = rows["status"] == Status.OVERFLOW.name
-            if np.any(np.isnan(values) & overflows):
-                # A row with this status is NaN, because a number in it is too large for
-                # float64. The figure is then infinite, whatever the reduction is. Ignoring
-                # the row would give a finite figure that looks correct. Figures that are
-                # computed without a run are infinite in this case, too.
-                return np.inf
-        input_columns = ["q", *(f"q_{item.pair}" for item in self.study.mechanism.inputs)]
-        present_columns = [name for name in input_columns if name in rows]
-        # (rows, inputs). A table without inputs is reduced over its row numbers.
-        q = np.arange(len(rows))[:, None]
-        if present_columns:
-            q = rows[present_columns].to_numpy(dtype=float)
-        if merit.point and len(merit.point) != q.shape[1]:
+        values = self._evaluate_expression(merit, rows)
+        if _has_overflow(values, rows):
+            # The figure is infinite, whatever the reduction is. Ignoring the row would give
+            # a finite figure that looks correct. Figures that are computed without a run
+            # are infinite in this case, too.
+            return np.inf
+        inputs = self._inputs_of_rows(rows)
+        input_count = inputs.shape[1]
+        if merit.point and len(merit.point) != input_count:
             raise DesignError(
-                f"{merit.name}: at(EXPRESSION, Q) needs {counted(q.shape[1], 'input')} "
+                f"{merit.name}: at(EXPRESSION, Q) needs {counted(input_count, 'input')} "
                 f"Q, found {len(merit.point)}"
             )
-        # "argmin" and "argmax" return the value of an input where the expression is
-        # smallest or largest. With several inputs the user names the pair of one input,
-        # which is stored as `place`. In all other cases the index has no effect.
-        input_index = 0
-        named_column = f"q_{merit.place}"
-        if named_column in present_columns:
-            input_index = present_columns.index(named_column)
-        is_closed_path = len(q) > 0 and return_after_revolutions(q[0], q[-1])
-        # "at" returns the value at given inputs, which are stored as `point`, so it uses
-        # only their row. All other reductions use all rows, which may be a closed path.
-        is_used = np.ones(len(q), bool)
-        if merit.point:
-            is_used = max_abs(q - merit.point, axis=1) < SAME_ANGLE_RAD
+        is_closed_path = len(inputs) > 0 and return_after_revolutions(inputs[0], inputs[-1])
+        is_used = _are_rows_used(merit, inputs)
         figure = reduce_samples(
             merit.reduction,
-            q=q[is_used, input_index],
+            q=inputs[is_used, self._index_of_input(merit, rows)],
             values=values[is_used, None],
             is_closed_path=is_closed_path,
         )
         return figure.item()
+
+    def _evaluate_expression(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> Floats:
+        """Return the values of the expression of a figure of merit in the rows (n,)."""
+        expression = merit.parsed(self.units[merit.name])
+        columns = {name: rows[name].to_numpy(dtype=float) for name in expression.names}
+        return np.broadcast_to(expression.evaluate(columns), len(rows))
+
+    def _input_columns(self, rows: "pd.DataFrame") -> list[str]:
+        """Return the names of the columns with inputs, which a table may lack.
+
+        The column is ``q`` if there is one input. With several there is ``q_PAIR`` for
+        each.
+        """
+        pairs = [item.pair for item in self.study.mechanism.inputs]
+        names = ["q", *(f"q_{pair}" for pair in pairs)]
+        return [name for name in names if name in rows]
+
+    def _inputs_of_rows(self, rows: "pd.DataFrame") -> Floats:
+        """Return the inputs (rows, inputs); without inputs the row numbers (rows, 1)."""
+        names = self._input_columns(rows)
+        if not names:
+            return np.arange(len(rows))[:, None]
+        return rows[names].to_numpy(dtype=float)
+
+    def _index_of_input(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> int:
+        """Return the index of the input whose value a reduction returns.
+
+        "argmin" and "argmax" return the value of an input where the expression is smallest
+        or largest. With several inputs the user names the pair of one input, which is
+        stored as `place`. In all other cases the first input is taken.
+        """
+        names = self._input_columns(rows)
+        named_column = f"q_{merit.place}"
+        return names.index(named_column) if named_column in names else 0
+
+
+def _are_rows_used(merit: FigureOfMerit, inputs: Floats) -> Bools:
+    """Return (rows,) whether the reduction of a figure uses each row.
+
+    "at" returns the value at given inputs, stored as `point`, so it uses only their row.
+    All other reductions use all rows. `inputs` (rows, inputs) are those of the rows.
+    """
+    if not merit.point:
+        return np.ones(len(inputs), bool)
+    return max_abs(inputs - merit.point, axis=1) < SAME_ANGLE_RAD
+
+
+def _has_overflow(values: Floats, rows: "pd.DataFrame") -> bool:
+    """Return whether a value is NaN because a number in its row is too large for float64.
+
+    Parameters
+    ----------
+    values
+        (n,) values of an expression in the rows.
+    rows
+        The rows of a table, which may have a column ``status``.
+    """
+    if "status" not in rows:
+        return False
+    overflows = rows["status"] == Status.OVERFLOW.name
+    return bool(np.any(np.isnan(values) & overflows))
 
 
 def _label_beside_kernel(mode: TableMode) -> str:

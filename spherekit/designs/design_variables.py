@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -36,13 +35,42 @@ POINTED = "pointed"
 OK = "OK"
 """Status of a design that closes at a sample, and reason of a design that is possible."""
 
-CENTRAL_WEIGHTS = (0.8, -0.2, 4.0 / 105.0, -1.0 / 280.0)
-"""Weights of a central difference quotient of the eighth order, at 1, 2, 3 and 4 steps.
 
-The weights at -1 to -4 steps are the opposite.
+class StencilPoint(NamedTuple):
+    """A value of a difference quotient.
+
+    Attributes
+    ----------
+    offset
+        Its difference from the value at which the derivative is computed, in steps.
+    weight
+        Its weight in the sum that is divided by the step.
+    """
+
+    offset: float
+    weight: float
+
+
+Stencil = tuple[StencilPoint, ...]
+"""The values of a difference quotient. The weights add up to zero.
+
+The farthest value on a side is computed first. If it is not possible, the quotient fails
+before the nearer values are computed.
 """
 
-ONE_SIDED_WEIGHTS = (
+CENTRAL_STENCIL: Stencil = (
+    StencilPoint(-4.0, 1.0 / 280.0),
+    StencilPoint(-3.0, -4.0 / 105.0),
+    StencilPoint(-2.0, 0.2),
+    StencilPoint(-1.0, -0.8),
+    StencilPoint(4.0, -1.0 / 280.0),
+    StencilPoint(3.0, 4.0 / 105.0),
+    StencilPoint(2.0, -0.2),
+    StencilPoint(1.0, 0.8),
+)
+"""Central difference quotient of the eighth order."""
+
+FORWARD_WEIGHTS = (
     8.0,
     -14.0,
     56.0 / 3.0,
@@ -52,7 +80,25 @@ ONE_SIDED_WEIGHTS = (
     8.0 / 7.0,
     -0.125,
 )
-"""Weights of a one-sided difference quotient of the eighth order, at 1 to 8 steps."""
+"""Weights of the forward difference quotient of the eighth order, at 1 to 8 steps."""
+
+FORWARD_STENCIL: Stencil = (
+    StencilPoint(8.0, FORWARD_WEIGHTS[7]),
+    StencilPoint(7.0, FORWARD_WEIGHTS[6]),
+    StencilPoint(6.0, FORWARD_WEIGHTS[5]),
+    StencilPoint(5.0, FORWARD_WEIGHTS[4]),
+    StencilPoint(4.0, FORWARD_WEIGHTS[3]),
+    StencilPoint(3.0, FORWARD_WEIGHTS[2]),
+    StencilPoint(2.0, FORWARD_WEIGHTS[1]),
+    StencilPoint(1.0, FORWARD_WEIGHTS[0]),
+    StencilPoint(0.0, -float(np.sum(FORWARD_WEIGHTS))),
+)
+"""Forward difference quotient of the eighth order."""
+
+BACKWARD_STENCIL: Stencil = tuple(
+    StencilPoint(-point.offset, -point.weight) for point in FORWARD_STENCIL
+)
+"""Backward difference quotient of the eighth order."""
 
 _FILE_LOCATION = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ", re.MULTILINE)
 """The name of a file, and perhaps a line number, at the beginning of an error message."""
@@ -336,11 +382,9 @@ def differentiate_by_variable(
 ) -> Floats | None:
     """Return derivatives of numbers by one variable, by difference quotients.
 
-    A quotient is a weighted sum of the numbers at values v + m h of the variable, divided
-    by the step h, with integers m (offsets). The quotients are of the eighth order, so they
-    are exact for polynomials up to this degree. The central quotient (m = -4 ... 4) is
-    tried first, then those to either side (m = 0 ... 8 and 0 ... -8), which apply if the
-    value is at a limit.
+    The quotients are of the eighth order: they are exact for polynomials up to this degree.
+    With each step the central quotient is tried first. The forward and the backward one
+    follow, which apply if the value of the variable is at a limit.
 
     Parameters
     ----------
@@ -351,40 +395,59 @@ def differentiate_by_variable(
     k
         Index of the variable.
     steps
-        Steps h of the variable. The first one that does not fail is used. A step fails if
-        `read_numbers` raises a `SpherekitError` at one of the values.
+        Steps of the variable, in the order in which they are tried. A quotient fails if
+        `read_numbers` raises a `SpherekitError` at one of its values.
 
     Returns
     -------
-    (n,) derivatives, or None if every step fails.
+    (n,) derivatives by the first quotient that does not fail, or None if all fail.
     """
-    # Offsets m with the weights of the numbers at v + m h. They are in order of increasing
-    # distance on each side. The weights of a quotient add up to zero. The central one has
-    # no number at v itself, and opposite weights on both sides.
-    forward = np.arange(9.0)
-    forward_weights = np.array([-np.sum(ONE_SIDED_WEIGHTS), *ONE_SIDED_WEIGHTS])
-    one_to_four = forward[1:5]
-    central = np.concatenate([one_to_four, -one_to_four])
-    weights_above = np.array(CENTRAL_WEIGHTS)
-    central_weights = np.concatenate([weights_above, -weights_above])
-    stencils = (
-        (central, central_weights),
-        (forward, forward_weights),
-        (-forward, -forward_weights),
-    )
     for step in steps:
-        for offsets, weights in stencils:
-            total = np.zeros(())
-            # If a value is not possible, `suppress` leads on to the next quotient.
-            with suppress(SpherekitError):
-                # In reverse order, each side begins with its farthest value. If that is not
-                # possible, the quotient fails before the nearer values are computed.
-                for offset, weight in zip(offsets[::-1], weights[::-1], strict=True):
-                    changed_values = values.copy()
-                    changed_values[k] += step * offset
-                    total = total + weight * read_numbers(changed_values)
-                return total / step
+        for stencil in (CENTRAL_STENCIL, FORWARD_STENCIL, BACKWARD_STENCIL):
+            derivatives = _difference_quotient(read_numbers, values, k, step, stencil)
+            if derivatives is not None:
+                return derivatives
     return None
+
+
+def _difference_quotient(
+    read_numbers: Callable[[Floats], Floats],
+    values: Floats,
+    k: int,
+    step: float,
+    stencil: Stencil,
+) -> Floats | None:
+    """Return one difference quotient of numbers by a variable.
+
+    It is the weighted sum of the numbers at the values of the stencil, divided by the step.
+
+    Parameters
+    ----------
+    read_numbers
+        Function of values (variables,) that returns the numbers (n,).
+    values
+        (variables,) values at which the quotient is computed.
+    k
+        Index of the variable.
+    step
+        Step of the variable, in which the stencil counts.
+    stencil
+        The values at which the numbers are read, and their weights.
+
+    Returns
+    -------
+    (n,) quotients, or None if `read_numbers` raises a `SpherekitError` at a value.
+    """
+    total = np.zeros(())
+    for point in stencil:
+        changed_values = values.copy()
+        changed_values[k] += step * point.offset
+        try:
+            numbers = read_numbers(changed_values)
+        except SpherekitError:
+            return None
+        total = total + point.weight * numbers
+    return total / step
 
 
 def reason_of(problem: SpherekitError) -> str:

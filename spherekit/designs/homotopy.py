@@ -103,11 +103,146 @@ It takes variables (variables, k), the numbers (k,) of the paths and the path pa
 (k,) from 0 to 1, and returns columns (w, k). They are NaN where there is no design.
 """
 
-ClosureEquations = Callable[[Array, Indices], NewtonStep]
-"""The closure equations at variables (variables, m) of the paths with the numbers (m,)."""
-
 NO_INPUTS = np.zeros((0, 1)), np.zeros((0, 1))
 """Inputs at both ends of paths along which the kernel keeps the inputs."""
+
+
+@dataclass(frozen=True)
+class PathProfiles:
+    """The contact profiles of designs on paths, if profiles are not circles.
+
+    Attributes
+    ----------
+    columns_at
+        Function that returns the columns (tangents, points, curvatures) of the profiles.
+    paths
+        (m,) number of the path of each design.
+    parameters
+        (m,) path parameter of each design: 0 at the start of its path, 1 at the end.
+    """
+
+    columns_at: ProfileColumns
+    paths: Indices
+    parameters: Floats
+
+    def select(self, indices: Indices) -> "PathProfiles":
+        """Return the profiles of some of the m designs."""
+        return PathProfiles(self.columns_at, self.paths[indices], self.parameters[indices])
+
+    def evaluate(self, values: Array) -> Floats:
+        """Return the columns (w, m) at pair variables (variables, m) in rad."""
+        return self.columns_at(values, self.paths, self.parameters)
+
+
+@dataclass(frozen=True)
+class ClosureProblem:
+    """The closure equations of m designs, one design for each configuration.
+
+    Attributes
+    ----------
+    kernel
+        The closure equations that all designs share.
+    prepared
+        (k, m) the numbers in the equations that follow from the sizes of each design.
+    profiles
+        The contact profiles of the designs; None if all profiles are circles.
+    """
+
+    kernel: PathKernel
+    prepared: Floats
+    profiles: PathProfiles | None = None
+
+    def select(self, indices: Indices) -> "ClosureProblem":
+        """Return the closure equations of some of the m designs."""
+        profiles = self.profiles.select(indices) if self.profiles else None
+        return ClosureProblem(self.kernel, self.prepared[:, indices], profiles)
+
+    def newton_step(self, values: Array) -> NewtonStep:
+        """Return a step of Newton's method from pair variables (variables, m) in rad."""
+        numbers = self.prepared
+        if self.profiles is not None:
+            # The kernel takes the columns of profiles before the prepared numbers.
+            numbers = np.concatenate([self.profiles.evaluate(values), numbers])
+        return self.kernel.newton_step(values, numbers)
+
+
+@dataclass(frozen=True)
+class DesignPaths:
+    """Paths along which the sizes and the inputs of a mechanism change.
+
+    There are n paths. Along each, a parameter increases from 0 at the start to 1 at the
+    end. Arrays of a single column instead of n apply to all paths.
+
+    Attributes
+    ----------
+    kernel
+        The closure equations that all designs share.
+    start_sizes, end_sizes
+        (k, n) or (k, 1) sizes at both ends. They are linear functions of the parameter.
+    start_inputs, end_inputs
+        (inputs, n) or (inputs, 1) inputs (rad) at both ends.
+    detour
+        (inputs, 1) deviation (rad) of the inputs from a straight path, at half of the path.
+        An imaginary detour leads around real inputs at which solutions meet, because
+        tracking would fail at these inputs.
+    profiles
+        The columns of profiles along the paths; None if all profiles are circles.
+    """
+
+    kernel: PathKernel
+    start_sizes: Floats
+    end_sizes: Floats
+    start_inputs: Array
+    end_inputs: Array
+    detour: Array | float
+    profiles: ProfileColumns | None
+
+    def inputs_at(self, paths: Indices, parameters: Floats) -> Array:
+        """Return the inputs at one point of each of some paths.
+
+        Parameters
+        ----------
+        paths
+            (m,) numbers of the paths.
+        parameters
+            (m,) path parameters of the points.
+
+        Returns
+        -------
+        (inputs, m) inputs (rad).
+        """
+        start = _columns_of_paths(self.start_inputs, paths)
+        end = _columns_of_paths(self.end_inputs, paths)
+        # A parabola that is zero at both ends and `detour` halfway.
+        bulge = 4.0 * self.detour * parameters * (1.0 - parameters)
+        return start + (end - start) * parameters + bulge
+
+    def equations_at(self, paths: Indices, parameters: Floats) -> ClosureProblem:
+        """Return the closure equations of the designs at one point of each of some paths.
+
+        Parameters
+        ----------
+        paths
+            (m,) numbers of the paths.
+        parameters
+            (m,) path parameters of the points.
+
+        Returns
+        -------
+        The closure equations of m designs.
+        """
+        start = _columns_of_paths(self.start_sizes, paths)
+        end = _columns_of_paths(self.end_sizes, paths)
+        prepared = self.kernel.prepare(start + (end - start) * parameters)
+        if self.profiles is None:
+            return ClosureProblem(self.kernel, prepared)
+        path_profiles = PathProfiles(self.profiles, paths, parameters)
+        return ClosureProblem(self.kernel, prepared, path_profiles)
+
+
+def _columns_of_paths(values: Array, paths: Indices) -> Array:
+    """Return the columns of some paths; a single column applies to all paths."""
+    return values[:, paths] if values.shape[1] > 1 else values
 
 
 def track_solutions(
@@ -154,60 +289,7 @@ def track_solutions(
     """
     path_count = start.shape[1]
     is_real_path = not np.iscomplexobj(start)
-
-    def equations_at(paths: Indices, parameters: Floats) -> tuple[Array, ClosureEquations]:
-        """Return the inputs and the closure equations at points of some paths.
-
-        A path leads from the sizes and inputs of its start to those of its end, while its
-        parameter increases from 0 to 1. The sizes are linear functions of the parameter.
-        The inputs are a linear function plus the detour times a parabola. An imaginary
-        detour leads around real inputs at which solutions meet, because tracking would fail
-        at these inputs.
-
-        These are arguments of `track_solutions`: `sizes` and `inputs`, each with the values
-        at the starts and at the ends of all paths, `kernel`, `profiles` and `detour`.
-
-        Parameters
-        ----------
-        paths
-            (m,) numbers of the paths.
-        parameters
-            (m,) path parameters of the points.
-
-        Returns
-        -------
-        path_inputs
-            (inputs, m) inputs (rad) at these points.
-        equations
-            Function that returns a Newton step for the closure equations.
-        """
-
-        def select_paths(ends: Array) -> Array:
-            """Return the columns (m) of these paths; a single column applies to all."""
-            return ends[:, paths] if ends.shape[1] > 1 else ends
-
-        start_sizes, end_sizes = map(select_paths, sizes)
-        start_inputs, end_inputs = map(select_paths, inputs)
-        # (k, m) the numbers in the equations that follow from the sizes alone.
-        prepared = kernel.prepare(start_sizes + (end_sizes - start_sizes) * parameters)
-
-        def equations(values: Array, selected: Indices) -> NewtonStep:
-            """Return a Newton step at pair variables (variables, k) of k of the m paths.
-
-            `selected` are the indices (k,) of these paths among the m paths.
-            """
-            numbers = prepared[:, selected]
-            if profiles is not None:
-                # (w, k) tangents, points and curvatures of profiles that are not circles.
-                # They are the first arguments of the equations after the variables.
-                columns = profiles(values, paths[selected], parameters[selected])
-                numbers = np.concatenate([columns, numbers])
-            return kernel.newton_step(values, numbers)
-
-        # A parabola that is zero at both ends and `detour` halfway.
-        bulge = 4.0 * detour * parameters * (1.0 - parameters)
-        path_inputs = start_inputs + (end_inputs - start_inputs) * parameters + bulge
-        return path_inputs, equations
+    design_paths = DesignPaths(kernel, *sizes, *inputs, detour, profiles)
 
     current = start.copy()
     step = np.ones(path_count)
@@ -224,11 +306,10 @@ def track_solutions(
         near_start = start[:, paths]
         # The variables of the inputs that are set along the path; none with `NO_INPUTS`.
         driven = kernel.driven[: len(inputs[0])]
-        all_paths = np.arange(len(paths))
-        near_start[driven], equations = equations_at(
-            paths, np.full(len(paths), SLOPE_FRACTION)
-        )
-        first_step, determinant, _ = equations(near_start, all_paths)
+        near_parameters = np.full(len(paths), SLOPE_FRACTION)
+        near_start[driven] = design_paths.inputs_at(paths, near_parameters)
+        equations = design_paths.equations_at(paths, near_parameters)
+        first_step, determinant, _ = equations.newton_step(near_start)
         slopes[:, :, paths] = (near_start + first_step - start[:, paths]) / SLOPE_FRACTION
         start_sign[paths] = np.sign(determinant.real)
         for _ in range(MAX_PATH_STEPS):
@@ -238,10 +319,10 @@ def track_solutions(
             predicted = _extrapolate(
                 parameters[:, paths], current[:, paths], slopes[:, :, paths], target
             )
-            predicted[driven], equations = equations_at(paths, target)
-            all_paths = np.arange(len(paths))
-            corrected = predicted + equations(predicted, all_paths).change
-            second_change, determinant, _ = equations(corrected, all_paths)
+            predicted[driven] = design_paths.inputs_at(paths, target)
+            equations = design_paths.equations_at(paths, target)
+            corrected = predicted + equations.newton_step(predicted).change
+            second_change, determinant, _ = equations.newton_step(corrected)
             first_length = max_abs(corrected - predicted, 0)
             second_length = max_abs(second_change, 0)
             accepted = (first_length < MAX_FIRST_NEWTON_STEP_RAD) & (
@@ -273,7 +354,7 @@ def track_solutions(
             ]
         arrived = parameters[2] >= 1.0
         paths = np.flatnonzero(arrived)
-        _, equations = equations_at(paths, np.ones(len(paths)))
+        equations = design_paths.equations_at(paths, np.ones(len(paths)))
         current[:, paths], arrived[paths] = converge_solutions(equations, current[:, paths])
     return current, arrived
 
@@ -307,17 +388,15 @@ def _extrapolate(parameters: Floats, values: Array, slopes: Array, target: Float
     )
 
 
-def converge_solutions(equations: ClosureEquations, values: Array) -> tuple[Array, Bools]:
+def converge_solutions(equations: ClosureProblem, values: Array) -> tuple[Array, Bools]:
     """Refine solutions of the closure equations by Newton's method, to full accuracy.
 
     Parameters
     ----------
     equations
-        Function that returns a Newton step for m of the n solutions. Its arguments are
-        their pair variables (variables, m) and their indices (m,). Inputs are constant in
-        the step.
+        The closure equations of n designs. Newton's method keeps the inputs constant.
     values
-        (variables, n) approximate solutions (rad), real or complex.
+        (variables, n) approximate solutions (rad), real or complex, one of each design.
 
     Returns
     -------
@@ -331,24 +410,41 @@ def converge_solutions(equations: ClosureEquations, values: Array) -> tuple[Arra
     remaining = np.arange(values.shape[1])
     with np.errstate(all="ignore"):
         for _ in range(MAX_FINAL_STEPS):
-            newton_step = equations(solutions[:, remaining], remaining)
+            newton_step = equations.select(remaining).newton_step(solutions[:, remaining])
             solutions[:, remaining] += newton_step.change
-            # |sin(a + i b)| grows like exp(|b|) with the imaginary part b, and so do its
-            # rounding errors. The equations contain products of sines and cosines, which
-            # grow like exp(2 |b|) if they have two factors. Tolerances grow likewise.
-            imaginary_part = max_abs(solutions[:, remaining].imag, 0)
-            growth = np.exp(2.0 * imaginary_part)
-            is_small_step = max_abs(newton_step.change, 0) < FINAL_STEP_RAD * growth
-            is_closed = (
-                np.abs(newton_step.squared_residual) < (CLOSURE_TOLERANCE_RAD * growth) ** 2
-            )
-            # A solution with a larger imaginary part counts as infinite.
-            is_finite = imaginary_part < MAX_IMAGINARY_PART_RAD
-            converged[remaining] = is_small_step & is_finite & is_closed
+            converged[remaining] = _has_converged(solutions[:, remaining], newton_step)
             remaining = np.flatnonzero(~converged)
             if not len(remaining):
                 break
     return solutions, converged
+
+
+def _has_converged(solutions: Array, last_step: NewtonStep) -> Bools:
+    """Return whether Newton's method has converged to finite solutions.
+
+    The last step must be short, and the loops must have been closed before it.
+
+    Parameters
+    ----------
+    solutions
+        (variables, m) real or complex solutions (rad) after the last step.
+    last_step
+        The Newton step that led to them. Its residual is that before the step.
+
+    Returns
+    -------
+    (m,) flags.
+    """
+    # |sin(a + i b)| grows like exp(|b|) with the imaginary part b, and so do its rounding
+    # errors. The equations contain products of two such factors, which grow like
+    # exp(2 |b|). The tolerances grow likewise.
+    imaginary_part = max_abs(solutions.imag, 0)
+    growth = np.exp(2.0 * imaginary_part)
+    is_short_step = max_abs(last_step.change, 0) < FINAL_STEP_RAD * growth
+    is_closed = np.abs(last_step.squared_residual) < (CLOSURE_TOLERANCE_RAD * growth) ** 2
+    # A solution with a larger imaginary part counts as infinite.
+    is_finite = imaginary_part < MAX_IMAGINARY_PART_RAD
+    return is_short_step & is_finite & is_closed
 
 
 def solution_distance(solution_a: Array, solution_b: Array) -> Floats:

@@ -4,6 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
+from spherekit.arrays import Bools, Floats
 from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import pair_frames
@@ -21,7 +22,8 @@ def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
 
     A link is given by the directions of its axes. If an axis points the other way, the
     linkage is the same, although the arcs from this axis become 180 degrees minus the arc.
-    All choices of signs of the axes are therefore tried.
+    All choices of signs of the axes are therefore tried. The choice of reversing all axes
+    gives the mirror image.
 
     Parameters
     ----------
@@ -36,40 +38,66 @@ def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
     pairs = mechanism.pairs
     if not all(pair.kind.has_axis for pair in pairs):
         return False
-    # (choices, pairs) each row is a choice of 1 or -1 for each axis; bit k of its number
-    # gives the sign of axis k. The loop over the links keeps the choices with which all
-    # links so far are equal.
-    choices = np.arange(2 ** len(pairs))[:, None]
-    signs = 1.0 - 2.0 * (choices >> np.arange(len(pairs)) & 1)
-    frames = pair_frames(mechanism)
-    other_frames = pair_frames(other_mechanism)
+    # The loop over the links keeps the choices of signs with which all links so far are
+    # equal.
+    signs = list_sign_choices(len(pairs))
     for link in mechanism.links:
-        # (axes, 3) axes of the pairs of this link, in the axes of the link.
-        pair_numbers = []
-        link_axes = []
-        other_link_axes = []
-        for k, pair in enumerate(pairs):
-            if link in pair.links:
-                # A pair has one frame in each of its two links. The third column is its
-                # axis.
-                side = pair.links.index(link)
-                pair_numbers.append(k)
-                link_axes.append(frames[side][pair.name][:, 2])
-                other_link_axes.append(other_frames[side][pair.name][:, 2])
-        other_axes = np.array(other_link_axes)
-        # (choices, axes, 3)
-        signed_axes = signs[:, pair_numbers, None] * np.array(link_axes)
-
-        # The cosines of the angles between all axes must be equal.
-        cosines = signed_axes @ np.swapaxes(signed_axes, 1, 2)
-        is_equal = max_abs(cosines - other_axes @ other_axes.T, axis=(1, 2)) < SAME_LINKAGE
-        # A link and its mirror image have equal cosines, but triple products of opposite
-        # sign. Reversing all axes gives the mirror image of the whole linkage, which is
-        # therefore among the choices of signs.
-        for three_axes in combinations(range(len(pair_numbers)), 3):
-            triple_products = np.linalg.det(signed_axes[:, list(three_axes)])
-            other_triple_product = np.linalg.det(other_axes[list(three_axes)])
-            difference = np.abs(triple_products - other_triple_product)
-            is_equal &= difference < SAME_LINKAGE
-        signs = signs[is_equal]
+        pair_numbers = [k for k, pair in enumerate(pairs) if link in pair.links]
+        axes = _axes_of_link(mechanism, link)
+        other_axes = _axes_of_link(other_mechanism, link)
+        signed_axes = signs[:, pair_numbers, None] * axes
+        signs = signs[_are_congruent(signed_axes, other_axes)]
     return len(signs) > 0
+
+
+def list_sign_choices(count: int) -> Floats:
+    """Return all choices of 1 or -1 for each of `count` axes, (2 ** count, count)."""
+    choice_numbers = np.arange(2**count)
+    signs = np.ones((len(choice_numbers), count))
+    for k in range(count):
+        # Bit k of the number of a choice gives the sign of axis k.
+        is_reversed = (choice_numbers >> k) % 2 == 1
+        signs[is_reversed, k] = -1.0
+    return signs
+
+
+def _axes_of_link(mechanism: Mechanism, link: str) -> Floats:
+    """Return the axes (axes, 3) of the pairs of a link, in the axes of the link."""
+    # The frames of all pairs in their first links, and in their second links. The third
+    # column of a frame is the axis of the pair.
+    frames_by_side = pair_frames(mechanism)
+    axes = []
+    for pair in mechanism.pairs:
+        if link in pair.links:
+            frame_by_pair = frames_by_side[pair.links.index(link)]
+            axes.append(frame_by_pair[pair.name][:, 2])
+    return np.array(axes)
+
+
+def _are_congruent(signed_axes: Floats, other_axes: Floats) -> Bools:
+    """Return whether a rotation leads from sets of axes to another set.
+
+    It exists if the cosines of all angles between axes are equal, and the triple products
+    of all axes, too. Mirror images have equal cosines, but triple products of opposite
+    sign.
+
+    Parameters
+    ----------
+    signed_axes
+        (choices, axes, 3) unit vectors, for each choice of their signs.
+    other_axes
+        (axes, 3) unit vectors of the other set.
+
+    Returns
+    -------
+    (choices,) flags.
+    """
+    cosines = signed_axes @ np.swapaxes(signed_axes, 1, 2)
+    other_cosines = other_axes @ other_axes.T
+    is_equal = max_abs(cosines - other_cosines, axis=(1, 2)) < SAME_LINKAGE
+    for three_axes in combinations(range(len(other_axes)), 3):
+        triple_products = np.linalg.det(signed_axes[:, list(three_axes)])
+        other_triple_product = np.linalg.det(other_axes[list(three_axes)])
+        difference = np.abs(triple_products - other_triple_product)
+        is_equal &= difference < SAME_LINKAGE
+    return is_equal

@@ -20,13 +20,14 @@ from spherekit.conventions import Names
 from spherekit.designs.homotopy import (
     LONG_PATH_CONTRACTION,
     SAME_SOLUTION_RAD,
+    ClosureProblem,
     StartSolutions,
     are_distinct,
     converge_solutions,
     solution_distance,
     track_solutions,
 )
-from spherekit.designs.path_kernel import NewtonStep, PathKernel
+from spherekit.designs.path_kernel import PathKernel
 from spherekit.geometry.vectors import max_abs, nans
 from spherekit.numerics.angles import wrap
 from spherekit.positions.input_grid import InputGrid
@@ -344,65 +345,23 @@ class _SolutionTracker:
             columns = np.flatnonzero(np.repeat(incomplete, self.solutions_per_design))
             if not len(columns):
                 break
-            # On a straight path of real inputs two solutions can meet at a singularity, and
-            # two paths then end in the same solution. Off the real axis they do not meet.
-            # The detour is the imaginary part of the inputs half-way between start and end.
-            # It is a parabola, zero at both ends.
-            detour = 1j * detour_ratio * (end_inputs - start_inputs)
-            ends, arrived = track_solutions(
+            sizes = self.sizes[:, columns]
+            ends = _track_along_detour(
                 self.path_kernel,
-                start[:, columns].astype(complex),
-                sizes=(start_sizes[:, columns], self.sizes[:, columns]),
+                start[:, columns],
+                sizes=(start_sizes[:, columns], sizes),
                 inputs=(start_inputs, end_inputs),
-                detour=detour,
+                detour_ratio=detour_ratio,
             )
-            solutions[:, columns] = np.where(arrived, ends, np.nan)
-            # Rounding leaves small imaginary parts in real solutions. They are set to zero
-            # in place.
-            self._remove_imaginary_rounding(solutions, columns)
+            cleaned = _remove_imaginary_rounding(self.path_kernel, ends, sizes)
+            solutions[:, columns] = cleaned.values
+            undecided_columns = columns[cleaned.is_undecided]
+            self.is_lost[undecided_columns // self.solutions_per_design] = True
             # A design with a NaN, where a path did not arrive, counts as not distinct.
             incomplete &= ~are_distinct(self._by_design(solutions))
         self.is_lost |= incomplete
         solutions[:, np.repeat(self.is_lost, self.solutions_per_design)] = np.nan
         return solutions
-
-    def _remove_imaginary_rounding(self, solutions: Array, columns: Indices) -> None:
-        """Remove the imaginary part of solutions that are real up to rounding.
-
-        A solution with an imaginary part below `NEAR_REAL_RAD` is tested. It is real if
-        Newton's method, started from its real part, converges to the same solution, at most
-        `SAME_SOLUTION_RAD` away. A solution that fails the test counts as complex.
-
-        If its imaginary part is below `SAME_SOLUTION_RAD`, it is too near to its real part
-        to be another solution. Then it is not known whether it is real, and the design is
-        marked in `is_lost`.
-
-        Parameters
-        ----------
-        solutions
-            (variables, designs * solutions per design) pair variables (rad), changed in
-            place. Each column is a solution. Those of one design are successive columns.
-        columns
-            (n,) indices of the columns that are tested.
-        """
-        imaginary_part = max_abs(solutions[:, columns].imag, axis=0)
-        is_nearly_real = (imaginary_part > 0.0) & (imaginary_part < NEAR_REAL_RAD)
-        tested_columns = columns[is_nearly_real]
-        real_parts = solutions[:, tested_columns].real
-        prepared = self.path_kernel.prepare(self.sizes[:, tested_columns])
-
-        def newton_step(values: Array, indices: Indices) -> NewtonStep:
-            """Return a step at variables (variables, m) of some of the tested solutions."""
-            return self.path_kernel.newton_step(values, prepared[:, indices])
-
-        refined, converged = converge_solutions(newton_step, real_parts)
-        distance = max_abs(refined - real_parts, axis=0)
-        passes = converged & (distance < SAME_SOLUTION_RAD)
-        solutions[:, tested_columns[passes]] = refined[:, passes]
-
-        is_undecided = ~passes & (imaginary_part[is_nearly_real] < SAME_SOLUTION_RAD)
-        undecided_columns = tested_columns[is_undecided]
-        self.is_lost[undecided_columns // self.solutions_per_design] = True
 
     def link_real_solutions(
         self,
@@ -470,3 +429,99 @@ class _SolutionTracker:
     def _by_design(self, solutions: Array) -> Array:
         """Return solutions (variables, columns) as (variables, designs, m)."""
         return solutions.reshape(len(solutions), -1, self.solutions_per_design)
+
+
+def _track_along_detour(
+    path_kernel: PathKernel,
+    start: Array,
+    sizes: tuple[Floats, Floats],
+    inputs: tuple[Array, Array],
+    detour_ratio: float,
+) -> Array:
+    """Track solutions along a path of the inputs through complex values.
+
+    On a straight path of real inputs two solutions can meet at a singularity, and two paths
+    then end in the same solution. Off the real axis they do not meet.
+
+    Parameters
+    ----------
+    path_kernel
+        Newton steps of the closure equations.
+    start
+        (variables, n) solutions (rad) at the start of the paths.
+    sizes
+        (sizes, n) sizes at the start and at the end.
+    inputs
+        (inputs, 1) inputs (rad) at the start and at the end.
+    detour_ratio
+        Imaginary part of the inputs half-way between start and end, as a fraction of their
+        change. Along the path it is a parabola, which is zero at both ends.
+
+    Returns
+    -------
+    (variables, n) complex solutions (rad) at the end, NaN where a path does not arrive.
+    """
+    start_inputs, end_inputs = inputs
+    ends, arrived = track_solutions(
+        path_kernel,
+        start.astype(complex),
+        sizes=sizes,
+        inputs=inputs,
+        detour=1j * detour_ratio * (end_inputs - start_inputs),
+    )
+    return np.where(arrived, ends, np.nan)
+
+
+@dataclass(frozen=True)
+class CleanedSolutions:
+    """Solutions of the closure equations without imaginary parts that are only rounding.
+
+    Attributes
+    ----------
+    values
+        (variables, n) pair variables (rad). Real solutions have an imaginary part of
+        exactly zero.
+    is_undecided
+        (n,) whether it is not known if the solution is real.
+    """
+
+    values: Array
+    is_undecided: Bools
+
+
+def _remove_imaginary_rounding(
+    path_kernel: PathKernel, solutions: Array, sizes: Floats
+) -> CleanedSolutions:
+    """Remove the imaginary part of solutions that are real up to rounding.
+
+    A solution with an imaginary part below `NEAR_REAL_RAD` is tested. It is real if
+    Newton's method, started from its real part, converges to the same solution, at most
+    `SAME_SOLUTION_RAD` away. A solution that fails the test counts as complex. If its
+    imaginary part is below `SAME_SOLUTION_RAD`, however, it is too near to its real part to
+    be another solution. It is then undecided.
+
+    Parameters
+    ----------
+    path_kernel
+        Newton steps of the closure equations.
+    solutions
+        (variables, n) complex solutions (rad).
+    sizes
+        (sizes, n) sizes of the design of each solution.
+
+    Returns
+    -------
+    The solutions, and which of them are undecided.
+    """
+    imaginary_part = max_abs(solutions.imag, axis=0)
+    tested = np.flatnonzero((imaginary_part > 0.0) & (imaginary_part < NEAR_REAL_RAD))
+    real_parts = solutions[:, tested].real
+    equations = ClosureProblem(path_kernel, path_kernel.prepare(sizes[:, tested]))
+    refined, converged = converge_solutions(equations, real_parts)
+    has_passed = converged & (max_abs(refined - real_parts, axis=0) < SAME_SOLUTION_RAD)
+
+    values = solutions.copy()
+    values[:, tested[has_passed]] = refined[:, has_passed]
+    is_undecided = np.zeros(solutions.shape[1], bool)
+    is_undecided[tested] = ~has_passed & (imaginary_part[tested] < SAME_SOLUTION_RAD)
+    return CleanedSolutions(values, is_undecided)

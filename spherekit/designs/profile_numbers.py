@@ -7,6 +7,7 @@ profiles are not circles. The columns are differentiated by numbers of the mecha
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -114,10 +115,7 @@ class DesignProfiles:
 
         The other designs are the draws of a tolerance analysis: each has one set of
         deviations from this design. From every nominal configuration, a path leads to each
-        draw. Newton's method tracks the configuration along it. The nine columns of a
-        contact profile are the tangent (3), the point (3), the geodesic curvature and its
-        first two derivatives. Along a path they are interpolated between those of both
-        designs.
+        draw. Newton's method tracks the configuration along it.
 
         Parameters
         ----------
@@ -126,70 +124,13 @@ class DesignProfiles:
 
         Returns
         -------
-        A function of pair variables (variables, m) in rad, numbers (m,) of the paths, and
-        path parameters (m,), which are 0 at this design and 1 at the draw. It returns the
-        columns (9 * profiles, m). Several paths can lead to the same draw: path k leads to
-        draw k modulo the number of draws. The second derivatives of the curvature are NaN,
-        because the closure equations do not depend on them.
+        A function of pair variables, paths and path parameters that returns the columns,
+        see `ProfilesTowardsDraws.evaluate_columns`.
         """
-        profiles_of_draw = [
+        profiles_of_draws = [
             self._deviating_profiles(self.values + deviation) for deviation in deviations.T
         ]
-
-        def evaluate(values: Floats, paths: Indices, parameters: Floats) -> Floats:
-            """Return the columns of all profiles at m points of paths between designs.
-
-            A path leads from the nominal design to a draw, which is a design with
-            deviations. The profiles of both designs are evaluated at the same pair
-            variables, and their columns are interpolated by the path parameter. No profiles
-            of designs in between have to be made.
-
-            Parameters
-            ----------
-            values
-                (variables, m) pair variables (rad) of the points.
-            paths
-                (m,) number of the path of each point. Path k leads to draw k modulo the
-                number of draws.
-            parameters
-                (m,) path parameter of each point: 0 at the nominal design, 1 at the draw.
-
-            Returns
-            -------
-            (9 * profiles, m) columns: tangent (3), point (3), geodesic curvature and its
-            two derivatives. They are NaN if the draw is an impossible design. The second
-            derivative is not needed for closing the loops, and is always NaN.
-            """
-            columns = nans((COLUMN_COUNT * len(self.profiles), len(paths)))
-            if not len(paths):
-                return columns
-            draws = paths % len(profiles_of_draw)
-
-            # First the profiles of the draws are evaluated, at the variables of the points.
-            # All points of a draw are evaluated together. `order` sorts them by draw.
-            order = np.argsort(draws, kind="stable")
-            different_draws, starts = np.unique(draws[order], return_index=True)
-            points_of_draws = np.split(order, starts[1:])
-            for draw, points in zip(different_draws, points_of_draws, strict=True):
-                profiles = profiles_of_draw[draw]
-                is_possible_design = profiles is not None
-                if is_possible_design:
-                    columns[:, points] = evaluate_profile_columns(
-                        profiles, values[:, points].T, with_second_derivative=False
-                    )
-
-            # Points before the end of their path are interpolated.
-            inner_points = np.flatnonzero(parameters < 1.0)
-            if len(inner_points):
-                nominal_columns = evaluate_profile_columns(
-                    self.profiles, values[:, inner_points].T, with_second_derivative=False
-                )
-                columns[:, inner_points] = _interpolate_columns(
-                    nominal_columns, columns[:, inner_points], parameters[inner_points]
-                )
-            return columns
-
-        return evaluate
+        return ProfilesTowardsDraws(self.profiles, profiles_of_draws).evaluate_columns
 
     def _deviating_profiles(self, values: Floats) -> list[ContactProfile] | None:
         """Return the profiles of a design (variables,), or None if it is impossible."""
@@ -379,6 +320,95 @@ def _can_change_profiles(variable: DesignVariable) -> bool:
     return not (variable.is_angle or is_mass_or_load)
 
 
+@dataclass(frozen=True)
+class ProfilesTowardsDraws:
+    """The contact profiles between a nominal design and the draws of a tolerance analysis.
+
+    A draw is a design with random deviations. A path leads from a configuration of the
+    nominal design to one of a draw. Several paths can lead to the same draw: path k leads
+    to draw k modulo the number of draws.
+
+    Attributes
+    ----------
+    nominal
+        Profiles of the nominal design.
+    draws
+        Profiles of each draw, None for an impossible design.
+    """
+
+    nominal: Sequence[ContactProfile]
+    draws: Sequence[Sequence[ContactProfile] | None]
+
+    def evaluate_columns(
+        self, values: Floats, paths: Indices, parameters: Floats
+    ) -> Floats:
+        """Return the columns of all profiles at m points of paths between designs.
+
+        The profiles of the nominal design and of the draw are evaluated at the same pair
+        variables, and their columns are interpolated. No profiles of designs in between
+        have to be made.
+
+        Parameters
+        ----------
+        values
+            (variables, m) pair variables (rad) of the points.
+        paths
+            (m,) number of the path of each point.
+        parameters
+            (m,) path parameter of each point: 0 at the nominal design, 1 at the draw.
+
+        Returns
+        -------
+        (9 * profiles, m) columns: tangent (3), point (3), geodesic curvature and its two
+        derivatives. They are NaN if the draw is an impossible design. The second derivative
+        is not needed for closing the loops, and is always NaN.
+        """
+        columns = self._columns_of_draws(values, paths % len(self.draws))
+        inner_points = np.flatnonzero(parameters < 1.0)
+        if len(inner_points):
+            nominal_columns = evaluate_profile_columns(
+                self.nominal, values[:, inner_points].T, with_second_derivative=False
+            )
+            columns[:, inner_points] = _interpolate_columns(
+                nominal_columns, columns[:, inner_points], parameters[inner_points]
+            )
+        return columns
+
+    def _columns_of_draws(self, values: Floats, draws: Indices) -> Floats:
+        """Return the columns of the profiles of draws, at one or more points of each.
+
+        Parameters
+        ----------
+        values
+            (variables, m) pair variables (rad) of the points.
+        draws
+            (m,) index of the draw of each point.
+
+        Returns
+        -------
+        (9 * profiles, m) columns, NaN for impossible designs.
+        """
+        columns = nans((COLUMN_COUNT * len(self.nominal), len(draws)))
+        for draw, points in _points_by_draw(draws).items():
+            profiles = self.draws[draw]
+            is_possible_design = profiles is not None
+            if is_possible_design:
+                columns[:, points] = evaluate_profile_columns(
+                    profiles, values[:, points].T, with_second_derivative=False
+                )
+        return columns
+
+
+def _points_by_draw(draws: Indices) -> dict[int, Indices]:
+    """Return the indices of the points of each draw; `draws` has the draw of each point."""
+    if not len(draws):
+        return {}
+    points_sorted_by_draw = np.argsort(draws, kind="stable")
+    different_draws, starts = np.unique(draws[points_sorted_by_draw], return_index=True)
+    points_of_draws = np.split(points_sorted_by_draw, starts[1:])
+    return dict(zip(different_draws.tolist(), points_of_draws, strict=True))
+
+
 class DirectedProfile(NamedTuple):
     """A contact profile, and the direction in which its arc length is counted.
 
@@ -496,11 +526,16 @@ def _nearest_point_rates(
 ) -> Floats:
     """Return how the contact point moves along two profiles as a design variable changes.
 
-    In the reference pose, the contact is where the moving frames of the two profiles
-    (tangent, normal, point on the unit sphere) differ by the smallest rotation
-    (`find_contact_lengths`). In the given design this rotation is zero. If the variable
-    changes, it has three components, one for each axis, which depend on two arc lengths.
-    Their rates are therefore the least-squares solution that makes the rotation smallest.
+    In the reference pose, the contact is where the moving frames (tangent, normal, point on
+    the unit sphere) of the two profiles differ by the smallest rotation. In the given
+    design the frames are the same. They remain the same if both rotate alike as the
+    variable v changes. With the arc lengths s1 and s2 of the contact, and the rotation
+    vectors r per unit of s1, s2 and v, this is
+
+        r1_s ds1/dv + r1_v = r2_s ds2/dv + r2_v.
+
+    These are three equations for two unknown rates. The least-squares solution makes the
+    rotation between the frames smallest.
 
     Parameters
     ----------
@@ -512,60 +547,84 @@ def _nearest_point_rates(
 
     Returns
     -------
-    (2,) derivatives of the arc lengths (rad) by the variable.
+    (2,) derivatives ds1/dv and ds2/dv of the arc lengths (rad) by the variable.
     """
-    by_arc_length_1, by_variable_1 = _frame_rotations(profiles[0], derivatives[0])
-    by_arc_length_2, by_variable_2 = _frame_rotations(profiles[1], derivatives[1])
-    # (3, 2) rotation of frame 1 relative to frame 2 per unit of each arc length, and (3,)
-    # per unit of the variable.
-    relative_by_arc_lengths = np.stack([by_arc_length_1, -by_arc_length_2], axis=1)
-    relative_by_variable = by_variable_1 - by_variable_2
-    rates, *_ = np.linalg.lstsq(relative_by_arc_lengths, -relative_by_variable, rcond=None)
+    # The axes of both links coincide in the reference pose, so that the rotation vectors of
+    # both profiles have the same axes.
+    frames = [_contact_frame(profile) for profile in profiles]
+    r1_s, r2_s = [frame.rotation_by_arc_length() for frame in frames]
+    r1_v, r2_v = [
+        np.zeros(3) if derivative is None else frame.rotation_by_variable(derivative)
+        for frame, derivative in zip(frames, derivatives, strict=True)
+    ]
+    # The equation above with the unknowns on its left side.
+    unknown_factors = np.stack([r1_s, -r2_s], axis=1)
+    right_side = -(r1_v - r2_v)
+    rates, *_ = np.linalg.lstsq(unknown_factors, right_side, rcond=None)
     return np.asarray(rates, dtype=float)
 
 
-class FrameRotations(NamedTuple):
-    """How the moving frame of a profile rotates at the start of the contact.
+@dataclass(frozen=True)
+class ContactFrame:
+    """The moving frame of a profile at the point of contact, on the unit sphere.
 
     Attributes
     ----------
-    by_arc_length
-        (3,) rotation vector per unit of the arc length.
-    by_variable
-        (3,) rotation vector per unit of a design variable, zero if the curve does not
-        change with it.
+    arc_length
+        Arc length (rad) of the point.
+    tangent, normal, point
+        (3,) the right-handed frame, in the axes of the link of the profile.
+    curvature
+        Geodesic curvature of the profile at the point.
     """
 
-    by_arc_length: Floats
-    by_variable: Floats
+    arc_length: float
+    tangent: Floats
+    normal: Floats
+    point: Floats
+    curvature: float
+
+    def rotation_by_arc_length(self) -> Floats:
+        """Return the rotation vector (3,) of the frame per unit of the arc length.
+
+        The frame rotates about the normal along the curve, and about the point because of
+        the geodesic curvature.
+        """
+        return self.normal + self.curvature * self.point
+
+    def rotation_by_variable(self, derivative: CurveDerivative) -> Floats:
+        """Return the rotation vector (3,) of the frame per unit of a design variable.
+
+        Parameters
+        ----------
+        derivative
+            Derivative of the profile by the variable, at a constant arc length.
+        """
+        # Derivatives of the tangent (3), of the point (3) and of the curvature.
+        change = derivative(np.array([self.arc_length]))[:, 0]
+        tangent_change = change[:3]
+        point_change = change[3:6]
+        # The rotation vector r = r_t t + r_n n + r_p p (tangent t, normal n, point p) gives
+        # the changes
+        #     dp = r x p = r_n t - r_t n,
+        #     dt = r x t = r_p n - r_n p.
+        # Each component of r is therefore a scalar product of a change and an axis.
+        about_tangent = -point_change @ self.normal
+        about_normal = point_change @ self.tangent
+        about_point = tangent_change @ self.normal
+        return (
+            about_tangent * self.tangent
+            + about_normal * self.normal
+            + about_point * self.point
+        )
 
 
-def _frame_rotations(
-    profile: ContactProfile, derivative: CurveDerivative | None
-) -> FrameRotations:
-    """Return the rotations of a frame by the arc length and by a design variable.
-
-    `derivative` is the derivative of the curve by the variable, None if it is constant.
-    """
-    start = np.array([profile.start])
-    curve_point = profile.curve.evaluate(start)
+def _contact_frame(profile: ContactProfile) -> ContactFrame:
+    """Return the moving frame of a profile at the start of the contact."""
+    curve_point = profile.curve.evaluate(np.array([profile.start]))
     tangent, normal, point = curve_point.frame[0].T
-    # Along a curve its frame rotates about the normal and, by the curvature, about the
-    # point.
-    by_arc_length = normal + curve_point.curvature[0] * point
-    if derivative is None:
-        return FrameRotations(by_arc_length, by_variable=np.zeros(3))
-    # Derivatives of the tangent (3), of the point (3) and of the curvature.
-    change = derivative(start)[:, 0]
-    tangent_change = change[:3]
-    point_change = change[3:6]
-    # A rotation vector r changes the point p by r x p, and the tangent t by r x t. With
-    # p x t = n (normal) the components of r are therefore:
-    about_tangent = -point_change @ normal
-    about_normal = point_change @ tangent
-    about_point = tangent_change @ normal
-    by_variable = about_tangent * tangent + about_normal * normal + about_point * point
-    return FrameRotations(by_arc_length, by_variable)
+    curvature = curve_point.curvature[0]
+    return ContactFrame(profile.start, tangent, normal, point, curvature)
 
 
 def evaluate_profile_columns(
