@@ -5,6 +5,7 @@ Points are in units of the ranges of the variables: each coordinate goes from 0 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -99,6 +100,37 @@ class DescentValues:
     functions: LinearisedFunctions
     closing_fraction: float
     figures: Floats
+
+
+class CandidateStarts(NamedTuple):
+    """Designs from which another descent may start.
+
+    Attributes
+    ----------
+    points
+        (n, variables) the designs, in units of the ranges of the variables (0 to 1).
+    objectives
+        (n, k) their objectives.
+    """
+
+    points: Floats
+    objectives: Floats
+
+
+class ExpressionValues(NamedTuple):
+    """Objectives and conditions at values of their arguments.
+
+    Attributes
+    ----------
+    values
+        (expressions,) the objectives, then the conditions.
+    partial_slopes
+        (arguments, expressions) derivatives by each argument while the others are constant.
+        Derivatives that do not exist are zero.
+    """
+
+    values: Floats
+    partial_slopes: Floats
 
 
 class Descent:
@@ -233,39 +265,54 @@ class Descent:
         # The result of the last call is stored, because the optimiser calls for values and
         # for gradients separately.
         key = x.tobytes(), mode
-        if key in self._last_values:
-            return self._last_values[key]
+        if key not in self._last_values:
+            self._last_values = {key: self._evaluate_point(x, mode)}
+        return self._last_values[key]
 
-        # The design variables are sizes of the mechanism, in the units of the file. The
-        # figures of merit are numbers that judge the design. Users' objectives and
-        # conditions are expressions of both, with angles in the unit of the file.
+    def _evaluate_point(self, x: Floats, mode: SynthesisMode) -> DescentValues:
+        """Compute the result of `evaluate` by the chain rule.
+
+        Objectives and conditions are expressions of the design variables and of the figures
+        of merit, and both are functions of the point x.
+        """
         values = self.file_values(x)
         figure_values = self._figure_gradients.evaluate(values, mode)
+        # Texts of the user have angles in the unit of the file.
         figures = figure_values.figures / self._figure_units
         figure_slopes = figure_values.gradients * self._width / self._figure_units[:, None]
-        # (variables + figures, variables) derivatives of the values and of the figures by
-        # the coordinates x, in which the range of a variable is 1 wide. NaN is replaced,
-        # since it would spread by 0 * NaN to expressions without the figure concerned.
-        inner_slopes = np.nan_to_num(np.concatenate([np.diag(self._width), figure_slopes]))
-        # The k objectives and the conditions, followed by their derivatives by each value
-        # and by each figure. After `reshape` they are row 0 and the rows after it.
-        with np.errstate(all="ignore"):
-            outputs = self._functions_and_slopes(np.concatenate([values, figures])[:, None])
-        outputs = outputs.reshape(len(inner_slopes) + 1, -1)
-        expression_values = outputs[0]
-        partial_slopes = np.where(np.isnan(outputs[1:]), 0.0, outputs[1:])
-        # Chain rule: (expressions, variables).
-        gradients = partial_slopes.T @ inner_slopes
+        # (variables, variables) derivatives of the design variables by x, in which the
+        # range of each is 1 wide.
+        variable_slopes = np.diag(self._width)
+        # NaN is replaced, since it would spread by 0 * NaN to expressions without the
+        # figure concerned.
+        inner_slopes = np.nan_to_num(np.concatenate([variable_slopes, figure_slopes]))
+
+        expressions = self._evaluate_expressions(np.concatenate([values, figures]))
+        gradients = expressions.partial_slopes.T @ inner_slopes
         k = self._objective_count
         functions = LinearisedFunctions(
-            objectives=expression_values[:k],
+            objectives=expressions.values[:k],
             objective_gradients=gradients[:k],
-            limits=expression_values[k:],
+            limits=expressions.values[k:],
             limit_gradients=gradients[k:],
         )
-        result = DescentValues(functions, figure_values.closing_fraction, figures)
-        self._last_values = {key: result}
-        return result
+        return DescentValues(functions, figure_values.closing_fraction, figures)
+
+    def _evaluate_expressions(self, arguments: Floats) -> ExpressionValues:
+        """Return the objectives and conditions at values of their arguments.
+
+        `arguments` are the design variables and then the figures of merit, in the units of
+        the user's texts.
+        """
+        with np.errstate(all="ignore"):
+            outputs = self._functions_and_slopes(arguments[:, None])
+        # Row 0 has the expressions. A row with their derivatives by each argument follows.
+        outputs = outputs.reshape(len(arguments) + 1, -1)
+        slopes = outputs[1:]
+        # The optimiser takes no direction from a derivative that does not exist.
+        return ExpressionValues(
+            values=outputs[0], partial_slopes=np.where(np.isnan(slopes), 0.0, slopes)
+        )
 
     def objectives(self, x: Floats, mode: SynthesisMode) -> Floats:
         """Return the objectives (k,) at a point in a mode."""
@@ -477,33 +524,35 @@ class Descent:
         ------
         (variables,) the start, in units of the ranges of the variables (0 to 1).
         """
+        candidates = self._candidate_starts(optimum, optima)
+        excesses = (candidates.objectives - optimum.objectives) / self.scales
+        largest_excess = np.max(excesses, axis=1)
+        starts: list[Floats] = []
+        for k in np.argsort(largest_excess, kind="stable"):
+            if len(starts) >= MAX_OTHER_STARTS:
+                return
+            point = candidates.points[k]
+            distances = [max_abs(point - other) for other in (optimum.x, *starts)]
+            if all(distance >= MIN_START_DISTANCE for distance in distances):
+                starts.append(point)
+                yield point
+
+    def _candidate_starts(
+        self, optimum: LocalOptimum, optima: Sequence[LocalOptimum]
+    ) -> CandidateStarts:
+        """Return the rows and optima that have the same assembly mode as an optimum."""
         # Rows store the label of their mode and no configurations, so labels are compared.
         is_same_mode = self.modes == optimum.mode.label
+        points = [self.points[is_same_mode]]
+        objectives = [self._row_objectives[is_same_mode]]
         # One mode may have different labels in different designs. Optima store the
         # configurations of their mode. `continues_in` follows these to the design of the
         # optimum and compares them there.
-        same_mode_optima = [
-            candidate for candidate in optima if candidate.mode.continues_in(optimum.mode)
-        ]
-        points = np.vstack(
-            [self.points[is_same_mode], *(candidate.x for candidate in same_mode_optima)]
-        )
-        objectives = np.vstack(
-            [
-                self._row_objectives[is_same_mode],
-                *(candidate.objectives for candidate in same_mode_optima),
-            ]
-        )
-        largest_excess = np.max((objectives - optimum.objectives) / self.scales, axis=1)
-        used_points = [optimum.x]  # and then all starts
-        for k in np.argsort(largest_excess, kind="stable"):
-            start_count = len(used_points) - 1
-            if start_count >= MAX_OTHER_STARTS:
-                return
-            distances = [max_abs(points[k] - point) for point in used_points]
-            if all(distance >= MIN_START_DISTANCE for distance in distances):
-                used_points.append(points[k])
-                yield points[k]
+        for candidate in optima:
+            if candidate.mode.continues_in(optimum.mode):
+                points.append(candidate.x[None, :])
+                objectives.append(candidate.objectives[None, :])
+        return CandidateStarts(np.concatenate(points), np.concatenate(objectives))
 
 
 def is_better(

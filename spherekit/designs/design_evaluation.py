@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,6 +123,21 @@ class DesignMotion:
     values: Floats
 
 
+class TrackingStart(NamedTuple):
+    """The start of all paths along which solutions are tracked from design to design.
+
+    Attributes
+    ----------
+    path_kernel
+        The closure equations of all designs.
+    solutions
+        All their solutions for one design.
+    """
+
+    path_kernel: PathKernel
+    solutions: StartSolutions
+
+
 class DesignEvaluator:
     """Computes figures of merit of designs of one topology.
 
@@ -184,15 +199,7 @@ class DesignEvaluator:
         self.variables = tuple(variables)
         self.samples = samples
         self.figures = KernelFigures(mechanism, merits, samples)
-        # A load can be a table of torques over time. If a figure depends on loads, such as
-        # a driving torque, the table must contain the times (s) of all samples, which are
-        # the last column. This does not depend on the design.
-        depends_on_loads = any(
-            name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.figures.columns
-        )
-        if depends_on_loads:
-            times = samples.rows[:, -1]
-            check_torque_tables_cover(mechanism, times)
+        self._check_torque_tables()
         self.varied_mechanism = VariedMechanism(
             document,
             mechanism,
@@ -205,61 +212,78 @@ class DesignEvaluator:
             # masses change with the sizes from design to design.
             masses_follow_sizes=self._masses_follow_sizes,
         )
-        # The closure equations, and their solutions for one design, from which those of
-        # other designs are computed step by step. `_make_kernel` replaces None by these if
-        # the kernel needs them, because it has no closed form.
-        self._tracking: tuple[PathKernel, StartSolutions] | None = None
-        self.kernel = self._make_kernel()
+        self.kernel, self._tracking_start = self._make_kernel()
 
-    def _make_kernel(self) -> DesignKernel | None:
-        """Return the kernel, a function that evaluates many designs at once.
+    def _check_torque_tables(self) -> None:
+        """Check that tables of torques over time contain the times of all samples.
 
-        None if there is no kernel, in these cases:
-
-        - Assembly modes follow smooth curves through configurations in which curves cross
-          (``"pass"``). The signs of their dyads change there, at inputs that differ from
-          design to design.
-        - Constraints are redundant: there are more closure equations than unknowns. All of
-          them hold only for special sizes, and the kernel would not notice other sizes.
-        - There are contacts, and no linkage of R pairs moves like the mechanism.
-        - There are contacts, and directions of outputs vary. The equations of the
-          linkage of R pairs have no arguments for these directions.
-        - There are no contacts, and a design variable is neither a size of the equations
-          nor a number of a mass or load.
-        - Positions have no closed form, and no solutions are known from which others can be
-          tracked.
-
-        If the positions have no closed form, this method also sets `_tracking`: the closure
-        equations, and all their solutions for one design.
+        The times matter only if a figure depends on loads, such as a driving torque.
         """
-        if self.samples.crossings == "pass" or self._is_over_constrained:
-            return None
-        if self.mechanism.has_contacts:
-            # `equivalent_linkage` is a linkage of R pairs that moves like the mechanism.
-            # Its sizes are read from the file of each design, so all numbers may vary.
-            varied_mechanism = self.varied_mechanism
-            if (
-                varied_mechanism.equivalent_linkage is None
-                or varied_mechanism.varies_outputs
-            ):
-                return None
-        else:
-            for variable in self.variables:
-                # Angles are arguments of the equations. `path[0]` is the table of the file
-                # with the number, and `ACTIONS` are the tables of masses and loads.
-                if not variable.is_angle and variable.path[0] not in ACTIONS:
-                    return None
+        depends_on_loads = any(
+            name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.figures.columns
+        )
+        if depends_on_loads:
+            times_in_s = self.samples.rows[:, -1]
+            check_torque_tables_cover(self.mechanism, times_in_s)
+
+    def _make_kernel(self) -> tuple[DesignKernel | None, TrackingStart | None]:
+        """Make the function that evaluates many designs at once, if there is one.
+
+        If positions have no closed form, solutions of the closure equations are tracked
+        from design to design. There is no kernel if no solutions are known from which
+        others can be tracked.
+
+        Returns
+        -------
+        kernel
+            The kernel, or None.
+        tracking_start
+            The solutions from which others are tracked; None if positions have a closed
+            form or there is no kernel.
+        """
+        if not self._has_common_equations:
+            return None, None
         expressions = self.varied_mechanism.make_expressions()
+        tracking_start = None
         if not expressions.has_closed_form:
-            path_kernel = PathKernel(expressions)
-            start_solutions = find_start_solutions(
-                path_kernel, self.varied_mechanism.nominal_sizes
-            )
-            if start_solutions is None:
-                return None
-            self._tracking = path_kernel, start_solutions
-        # `columns` are the names of the quantities on which the figures of merit depend.
-        return DesignKernel(expressions, self.figures.columns)
+            tracking_start = self._find_tracking_start(expressions)
+            if tracking_start is None:
+                return None, None
+        names_of_quantities = self.figures.columns
+        return DesignKernel(expressions, names_of_quantities), tracking_start
+
+    def _find_tracking_start(self, expressions: DesignExpressions) -> TrackingStart | None:
+        """Return all solutions for the design of the file, None if they are not found."""
+        path_kernel = PathKernel(expressions)
+        solutions = find_start_solutions(path_kernel, self.varied_mechanism.nominal_sizes)
+        return None if solutions is None else TrackingStart(path_kernel, solutions)
+
+    @property
+    def _has_common_equations(self) -> bool:
+        """Whether all designs have the same equations, in which only numbers differ."""
+        if self.samples.crossings == "pass":
+            # Assembly modes follow smooth curves through configurations in which curves
+            # cross. The signs of their dyads change there, at inputs that differ from
+            # design to design.
+            return False
+        if self._is_over_constrained:
+            # There are more closure equations than unknowns. All of them hold only for
+            # special sizes, and the kernel would not notice other sizes.
+            return False
+        if self.mechanism.has_contacts:
+            return self._can_replace_contacts
+        return all(_is_number_in_equations(variable) for variable in self.variables)
+
+    @property
+    def _can_replace_contacts(self) -> bool:
+        """Whether one linkage of R pairs moves like the mechanism with contacts.
+
+        Its sizes are read from the file of each design, so all numbers may vary except
+        directions of outputs, for which its equations have no arguments.
+        """
+        varied_mechanism = self.varied_mechanism
+        has_linkage = varied_mechanism.equivalent_linkage is not None
+        return has_linkage and not varied_mechanism.varies_outputs
 
     @cached_property
     def _is_over_constrained(self) -> bool:
@@ -341,7 +365,7 @@ class DesignEvaluator:
         values_per_design = len(self.figures.merits) * len(self.figures.rows)
         fitting_count = MAX_FIGURE_VALUES // values_per_design + 1
         block_size = min(DESIGNS_PER_BLOCK, fitting_count)
-        if self._tracking is not None:
+        if self.tracks_solutions:
             # Positions have no closed form: complex solutions of the closure equations are
             # tracked from design to design. They need more memory than the figures do.
             block_size = self._designs_tracked_together
@@ -361,7 +385,7 @@ class DesignEvaluator:
         """Return how many of `count` designs a part of a sweep should have."""
         if self.kernel is None:
             return SINGLE_DESIGN_PART_SIZE
-        if self._tracking is None:
+        if not self.tracks_solutions:
             return CLOSED_FORM_PART_SIZE
         wanted_size = max(MIN_TRACKED_DESIGNS, count // TRACKED_PART_COUNT)
         return min(wanted_size, self._designs_tracked_together)
@@ -369,7 +393,22 @@ class DesignEvaluator:
     @property
     def tracks_solutions(self) -> bool:
         """Whether all complex solutions are tracked from design to design."""
-        return self._tracking is not None
+        return self._tracking_start is not None
+
+    @property
+    def has_signs_of_runs(self) -> bool:
+        """Whether modes have the same signs of dyads as in a run of the design.
+
+        Tracked modes are numbered instead. A kernel that replaces contacts by links between
+        the centres of circles has the signs of these links, which a run does not have.
+        Without a kernel each design is analysed with its contacts, as in a run.
+        """
+        if self.tracks_solutions:
+            return False
+        has_replaced_contacts = (
+            self.kernel is not None and self.varied_mechanism.equivalent_linkage is not None
+        )
+        return not has_replaced_contacts
 
     @property
     def has_unsigned_modes(self) -> bool:
@@ -384,9 +423,9 @@ class DesignEvaluator:
     @property
     def _designs_tracked_together(self) -> int:
         """Number of designs that are tracked together without using too much memory."""
-        assert self._tracking is not None
-        _, start_solutions = self._tracking
-        values_per_design = start_solutions.values.size * len(self.samples.rows)
+        assert self._tracking_start is not None
+        start_values = self._tracking_start.solutions.values
+        values_per_design = start_values.size * len(self.samples.rows)
         return max(1, min(MAX_TRACKED_DESIGNS, MAX_TRACKED_VALUES // values_per_design))
 
     # All designs in one kernel.
@@ -415,10 +454,10 @@ class DesignEvaluator:
         A row for each design and each assembly mode in which it can be assembled.
         """
         names = self.figures.names
-        # `reasons` has a text for each design: OK, OTHER_FORM, or why it is impossible. The
-        # next call sets the text of designs with impossible arcs.
+        # `reasons` has a text for each design: OK, OTHER_FORM, or why it is impossible.
         sizes, reasons = self.varied_mechanism.kernel_sizes(values)
-        self._reject_impossible_arcs(values, reasons)
+        for design, reason in self._find_impossible_arcs(values).items():
+            reasons[design] = reason
         one_by_one = np.flatnonzero(reasons == OTHER_FORM)
         possible = np.flatnonzero(reasons == OK)
         impossible = np.flatnonzero((reasons != OK) & (reasons != OTHER_FORM))
@@ -428,17 +467,10 @@ class DesignEvaluator:
             )
         ]
         if len(possible):
-            if self._tracking is None:
-                # All groups of links are dyads (two links and three R pairs). Each dyad can
-                # be assembled in two ways, which have different signs. So a sign for each
-                # dyad identifies an assembly mode of the mechanism.
-                kernel_part = self._evaluate_signed_modes(kernel, sizes[:, possible])
-            else:
-                # The solutions for one design are tracked while its sizes change.
-                kernel_part, lost_designs = self._evaluate_tracked_modes(
-                    kernel, sizes[:, possible], file_values=values[:, possible]
-                )
-                one_by_one = np.append(one_by_one, possible[lost_designs])
+            kernel_part, lost_designs = self._evaluate_modes(
+                kernel, sizes[:, possible], file_values=values[:, possible]
+            )
+            one_by_one = np.append(one_by_one, possible[lost_designs])
             # `kernel_part` numbers the possible designs only: its design k is design
             # ``possible[k]`` of `values`.
             parts.append(_renumber_designs(kernel_part, possible))
@@ -446,33 +478,70 @@ class DesignEvaluator:
         parts.append(_renumber_designs(single_part, one_by_one))
         return DesignTable.join_by_design(parts, names)
 
-    def _reject_impossible_arcs(self, values: Floats, reasons: NDArray[np.object_]) -> None:
-        """Mark designs as impossible that have arcs outside 0 to 180 deg.
+    def _evaluate_modes(
+        self, kernel: DesignKernel, sizes: Floats, file_values: Floats
+    ) -> tuple[DesignTable, Indices]:
+        """Return the figures of merit of designs in all assembly modes, by the kernel.
 
-        An arc is the angle between two axes of a link. A link that the file marks as signed
-        may have other arcs. A negative one leads from the first axis in the opposite
-        direction. These links are not checked.
+        Parameters
+        ----------
+        kernel
+            Computes quantities of many designs at once.
+        sizes
+            (sizes, n) arguments of the kernel that differ between the n designs.
+        file_values
+            (variables, n) the numbers that the user varies, in the units of the file.
+
+        Returns
+        -------
+        table
+            The rows of all designs that are not lost.
+        lost_designs
+            Indices of the designs of which tracking has lost a solution.
+        """
+        if self.tracks_solutions:
+            return self._evaluate_tracked_modes(kernel, sizes, file_values)
+        no_designs = np.zeros(0, np.intp)
+        return self._evaluate_signed_modes(kernel, sizes), no_designs
+
+    def _find_impossible_arcs(self, values: Floats) -> dict[int, str]:
+        """Return the reasons why designs with arcs outside 0 to 180 deg are impossible.
 
         Parameters
         ----------
         values
             (variables, n) values of the variables, in the units of the file.
-        reasons
-            (n,) reasons why designs are impossible, changed in place.
+
+        Returns
+        -------
+        The reason by index of each such design.
         """
-        geometry = self.mechanism.geometry
+        reasons: dict[int, str] = {}
         scales = self.varied_mechanism.unit_scales
         for variable, arcs, scale in zip(self.variables, values, scales, strict=True):
-            # Only files that give sizes of links have arcs (`SizeGeometry`).
-            match variable.geometric_angle:
-                case ("arcs", (link, _)) if isinstance(geometry, SizeGeometry):
-                    if geometry.links[link].signed:
-                        continue
-                    outside = ~((arcs > 0.0) & (arcs * scale < np.pi))
-                    for k in np.flatnonzero(outside):
-                        reasons[k] = (
-                            f"{variable.key} = {arcs[k]:g}: not between 0 and 180 deg"
-                        )
+            if not self._is_unsigned_arc(variable):
+                continue
+            is_outside = ~((arcs > 0.0) & (arcs * scale < np.pi))
+            for design in np.flatnonzero(is_outside).tolist():
+                reasons[design] = (
+                    f"{variable.key} = {arcs[design]:g}: not between 0 and 180 deg"
+                )
+        return reasons
+
+    def _is_unsigned_arc(self, variable: DesignVariable) -> bool:
+        """Return whether a variable is an arc of a link that is not marked as signed.
+
+        An arc is the angle between two axes of a link. If the file marks the link as
+        signed, a negative arc leads from the first axis in the opposite direction.
+        """
+        geometry = self.mechanism.geometry
+        angle = variable.geometric_angle
+        if not isinstance(geometry, SizeGeometry):
+            return False
+        if angle is None or angle.kind != "arcs":
+            return False
+        link, _ = angle.owner
+        return not geometry.links[link].signed
 
     def _add_missing_designs(
         self, parts: list[DesignTable], design_count: int, claim: str
@@ -570,8 +639,8 @@ class DesignEvaluator:
         lost_designs
             Indices of the designs of which tracking has lost a solution.
         """
-        assert self._tracking is not None
-        _path_kernel, start_solutions = self._tracking
+        assert self._tracking_start is not None
+        start_solutions = self._tracking_start.solutions
         # The guarantee in each row. If all solutions of the first design are known, no mode
         # of other designs is missed (complete). Otherwise modes may be missing (sampled).
         claim = COMPLETE_CLAIM if start_solutions.is_complete else SAMPLED_CLAIM
@@ -625,8 +694,8 @@ class DesignEvaluator:
         The modes, with configurations at all samples of the inputs, and then at the points.
         A point is the inputs at which some figure of merit is evaluated.
         """
-        assert self._tracking is not None
-        path_kernel, start_solutions = self._tracking
+        assert self._tracking_start is not None
+        path_kernel, start_solutions = self._tracking_start
         # Modes are tracked from input to neighbouring input. `row_indices` are the indices
         # of all samples, and then of all points, among the inputs in this order.
         input_grid, row_indices = self._tracking_inputs
@@ -1051,6 +1120,12 @@ def most_regular_configurations(motion: Motion) -> list[Floats]:
         best = candidates[np.argmax(least_singular_values[candidates])]
         configurations.append(motion.values[closed_rows[best]])
     return configurations
+
+
+def _is_number_in_equations(variable: DesignVariable) -> bool:
+    """Return whether a variable is a geometric angle, or a number of a mass or load."""
+    table_in_file = variable.path[0]
+    return variable.is_angle or table_in_file in ACTIONS
 
 
 def _renumber_designs(table: DesignTable, numbers: Indices) -> DesignTable:

@@ -457,13 +457,8 @@ class DesignRuns:
         modes by the signs of their dyads (two links and three R pairs each). Modes of both
         are compared by these signs.
 
-        The answer is None if signs do not identify the mode. There are three such cases:
-
-        - The evaluator tracks solutions from design to design and numbers them itself.
-        - The run has working modes: ways to assemble the mechanism at a given pose of the
-          output.
-        - The evaluator has replaced contacts by links, so its dyads are not those of the
-          run.
+        The answer is None if signs do not identify the mode. Working modes, which are ways
+        to assemble the mechanism at a given pose of the output, have no such signs.
 
         Parameters
         ----------
@@ -476,16 +471,8 @@ class DesignRuns:
             each is the text of its signs, such as "+-".
         """
         evaluator = self.kernel_evaluator
-        if evaluator is None or evaluator.tracks_solutions:
-            return None
-        # `mode.column` names the column of the run's table with the number of the mode.
-        # Working modes have a column of their own.
-        if mode.column != ASSEMBLY:
-            return None
-        # An evaluator with a kernel, a function for many designs at once, replaces contacts
-        # by links between the centres of circles. The signs of these links are not those of
-        # the run. Without a kernel it analyses each design with its contacts, as the run.
-        if evaluator.kernel and evaluator.varied_mechanism.equivalent_linkage:
+        is_assembly_mode = mode.column == ASSEMBLY
+        if evaluator is None or not evaluator.has_signs_of_runs or not is_assembly_mode:
             return None
         signs = str(assembly_modes[mode.label]["mode"])
         # A mode is labelled by its signs if positions have a closed form. If a search had

@@ -164,25 +164,43 @@ class FigureGradients:
         -------
         (unwrapped pairs, samples + points) offsets (rad).
         """
-        kernel = self._kernel
-        evaluator = self.evaluator
-        if not kernel.unwrapped_pairs:
+        if not self._kernel.unwrapped_pairs:
             # No load depends on revolutions.
             return np.zeros((0, position_arguments.shape[1]))
-        if kernel.is_closed_form:
-            # The numbers in the equations that depend on the sizes of the design alone.
-            prepared = kernel.prepare(design.sizes[:, None])
+        if self._kernel.is_closed_form:
             # Each dyad has the same sign in all columns: at all samples and points.
             signs = position_arguments[:, 0].tolist()
-            offsets = evaluator.find_signed_mode_offsets(kernel, prepared, signs)
-        else:
-            mechanism = evaluator.make_kernel_mechanism(design.values)
-            # The new last axis of length 1 counts modes.
-            offsets = evaluator.find_revolution_offsets(
-                kernel, evaluator.make_solver(mechanism), position_arguments[:, :, None]
-            )
-        # The last axis counts designs or modes. Here there is one of them.
-        return offsets[:, :, 0]
+            return self._offsets_by_signs(design, signs)
+        return self._offsets_by_configurations(design, position_arguments)
+
+    def _offsets_by_signs(self, design: DesignPoint, signs: Sequence[float]) -> Floats:
+        """Return the offsets (unwrapped pairs, samples + points) in a mode given by signs.
+
+        `signs` has the sign of each dyad, 1 or -1.
+        """
+        # The evaluator computes offsets of several designs. Here there is one.
+        prepared_of_designs = self._kernel.prepare(design.sizes[:, None])
+        offsets_of_designs = self.evaluator.find_signed_mode_offsets(
+            self._kernel, prepared_of_designs, signs
+        )
+        return offsets_of_designs[:, :, 0]
+
+    def _offsets_by_configurations(
+        self, design: DesignPoint, configurations: Floats
+    ) -> Floats:
+        """Return the offsets (unwrapped pairs, samples + points) at configurations.
+
+        `configurations` (variables, samples + points) has the pair variables (rad) of one
+        mode.
+        """
+        solver = self.evaluator.make_solver(
+            self.evaluator.make_kernel_mechanism(design.values)
+        )
+        # The evaluator computes offsets of several modes. Here there is one.
+        offsets_of_modes = self.evaluator.find_revolution_offsets(
+            self._kernel, solver, configurations[:, :, None]
+        )
+        return offsets_of_modes[:, :, 0]
 
 
 def with_derivatives(

@@ -457,20 +457,41 @@ def _confirm_modes(
     """
     confirmed_optima = []
     designs = np.stack([descent.file_values(optimum.x) for optimum in optima], axis=1)
-    modes_of_design = find_all_modes(evaluator, designs)
-    for start, optimum, modes in zip(starts, optima, modes_of_design, strict=True):
-        allowed_objectives = optimum.objectives + descent.tolerance
-        for mode in modes:
-            if not optimum.mode.continues_in(mode):
-                continue
+    modes_of_designs = find_all_modes(evaluator, designs)
+    for start, optimum, modes in zip(starts, optima, modes_of_designs, strict=True):
+        confirmed = _find_confirmed_optimum(descent, optimum, modes)
+        if confirmed is None:
+            confirmed = descent.as_optimum(start.mode, start.x)
+        confirmed_optima.append(confirmed)
+    return confirmed_optima
+
+
+def _find_confirmed_optimum(
+    descent: Descent, optimum: LocalOptimum, modes: Sequence[SynthesisMode]
+) -> LocalOptimum | None:
+    """Return an optimum in the mode of a search that has the same configurations.
+
+    Parameters
+    ----------
+    descent
+        Evaluates objectives of designs.
+    optimum
+        The end of a descent, with a mode that was tracked to it.
+    modes
+        All assembly modes of its design, found by a search.
+
+    Returns
+    -------
+    The same design in the first mode of the search that continues the tracked mode and in
+    which no objective is larger by more than the tolerance. None if there is no such mode.
+    """
+    allowed_objectives = optimum.objectives + descent.tolerance
+    for mode in modes:
+        if optimum.mode.continues_in(mode):
             candidate = descent.as_optimum(mode, optimum.x)
             if np.all(candidate.objectives <= allowed_objectives):
-                confirmed_optima.append(candidate)
-                break
-        else:
-            # No mode of the search confirms the optimum.
-            confirmed_optima.append(descent.as_optimum(start.mode, start.x))
-    return confirmed_optima
+                return candidate
+    return None
 
 
 def _merge_same_linkages(

@@ -5,6 +5,7 @@ R pairs directly. Numbers of masses and loads, and of contacts of circles, are c
 the file of each design, with the checks of the file.
 """
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -356,27 +357,49 @@ class VariedMechanism:
         - An output whose longitude or latitude is a design variable. The entry is a unit
           vector (3,) in link axes, as an expression of the design variables.
         """
-        outputs = self.document.data.get("outputs", {})
-        directions: dict[str, Any] = {
-            name: output["axis"] for name, output in outputs.items() if "axis" in output
+        directions: dict[str, str | Exprs] = {}
+        directions |= self._outputs_along_axes()
+        directions |= self._outputs_with_varied_angles()
+        return directions
+
+    @property
+    def _outputs(self) -> Mapping[str, Any]:
+        """The outputs in the file, by name."""
+        return self.document.data.get("outputs", {})
+
+    def _outputs_along_axes(self) -> dict[str, str]:
+        """Return the pair of each output that points along the axis of a pair."""
+        return {
+            name: output["axis"]
+            for name, output in self._outputs.items()
+            if "axis" in output
         }
-        # Longitude and latitude (rad) of outputs, if one of them varies. An angle that
-        # varies is a symbol, the other one a number.
+
+    def _outputs_with_varied_angles(self) -> dict[str, Exprs]:
+        """Return the direction of each output whose longitude or latitude varies.
+
+        An angle that varies is a symbol in the direction, the other one is a number.
+        """
+        # Longitude and latitude (rad) by output.
         angles_by_output: dict[str, list[Any]] = {}
         for variable in self.variables:
-            angle = variable.geometric_angle
-            if angle is not None and angle.kind == POINTED:
-                # The index is 0 for the longitude, 1 for the latitude.
-                output, index = angle.owner
-                nominal = [
-                    self._angle_unit * float(angle) for angle in outputs[output]["lonlat"]
+            varied_angle = variable.geometric_angle
+            if varied_angle is None or varied_angle.kind != POINTED:
+                continue
+            # The index is 0 for the longitude, 1 for the latitude.
+            output, index = varied_angle.owner
+            if output not in angles_by_output:
+                longitude, latitude = self._outputs[output]["lonlat"]
+                angles_by_output[output] = [
+                    self._angle_unit * float(longitude),
+                    self._angle_unit * float(latitude),
                 ]
-                angles = angles_by_output.setdefault(output, nominal)
-                (angle_symbol,) = symbols([variable.name])
-                angles[index] = angle_symbol
-        for output, (longitude, latitude) in angles_by_output.items():
-            directions[output] = direction_from_angles(longitude, latitude)
-        return directions
+            (angle_symbol,) = symbols([variable.name])
+            angles_by_output[output][index] = angle_symbol
+        return {
+            output: direction_from_angles(longitude, latitude)
+            for output, (longitude, latitude) in angles_by_output.items()
+        }
 
     @property
     def nominal_sizes(self) -> Floats:
@@ -603,34 +626,48 @@ class VariedMechanism:
         SpherekitError
             If the design is impossible.
         """
-        # The mechanism of the design. If only masses and loads follow the variables, the
-        # rest of the file is not read again.
-        if self._reads_whole_file:
-            mechanism = make_design(self.document, self.variables, values)
-        else:
-            # `ACTIONS` are the tables of masses and loads in the file.
-            numbers_by_path = {
-                variable.path: float(value)
-                for variable, value in zip(self.variables, values, strict=True)
-                if variable.path[0] in ACTIONS
-            }
-            changed_document = with_numbers(self.document, numbers_by_path)
-            mechanism = replace_actions(self.mechanism, changed_document)
+        mechanism = self._read_mechanism(values)
         actions = masses_and_loads(mechanism)
-        contact_numbers: list[float] = []
-        if self.equivalent_linkage is not None:
-            # Wheels roll on each other if the gap between them is at most `wheel_gap_rad`.
-            linkage = find_equivalent_linkage(mechanism, self.inputs, self.wheel_gap_rad)
-            if linkage is None or linkage.form != self.equivalent_linkage.form:
-                raise DesignError(OTHER_FORM)
-            contact_numbers = linkage.numbers
-        # The kernel allows other values of masses and loads, but no other kinds. To compare
-        # the kinds, all values are set to zero.
-        form = replace_numbers(actions, lambda number: 0.0)
-        nominal_form = replace_numbers(masses_and_loads(self.mechanism), lambda number: 0.0)
-        if form != nominal_form:
+        contact_numbers = self._contact_numbers(mechanism)
+        if _without_values(actions) != _without_values(masses_and_loads(self.mechanism)):
             raise DesignError(OTHER_FORM)
         return np.array([*contact_numbers, *list_numbers(actions)])
+
+    def _read_mechanism(self, values: Floats) -> Mechanism:
+        """Return the mechanism of a design (variables,), read from the changed file.
+
+        If only masses and loads follow the variables, the rest of the file is not read
+        again, and the other parts are those of the mechanism of the file.
+        """
+        if self._reads_whole_file:
+            return make_design(self.document, self.variables, values)
+        # `ACTIONS` are the tables of masses and loads in the file.
+        numbers_by_path = {
+            variable.path: float(value)
+            for variable, value in zip(self.variables, values, strict=True)
+            if variable.path[0] in ACTIONS
+        }
+        changed_document = with_numbers(self.document, numbers_by_path)
+        return replace_actions(self.mechanism, changed_document)
+
+    def _contact_numbers(self, mechanism: Mechanism) -> list[float]:
+        """Return the numbers of the linkage that moves like a mechanism with contacts.
+
+        They are its angles (rad) and the ratios of its wheels. There are none if contacts
+        are not replaced by a linkage.
+
+        Raises
+        ------
+        DesignError
+            If no such linkage has the same form as that of the file (`OTHER_FORM`).
+        """
+        if self.equivalent_linkage is None:
+            return []
+        # Wheels roll on each other if the gap between them is at most `wheel_gap_rad`.
+        linkage = find_equivalent_linkage(mechanism, self.inputs, self.wheel_gap_rad)
+        if linkage is None or linkage.form != self.equivalent_linkage.form:
+            raise DesignError(OTHER_FORM)
+        return linkage.numbers
 
     def _read_numbers_if_possible(self, values: Floats) -> Floats | None:
         """Return the numbers of a design (variables,), or None if it is impossible."""
@@ -747,3 +784,11 @@ class VariedMechanism:
         steps = RELATIVE_DIFFERENCE_STEPS * (abs(values[k]) or 1.0)
         slopes = differentiate_by_variable(read_change, values, k, steps)
         return no_slopes if slopes is None else slopes
+
+
+def _without_values(actions: Any) -> Any:
+    """Return masses and loads with all values set to zero, which shows their kinds.
+
+    A kernel allows other values of masses and loads, but no other kinds.
+    """
+    return replace_numbers(actions, lambda number: 0.0)
