@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Array, Bools, Floats
 from spherekit.conventions import Facts
 from spherekit.designs.design_evaluation import SINGLE_DESIGN_PART_SIZE, DesignEvaluator
 from spherekit.designs.design_variables import OK, DesignVariable, make_design
@@ -559,7 +559,7 @@ class DesignRuns:
         names = ["q", *(f"q_{pair}" for pair in pairs)]
         return [name for name in names if name in rows]
 
-    def _inputs_of_rows(self, rows: "pd.DataFrame") -> Floats:
+    def _inputs_of_rows(self, rows: "pd.DataFrame") -> Array:
         """Return the inputs (rows, inputs); without inputs the row numbers (rows, 1)."""
         names = self._input_columns(rows)
         if not names:
@@ -578,7 +578,7 @@ class DesignRuns:
         return names.index(named_column) if named_column in names else 0
 
 
-def _are_rows_used(merit: FigureOfMerit, inputs: Floats) -> Bools:
+def _are_rows_used(merit: FigureOfMerit, inputs: Array) -> Bools:
     """Return (rows,) whether the reduction of a figure uses each row.
 
     "at" returns the value at given inputs, stored as `point`, so it uses only their row.

@@ -378,16 +378,17 @@ class KernelFigures:
     names
         Names of the figures of merit.
     expressions
-        The expression of each figure. It depends on the numbers of a `sample` and on the
-        `columns`.
-    sample
-        Names of the numbers of a sample, see `sample_names`.
+        The expression of each figure. It depends on the numbers of a sample
+        (`sample_names`) and on the `columns`.
+    sample_names
+        Names of the numbers of a sample, see the function `sample_names`.
     columns
         Names of the quantities that the kernel computes.
     points
         (points, 3 inputs + 1) further samples, for the figures at given inputs.
     rows
-        (samples + points, 3 inputs + 1) the samples, followed by the points.
+        (samples + points, 3 inputs + 1) the samples, followed by the points. A row has the
+        inputs (rad), their rates, their accelerations, and the time.
 
     Raises
     ------
@@ -430,24 +431,29 @@ class KernelFigures:
         self.sample_names = sample_names(self.inputs)
         self.columns = sorted(used_names.difference(self.sample_names))
 
-        # A figure such as "at(theta_41, 0.5)" is evaluated at the inputs that it states
-        # (`merit.point`). Its expression may contain rates and the time, which are not
-        # stated. By convention each input has the rate 1 or -1 rad/s, with the sign that it
-        # has in the first sample, and the time is 0 at the first sample.
+        self.points = self._samples_at_points()
+        self.rows = np.concatenate([samples.rows, self.points])
+
+    def _samples_at_points(self) -> Floats:
+        """Return the further samples (points, 3 inputs + 1) of figures at given inputs.
+
+        A figure such as "at(theta_41, 0.5)" is evaluated at the inputs that it states
+        (`merit.point`). Its expression may contain rates and the time, which are not
+        stated. By convention each input has the rate 1 or -1 rad/s, with the sign that it
+        has in the first sample, and the time is 0 at the first sample.
+        """
         count = len(self.inputs)
-        points = sorted({merit.point for merit in merits if merit.point})
+        points = sorted({merit.point for merit in self.merits if merit.point})
         # A row of the samples begins with the inputs (rad), followed by their rates.
-        first_row = samples.rows[0]
+        first_row = self.samples.rows[0]
         start_inputs = first_row[:count]
         start_rates = first_row[count : 2 * count]
-        self.points = DesignSamples.at_unit_speed(
+        return DesignSamples.at_unit_speed(
             self.inputs,
             q=np.reshape(points, (-1, count)),
             q_at_time_zero=start_inputs,
             sense=np.sign(start_rates),
         ).rows
-        # (samples + points, 3 inputs + 1) inputs (rad), rates, accelerations, and time.
-        self.rows = np.concatenate([samples.rows, self.points])
 
     def _check_inputs(self, mechanism: Mechanism) -> None:
         """Raise `DesignError` if a figure of merit does not fit the inputs and samples."""

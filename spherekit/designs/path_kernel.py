@@ -202,6 +202,34 @@ class NewtonStep(NamedTuple):
     squared_residual: Array
 
 
+class StepExpressions(NamedTuple):
+    """A step of Newton's method as expressions; the fields are those of `NewtonStep`."""
+
+    change: Sequence[Expr]
+    determinant: Expr
+    squared_residual: Expr
+
+
+def _newton_step_expressions(expressions: DesignExpressions) -> StepExpressions:
+    """Return the step of Newton's method that closes the loops to first order."""
+    coordinate_rates = expressions.coordinate_rates
+    change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
+    # In `expressions.variables`, most variables are their own symbols. The angle of a gear
+    # that the inputs drive is a linear function of the inputs instead. Its change needs no
+    # equation: it is the value of the function less the present variable.
+    variable_symbols = expressions.configuration_symbols
+    for variable, angle in enumerate(expressions.variables):
+        is_driven_gear = angle is not variable_symbols[variable]
+        if is_driven_gear:
+            change[variable] = angle - variable_symbols[variable]
+    # `scale` is the determinant of the linearised equations.
+    return StepExpressions(
+        change,
+        determinant=coordinate_rates.scale,
+        squared_residual=coordinate_rates.closure_residual_square,
+    )
+
+
 class PathKernel:
     """Newton's method for the closure equations of all designs of one topology.
 
@@ -237,41 +265,28 @@ class PathKernel:
         compiled
             Whether heyoka compiles the functions, if it is installed.
         """
-        coordinate_rates = expressions.coordinate_rates
         variable_symbols = expressions.configuration_symbols
         self.expressions = expressions
         self.compiled = compiled and available()
         self.variable_count = len(variable_symbols)
         self.driven = [*expressions.structure.inputs]
 
-        # The step of Newton's method: the changes that are added to the variables to close
-        # the loops to first order.
-        change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
-        # In `expressions.variables`, most variables are their own symbols. The angle of a
-        # gear that the inputs drive is a linear function of the inputs instead. Its change
-        # needs no equation: it is the value of the function less the present variable.
-        for variable, angle in enumerate(expressions.variables):
-            is_driven_gear = angle is not variable_symbols[variable]
-            if is_driven_gear:
-                change[variable] = angle - variable_symbols[variable]
-
-        # `scale` is the determinant of the linearised equations. Path tracking watches its
-        # sign, which changes where two assembly modes meet.
-        outputs = [
-            *change,
-            coordinate_rates.scale,
-            coordinate_rates.closure_residual_square,
-        ]
+        # The outputs of the compiled functions, in the order in which `newton_step` reads
+        # them.
+        step = _newton_step_expressions(expressions)
+        outputs = [*step.change, step.determinant, step.squared_residual]
         # The symbols whose values change along a path: the pair variables, and numbers
         # (tangent, point, curvature) at the contact points of profiles that are no circles.
         moving = [*variable_symbols, *expressions.profile_symbols]
-        # Parts of the expressions that depend on the sizes alone are computed once for each
-        # design, by the function `prepare`. `prepared` has the expression of each such part
-        # by the symbol that replaces it.
-        self._outputs, prepared = separate_constant_parts(outputs, moving)
-        self._arguments = [*moving, *prepared]
+        # Each part of the outputs that depends on the sizes alone is replaced by a symbol.
+        # The function `prepare` computes these parts once for each design.
+        self._outputs, expression_by_symbol = separate_constant_parts(outputs, moving)
+        prepared_symbols = [*expression_by_symbol]
+        prepared_expressions = [*expression_by_symbol.values()]
+        # The order of the arguments: pair variables, columns of profiles, prepared numbers.
+        self._arguments = [*moving, *prepared_symbols]
         self.prepare = expression_function(
-            [*prepared.values()], expressions.size_symbols, self.compiled
+            prepared_expressions, expressions.size_symbols, self.compiled
         )
         # For real variables. Paths are also tracked through complex variables, for which
         # `_evaluate_complex` evaluates the same outputs.

@@ -391,8 +391,8 @@ class ProfilesTowardsDraws:
         columns = nans((COLUMN_COUNT * len(self.nominal), len(draws)))
         for draw, points in _points_by_draw(draws).items():
             profiles = self.draws[draw]
-            is_possible_design = profiles is not None
-            if is_possible_design:
+            # It is None if the design is impossible.
+            if profiles is not None:
                 columns[:, points] = evaluate_profile_columns(
                     profiles, values[:, points].T, with_second_derivative=False
                 )

@@ -373,21 +373,49 @@ class Sweep:
         )
         numbers = start + np.flatnonzero(meets_conditions)
         designs = designs[:, meets_conditions]
-        evaluator = self.evaluator
-        # A `DesignEvaluator` computes the figures of all designs at once. It runs no
-        # analyses, so there are no tables to store.
-        if not isinstance(evaluator, DesignRuns):
-            return self._select_rows(self.tabulate_designs(designs, numbers))
-        # The analyses of each design are run. `_worth_running` skips a design if figures
-        # that need no run violate the conditions already. The first entry of the list has
-        # no rows; it gives the columns if no design has a row.
-        no_rows = DesignTable.from_columns([], evaluator.names)
+        if isinstance(self.evaluator, DesignRuns):
+            return self._run_designs(self.evaluator, designs, numbers, store_table)
+        # The evaluator computes the figures of all designs at once. It runs no analyses, so
+        # there are no tables to store.
+        return self._select_rows(self.tabulate_designs(designs, numbers))
+
+    def _run_designs(
+        self,
+        design_runs: DesignRuns,
+        designs: Floats,
+        numbers: Indices,
+        store_table: Callable[[int, str, Table, TableArrays], None] | None,
+    ) -> Columns:
+        """Compute the table of designs by running the analyses of each design.
+
+        A design is not run if figures that need no run violate the conditions already.
+
+        Parameters
+        ----------
+        design_runs
+            Runs the analyses.
+        designs
+            (variables, n) values of the design variables, in the units of the file.
+        numbers
+            (n,) number of each design.
+        store_table
+            Function that stores a table of a run, as for `compute_part`.
+
+        Returns
+        -------
+        The columns of all rows that meet the conditions, by name.
+        """
+        # If no design has a row, this table without rows still gives the columns.
+        no_rows = DesignTable.from_columns([], design_runs.names)
         columns_by_design = [self._as_columns(designs, numbers, no_rows)]
-        for design_table, run_tables in evaluator.run_designs(designs, self._worth_running):
+        runs = design_runs.run_designs(designs, self._worth_running)
+        for design_table, run_tables in runs:
             columns = self._as_columns(designs, numbers, design_table)
             columns = self._select_rows(columns)
             columns_by_design.append(columns)
-            if store_table is not None and len(columns["design"]):
+            has_rows = len(columns["design"]) > 0
+            if store_table is not None and has_rows:
+                # All rows have the number of this design.
                 design_number = int(columns["design"][0])
                 for table_name, table, data in run_tables:
                     store_table(design_number, table_name, table, data)

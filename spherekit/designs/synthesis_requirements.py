@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -242,6 +242,72 @@ def select_nondominated(objectives: Floats, modes: Array) -> Indices:
     return np.array(sorted(nondominated), dtype=np.intp)
 
 
+class PopulationScores(NamedTuple):
+    """How good the n designs of a generation of an evolution are.
+
+    Attributes
+    ----------
+    objectives
+        (n, k) objectives, which are minimised.
+    violations
+        (n,) amounts by which conditions are violated, 0 if none is.
+    """
+
+    objectives: Floats
+    violations: Floats
+
+
+@dataclass(frozen=True)
+class PopulationScorer:
+    """Scores the designs of a generation in one assembly mode.
+
+    Attributes
+    ----------
+    specification
+        The objectives, the conditions and the ranges of the design variables.
+    mode
+        Label of the assembly mode (way to assemble the mechanism).
+    objective_count
+        Number k of objectives.
+    """
+
+    specification: Specification
+    mode: str
+    objective_count: int
+
+    @property
+    def low(self) -> Floats:
+        """(variables,) lower ends of the ranges, in the units of the file."""
+        return np.array([item.low for item in self.specification.sweep.space.variations])
+
+    @property
+    def high(self) -> Floats:
+        """(variables,) upper ends of the ranges, in the units of the file."""
+        return np.array([item.high for item in self.specification.sweep.space.variations])
+
+    def score(self, points: Floats) -> PopulationScores:
+        """Return the scores of designs.
+
+        Designs that do not have the mode, or have an objective that is not finite, get
+        large objectives and a large violation, so that all others are preferred.
+
+        Parameters
+        ----------
+        points
+            (n, variables) the designs. Coordinates 0 and 1 are the ends of the range of a
+            variable.
+        """
+        design_count = len(points)
+        designs = (self.low + (self.high - self.low) * points).T
+        # The scores of the designs that have the mode, and the indices of these designs.
+        scores = self.specification.score_mode(designs, self.mode)
+        objectives = np.full((design_count, self.objective_count), MISSING_DESIGN_VIOLATION)
+        objectives[scores.design] = scores.objectives
+        violations = np.full(design_count, MISSING_DESIGN_VIOLATION)
+        violations[scores.design] = scores.violations
+        return PopulationScores(objectives, violations)
+
+
 def evolve_fronts(
     specification: Specification,
     modes: Array,
@@ -291,37 +357,35 @@ def evolve_fronts(
             'pip install "spherekit-mechanisms[optimise]"; or minimise one, and bound the '
             "others by conditions"
         ) from None
-    low, high = np.array([(item.low, item.high) for item in sweep.space.variations]).T
     objective_count = objectives.shape[1]
     seed = sweep.space.seed
 
     class FrontProblem(Problem):  # type: ignore[misc]
-        """The optimisation problem that pymoo solves: the Pareto front of one mode.
+        """The search for the Pareto front of one mode, in the form that pymoo asks for.
 
-        pymoo calls `_evaluate` with the points (population, variables) of a generation of
-        designs. Coordinates 0 and 1 are the ends of the range of a design variable. pymoo
-        then reads the objectives from ``out["F"]`` and the violations of constraints from
-        ``out["G"]``. Designs that do not have the assembly mode (way to assemble the
-        mechanism) get large objectives and a large violation, so that all others are
-        preferred. `low` and `high` are the ends of the ranges.
+        pymoo calls `_evaluate` with the points of a generation of designs. It then reads
+        the objectives from ``out["F"]`` and the violations of constraints from
+        ``out["G"]``.
         """
 
-        def __init__(self, mode: str) -> None:
+        def __init__(self, population_scorer: PopulationScorer) -> None:
             super().__init__(
-                n_var=len(low), n_obj=objective_count, n_ieq_constr=1, xl=0.0, xu=1.0
+                n_var=len(population_scorer.low),
+                n_obj=population_scorer.objective_count,
+                n_ieq_constr=1,
+                xl=0.0,
+                xu=1.0,
             )
-            self.mode = mode
+            self.population_scorer = population_scorer
 
         def _evaluate(self, x: Floats, out: dict[str, Floats], *_: Any, **__: Any) -> None:
             """Write the objectives and violations of points x into `out`."""
-            designs = (low + (high - low) * x).T
-            scores = specification.score_mode(designs, self.mode)
-            out["F"] = np.full((len(x), objective_count), MISSING_DESIGN_VIOLATION)
-            out["G"] = np.full((len(x), 1), MISSING_DESIGN_VIOLATION)
-            out["F"][scores.design] = scores.objectives
-            out["G"][scores.design, 0] = scores.violations
+            scores = self.population_scorer.score(x)
+            out["F"] = scores.objectives
+            out["G"] = scores.violations[:, None]
             # The lambda makes the text. It is called only if a report is due.
-            progress.report_if_due(lambda: f"front of mode {self.mode}")
+            mode = self.population_scorer.mode
+            progress.report_if_due(lambda: f"front of mode {mode}")
 
     # The evolution evaluates about as many designs as the sweep before.
     generation_count = max(sweep.space.count // POPULATION_SIZE, 1)
@@ -332,12 +396,13 @@ def evolve_fronts(
         front = points[rows]
         front_objectives = objectives[rows]
         random_points = np.random.default_rng(seed).uniform(
-            size=(POPULATION_SIZE, len(low))
+            size=(POPULATION_SIZE, points.shape[1])
         )
         spread = _spread_points(front, front_objectives, POPULATION_SIZE)
         population = np.concatenate([spread, random_points])[:POPULATION_SIZE]
+        population_scorer = PopulationScorer(specification, mode, objective_count)
         result = minimize(
-            FrontProblem(mode),
+            FrontProblem(population_scorer),
             NSGA2(pop_size=POPULATION_SIZE, sampling=population),
             ("n_gen", generation_count),
             seed=seed,
