@@ -6,12 +6,12 @@ inputs at once. A figure of merit reduces these quantities to one number.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.arrays import Array, Floats, Indices, Integers
+from spherekit.arrays import Array, Bools, Floats, Indices, Integers
 from spherekit.conventions import Names
 from spherekit.designs.design_kernel import DesignKernel, RedundantKernel
 from spherekit.designs.design_variables import OK, reason_of
@@ -361,6 +361,21 @@ def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
     return DesignTable.from_columns([0], names, status=status, reason=reason_of(problem))
 
 
+class QuantitiesOfModes(NamedTuple):
+    """Quantities of n assembly modes at r samples or points.
+
+    Attributes
+    ----------
+    by_name
+        (r, n) values of each quantity.
+    closed
+        (r, n) whether the mechanism can be assembled.
+    """
+
+    by_name: dict[str, Floats]
+    closed: Bools
+
+
 class KernelFigures:
     """Figures of merit that are reductions of the outputs of a kernel over samples.
 
@@ -571,32 +586,18 @@ class KernelFigures:
         with np.errstate(all="ignore"):
             for start in range(0, row_count, rows_per_block) if mode_count else ():
                 block = slice(start, start + rows_per_block)
-                block_positions = position_arguments[:, block]
-                shape = closed[block].shape
-                # All arguments of the kernel as (arguments, rows of the block, modes).
-                sample = np.broadcast_to(
-                    self.rows[block].T[:, :, None], (len(self.sample_names), *shape)
+                quantities = self._compute_quantities(
+                    kernel,
+                    self.rows[block],
+                    prepared,
+                    position_arguments[:, block],
+                    revolution_offsets[:, block],
+                    profiles,
                 )
-                arguments = [sample, block_positions]
-                if profiles:
-                    columns = evaluate_profile_columns(
-                        profiles, block_positions.reshape(len(block_positions), -1).T
-                    )
-                    arguments.append(columns.reshape(-1, *shape))
-                arguments.append(revolution_offsets[:, block])
-                arguments.append(
-                    np.broadcast_to(prepared[:, None], (len(prepared), *shape))
-                )
-                rows = np.concatenate(arguments)
-                outputs = kernel.evaluate(rows.reshape(len(rows), -1)).reshape(-1, *shape)
-                # The first outputs are negative where a dyad does not close.
-                dyads_close = np.all(outputs[: kernel.reach_count] >= 0.0, axis=0)
-                closed[block] = all_finite(block_positions[:1], 0) & dyads_close
-                quantities = dict(zip(self.sample_names, sample, strict=True))
-                quantities |= zip(self.columns, outputs[kernel.reach_count :], strict=True)
+                closed[block] = quantities.closed
                 for merit_values, expression in zip(values, self.expressions, strict=True):
                     arguments_by_name = {
-                        name: quantities[name] for name in expression.names
+                        name: quantities.by_name[name] for name in expression.names
                     }
                     merit_values[block] = expression.evaluate(arguments_by_name)
             values[:, ~closed] = np.nan
@@ -614,3 +615,60 @@ class KernelFigures:
         return DesignTable.from_columns(
             chosen, merits, mode=chosen_labels, closes=closes[chosen], claim=claim
         )
+
+    def _compute_quantities(
+        self,
+        kernel: DesignKernel | RedundantKernel,
+        rows: Floats,
+        prepared: Floats,
+        position_arguments: Floats,
+        revolution_offsets: Floats,
+        profiles: Sequence[ContactProfile],
+    ) -> QuantitiesOfModes:
+        """Return the quantities of n modes at some samples or points, by the kernel.
+
+        Parameters
+        ----------
+        kernel
+            Computes the `columns`.
+        rows
+            (r, 3 inputs + 1) some of the `rows`.
+        prepared
+            (k, n) what ``kernel.prepare`` returns for the designs.
+        position_arguments
+            (w, r, n) signs of dyads, or pair variables (rad).
+        revolution_offsets
+            (unwrapped pairs, r, n) multiples of 2 pi (rad) to be added to angles.
+        profiles
+            The profiles of all contacts if they are not circles, otherwise empty.
+
+        Returns
+        -------
+        The quantities, and whether the modes close.
+        """
+        row_count, mode_count = len(rows), prepared.shape[1]
+        # All arguments of the kernel have the shape (arguments, rows, modes).
+        sample = np.broadcast_to(
+            rows.T[:, :, np.newaxis], (len(self.sample_names), row_count, mode_count)
+        )
+        arguments = [sample, position_arguments]
+        if profiles:
+            columns = evaluate_profile_columns(
+                profiles, position_arguments.reshape(len(position_arguments), -1).T
+            )
+            arguments.append(columns.reshape(-1, row_count, mode_count))
+        arguments.append(revolution_offsets)
+        arguments.append(
+            np.broadcast_to(prepared[:, np.newaxis], (len(prepared), row_count, mode_count))
+        )
+        stacked = np.concatenate(arguments)
+        # The kernel takes rows and modes as one axis.
+        outputs = kernel.evaluate(stacked.reshape(len(stacked), -1))
+        outputs = outputs.reshape(-1, row_count, mode_count)
+        # The first outputs are negative where a dyad does not close.
+        reaches, kernel_columns = np.split(outputs, [kernel.reach_count])
+        dyads_close = np.all(reaches >= 0.0, axis=0)
+        closed = all_finite(position_arguments[:1], 0) & dyads_close
+        by_name = dict(zip(self.sample_names, sample, strict=True))
+        by_name |= zip(self.columns, kernel_columns, strict=True)
+        return QuantitiesOfModes(by_name, closed)

@@ -291,72 +291,170 @@ def track_solutions(
     is_real_path = not np.iscomplexobj(start)
     design_paths = DesignPaths(kernel, *sizes, *inputs, detour, profiles)
 
-    current = start.copy()
+    history = PathHistory(start)
     step = np.ones(path_count)
-    # The path parameters of the last three points, and the slopes between these points.
-    # There is one point at first; -1 for an earlier one only avoids a division by zero.
-    parameters = np.zeros((3, path_count))
-    parameters[0] = -1.0
-    slopes = np.zeros((2, *start.shape), start.dtype)
     start_sign = np.zeros(path_count)
+    # The variables of the inputs that are set along the path; none with `NO_INPUTS`.
+    driven = kernel.driven[: len(inputs[0])]
     # The paths that are still tracked. A path whose start is NaN never arrives.
     paths = np.flatnonzero(all_finite(start, 0))
     with np.errstate(all="ignore"):
         # The first slope is that of a Newton step at a small fraction of the path.
         near_start = start[:, paths]
-        # The variables of the inputs that are set along the path; none with `NO_INPUTS`.
-        driven = kernel.driven[: len(inputs[0])]
         near_parameters = np.full(len(paths), SLOPE_FRACTION)
         near_start[driven] = design_paths.inputs_at(paths, near_parameters)
         equations = design_paths.equations_at(paths, near_parameters)
         first_step, determinant, _ = equations.newton_step(near_start)
-        slopes[:, :, paths] = (near_start + first_step - start[:, paths]) / SLOPE_FRACTION
+        history.set_first_slope(paths, near_start + first_step, SLOPE_FRACTION)
         start_sign[paths] = np.sign(determinant.real)
         for _ in range(MAX_PATH_STEPS):
             if not len(paths):
                 break
-            target = np.minimum(parameters[2, paths] + step[paths], 1.0)
-            predicted = _extrapolate(
-                parameters[:, paths], current[:, paths], slopes[:, :, paths], target
-            )
+            target = np.minimum(history.reached(paths) + step[paths], 1.0)
+            predicted = history.predict(paths, target)
             predicted[driven] = design_paths.inputs_at(paths, target)
-            equations = design_paths.equations_at(paths, target)
-            corrected = predicted + equations.newton_step(predicted).change
-            second_change, determinant, _ = equations.newton_step(corrected)
-            first_length = max_abs(corrected - predicted, 0)
-            second_length = max_abs(second_change, 0)
-            accepted = (first_length < MAX_FIRST_NEWTON_STEP_RAD) & (
-                second_length <= np.maximum(contraction * first_length, NEGLIGIBLE_STEP_RAD)
-            )
+            correction = _correct(design_paths.equations_at(paths, target), predicted)
+            is_accepted = correction.contracts(contraction)
             if is_real_path:
                 # These two conditions prevent a jump to another assembly mode.
-                predicted_change = max_abs(predicted - current[:, paths], 0)
-                accepted &= first_length <= np.maximum(
+                predicted_change = max_abs(predicted - history.current[:, paths], 0)
+                is_accepted &= correction.first_length <= np.maximum(
                     contraction * predicted_change, PATH_ERROR_RAD
                 )
-                accepted &= np.sign(determinant) == start_sign[paths]
-            # Paths whose step is accepted advance to the new point.
-            advanced = paths[accepted]
-            next_values = (corrected + second_change)[:, accepted]
-            slopes[0][:, advanced] = slopes[1][:, advanced]
-            slopes[1][:, advanced] = (next_values - current[:, advanced]) / (
-                target[accepted] - parameters[2, advanced]
+                is_accepted &= np.sign(correction.determinant) == start_sign[paths]
+            history.append(
+                paths[is_accepted], correction.values[:, is_accepted], target[is_accepted]
             )
-            current[:, advanced] = next_values
-            parameters[:, advanced] = *parameters[1:, advanced], target[accepted]
             contracts_quickly = (
-                second_length < STEP_GROWTH_RATIO * contraction * first_length
+                correction.second_length
+                < STEP_GROWTH_RATIO * contraction * correction.first_length
             )
-            step[paths[accepted & contracts_quickly]] *= 2.0
-            step[paths[~accepted]] *= 0.5
-            paths = paths[
-                (parameters[2, paths] < 1.0) & (step[paths] > MIN_PATH_STEP_FRACTION)
-            ]
-        arrived = parameters[2] >= 1.0
+            step[paths[is_accepted & contracts_quickly]] *= 2.0
+            step[paths[~is_accepted]] *= 0.5
+            has_not_arrived = history.reached(paths) < 1.0
+            paths = paths[has_not_arrived & (step[paths] > MIN_PATH_STEP_FRACTION)]
+        arrived = history.reached(np.arange(path_count)) >= 1.0
         paths = np.flatnonzero(arrived)
         equations = design_paths.equations_at(paths, np.ones(len(paths)))
-        current[:, paths], arrived[paths] = converge_solutions(equations, current[:, paths])
-    return current, arrived
+        solutions = history.current
+        solutions[:, paths], arrived[paths] = converge_solutions(
+            equations, solutions[:, paths]
+        )
+    return solutions, arrived
+
+
+class PathHistory:
+    """The last three points of each of n paths, from which the next one is predicted.
+
+    Attributes
+    ----------
+    current
+        (variables, n) configurations (rad) at the last points.
+    parameters
+        (3, n) path parameters of the last three points, from 0 to 1.
+    slopes
+        (2, variables, n) change of the configuration per path parameter between successive
+        points.
+    """
+
+    def __init__(self, start: Array) -> None:
+        """Begin with one point, the configurations `start` (variables, n)."""
+        self.current = start.copy()
+        # An earlier point at -1 only avoids a division by zero.
+        self.parameters = np.zeros((3, start.shape[1]))
+        self.parameters[0] = -1.0
+        self.slopes = np.zeros((2, *start.shape), start.dtype)
+
+    def set_first_slope(self, paths: Indices, next_values: Array, parameter: float) -> None:
+        """Set the slopes at the start from configurations near it.
+
+        Parameters
+        ----------
+        paths
+            (m,) numbers of some paths.
+        next_values
+            (variables, m) configurations (rad) at the next points of these paths.
+        parameter
+            Path parameter of these points.
+        """
+        self.slopes[:, :, paths] = (next_values - self.current[:, paths]) / parameter
+
+    def reached(self, paths: Indices) -> Floats:
+        """Return the path parameters (m,) of the last points of some paths."""
+        return self.parameters[2, paths]
+
+    def predict(self, paths: Indices, target: Floats) -> Array:
+        """Return predicted configurations (variables, m) at path parameters (m,)."""
+        return _extrapolate(
+            self.parameters[:, paths],
+            self.current[:, paths],
+            self.slopes[:, :, paths],
+            target,
+        )
+
+    def append(self, paths: Indices, values: Array, parameters: Floats) -> None:
+        """Append a point to some paths; the earliest of their points are dropped.
+
+        Parameters
+        ----------
+        paths
+            (m,) numbers of the paths.
+        values
+            (variables, m) configurations (rad) at the new points.
+        parameters
+            (m,) path parameters of the new points.
+        """
+        self.slopes[0][:, paths] = self.slopes[1][:, paths]
+        self.slopes[1][:, paths] = (values - self.current[:, paths]) / (
+            parameters - self.parameters[2, paths]
+        )
+        self.current[:, paths] = values
+        self.parameters[0, paths] = self.parameters[1, paths]
+        self.parameters[1, paths] = self.parameters[2, paths]
+        self.parameters[2, paths] = parameters
+
+
+@dataclass(frozen=True)
+class PathCorrection:
+    """The result of two steps of Newton's method from predicted configurations.
+
+    Attributes
+    ----------
+    values
+        (variables, m) configurations (rad) after both steps.
+    first_length, second_length
+        (m,) largest change (rad) of a variable in each step.
+    determinant
+        (m,) determinant of the closure equations before the second step.
+    """
+
+    values: Array
+    first_length: Floats
+    second_length: Floats
+    determinant: Array
+
+    def contracts(self, contraction: float) -> Bools:
+        """Return (m,) whether Newton's method converges to the predicted solution.
+
+        The first step must be short, and the second one shorter by the ratio `contraction`.
+        """
+        is_short = self.first_length < MAX_FIRST_NEWTON_STEP_RAD
+        return is_short & (
+            self.second_length
+            <= np.maximum(contraction * self.first_length, NEGLIGIBLE_STEP_RAD)
+        )
+
+
+def _correct(equations: ClosureProblem, predicted: Array) -> PathCorrection:
+    """Correct predicted configurations (variables, m) by two steps of Newton's method."""
+    corrected = predicted + equations.newton_step(predicted).change
+    second_step = equations.newton_step(corrected)
+    return PathCorrection(
+        values=corrected + second_step.change,
+        first_length=max_abs(corrected - predicted, 0),
+        second_length=max_abs(second_step.change, 0),
+        determinant=second_step.determinant,
+    )
 
 
 def _extrapolate(parameters: Floats, values: Array, slopes: Array, target: Floats) -> Array:
