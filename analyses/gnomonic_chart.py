@@ -52,12 +52,20 @@ def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
     directions
         (n, 3) vectors along the axes, in the axes x, y, z of the chart.
     """
-    x, y, z = np.moveaxis(directions, 1, 0)
-    # The first of x, y and z that is not zero has to be positive.
-    is_reversed = (x < 0.0) | ((x == 0.0) & ((y < 0.0) | ((y == 0.0) & (z < 0.0))))
-    x, y, z = np.where(is_reversed, -1.0, 1.0) * np.stack([x, y, z])
-    x = x + 0.0  # -0.0 becomes 0.0, for which arctan2 returns angles up to pi/2
+    x, y, z = _choose_positive_directions(directions).T
+    # x is 0 or positive. -0.0 is replaced by 0.0, because arctan2(0.0, -0.0) is pi.
+    x = x + 0.0
     return np.arctan2(y, x), np.arctan2(z, x)
+
+
+def _choose_positive_directions(directions: Floats) -> Floats:
+    """Return for each axis that of its two directions whose first component is positive.
+
+    The first component that is not zero counts. `directions` and the result are (n, 3).
+    """
+    x, y, z = directions.T
+    is_reversed = (x < 0.0) | ((x == 0.0) & ((y < 0.0) | ((y == 0.0) & (z < 0.0))))
+    return np.where(is_reversed, -1.0, 1.0)[:, None] * directions
 
 
 def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:

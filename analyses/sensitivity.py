@@ -396,37 +396,32 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _compute_result(self, batch: Batch) -> SensitivityResult:
         """Return derivatives of quantities by sizes, and deviations of the quantities.
 
-        To first order the variance of a quantity is the sum over all sizes of (derivative
-        times standard deviation)^2, and the worst case is the sum of |derivative| times
-        largest deviation. In addition mechanisms with random sizes, the draws, are
-        computed. Rows that failed are NaN.
+        The deviations are computed to first order from the derivatives, and from draws,
+        which are mechanisms with random sizes. A row is a configuration of the batch. Rows
+        that failed are NaN.
         """
         sensitivity = self._sensitivity(batch.mechanism)
         deviations = self._size_deviations(sensitivity)
         samples = _input_samples(batch, sensitivity)
-        # (n, variables) pair variables. Springs depend on the whole rotation of a pair, so
-        # that the angles of such pairs include whole revolutions.
+        # (rows, variables) pair variables. Springs depend on the whole rotation of a pair,
+        # so that the angles of such pairs include whole revolutions.
         configurations = continue_load_angles(batch).values
         with np.errstate(all="ignore"):
-            # values: (quantities, n), gradients: (sizes, quantities, n)
+            # values: (quantities, rows), gradients: (sizes, quantities, rows)
             values, gradients = sensitivity.at(samples, configurations)
             has_failed = batch.status != Status.OK
             values[:, has_failed] = np.nan
             gradients[~np.isfinite(gradients) | has_failed] = np.nan
-            # Deviations of sizes are independent, so that their variances are added.
-            squares = (gradients * deviations.spread[:, None, None]) ** 2
-            variance = np.sum(squares, axis=0)
-            # A smaller standard deviation is only rounding: no size changes the quantity.
-            is_dependent = np.sqrt(variance) > self._zero_spread
-            shares = np.where(is_dependent, squares / variance, np.nan)
+            size_variances = _variances_by_size(gradients, deviations)
+            variance = np.sum(size_variances, axis=0)  # (quantities, rows)
+            shares = self._shares_of_variance(size_variances, variance)
 
         drawn_spread, drawn_worst, lost = self._compute_draws(
             sensitivity, samples, configurations, values
         )
         tolerances = Tolerances(
             spread=np.sqrt(variance),
-            # s: size, c: quantity, n: row
-            worst=np.einsum("scn,s->cn", np.abs(gradients), deviations.worst),
+            worst=_worst_case(gradients, deviations),
             drawn_spread=drawn_spread,
             drawn_worst=drawn_worst,
             lost=lost,
@@ -440,6 +435,24 @@ class SensitivityAnalysis(AbstractAnalysis):
             shares=shares,
             tolerances=tolerances,
         )
+
+    def _shares_of_variance(self, size_variances: Floats, variance: Floats) -> Floats:
+        """Return the parts of the variance of each quantity that the sizes cause.
+
+        Parameters
+        ----------
+        size_variances
+            (sizes, quantities, rows) variance of the quantity that each size causes.
+        variance
+            (quantities, rows) the sum of these variances over the sizes.
+
+        Returns
+        -------
+        (sizes, quantities, rows) parts, from 0 to 1. NaN if no size changes the quantity:
+        its standard deviation is then only rounding.
+        """
+        is_dependent = np.sqrt(variance) > self._zero_spread
+        return np.where(is_dependent, size_variances / variance, np.nan)
 
     def _compute_draws(
         self,
@@ -679,6 +692,37 @@ def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
     return np.column_stack(
         (batch.inputs, batch.input_rates, batch.input_accelerations, batch.t)
     )
+
+
+def _variances_by_size(gradients: Floats, deviations: SizeDeviations) -> Floats:
+    """Return the variance of each quantity that the deviation of each size causes.
+
+    To first order it is (derivative times standard deviation of the size)^2. Deviations of
+    sizes are independent, so the variances by all sizes add up to that of the quantity.
+
+    Parameters
+    ----------
+    gradients
+        (sizes, quantities, rows) derivatives of the quantities by the sizes.
+    deviations
+        Deviations of the sizes.
+
+    Returns
+    -------
+    (sizes, quantities, rows) variances.
+    """
+    size_spread = np.reshape(deviations.spread, (-1, 1, 1))  # (sizes, 1, 1)
+    return (gradients * size_spread) ** 2
+
+
+def _worst_case(gradients: Floats, deviations: SizeDeviations) -> Floats:
+    """Return the deviation (quantities, rows) if all sizes deviate most, to first order.
+
+    It is the sum over the sizes of |derivative| times largest deviation. `gradients` are
+    the (sizes, quantities, rows) derivatives.
+    """
+    # s: size, c: quantity, n: row
+    return np.einsum("scn,s->cn", np.abs(gradients), deviations.worst)
 
 
 def _summarize_draws(deviations: Floats) -> Floats:

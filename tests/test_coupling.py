@@ -66,10 +66,12 @@ def test_a_coupling_table_of_two_inputs_is_within_its_errors(five_bar_table):
 
     The table of the five-bar stores, on a grid of its inputs 21 and 51, the angles of the
     passive pairs and their coefficients (rates per unit rate of an input). Where the
-    mechanism cannot be assembled, and beside such inputs, it has no numbers (NaN). Its
-    angles have the tolerance that was requested for the table. The error of its
-    coefficients was measured at some inputs. Other inputs can have a slightly larger error,
-    so that 5 % more is allowed.
+    mechanism cannot be assembled, and beside such inputs, it has no numbers (NaN).
+
+    The error of the angles should be within the tolerance that was requested for the table,
+    and that of the coefficients within the largest error that the table states. Both errors
+    were measured at some inputs when the table was made. Other inputs can have a slightly
+    larger error, so that 5 % more is allowed.
     """
     q = np.random.default_rng(7).uniform(0.8, 2.3, (300, 2))
     interpolated = five_bar_table.at(q)

@@ -41,8 +41,12 @@ def test_the_command_prints_the_meanings_of_parameters(capsys):
     assert facts["parameter_meanings"]["only"].startswith("Poles to compute")
 
 
+def test_code_in_a_meaning_is_printed_without_backticks():
+    assert plain_meaning("of `low` to ``high``.") == "of low to high."
+
+
 def test_two_parameters_can_share_a_meaning():
-    """A section of another kind ends them, and code has no marks on the screen."""
+    """Only the entries of the section with the parameters are read, not other sections."""
 
     class Example:
         """Example.
@@ -66,4 +70,3 @@ def test_two_parameters_can_share_a_meaning():
         "high": "Ends of the range of `low` to ``high``.",
         "other": "Another one.",
     }
-    assert plain_meaning("of `low` to ``high``.") == "of low to high."

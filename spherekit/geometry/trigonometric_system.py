@@ -624,10 +624,14 @@ def _solve_at_roots(
 def _choose_starts(equations: Numbers, roots: Complexes, starts_per_root: int) -> Complexes:
     """Return starts of Newton's method with small residuals for each root.
 
+    The systems have t equations in t angles. A root gives the first angle. The other angles
+    have several possible values, and each combination with a small residual is a start.
+
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each of the last t axes
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
@@ -635,10 +639,11 @@ def _choose_starts(equations: Numbers, roots: Complexes, starts_per_root: int) -
 
     Returns
     -------
-    (n, k * s, t) angles (rad), the starts of a root one after another. Starts whose
-    residual exceeds `MAX_START_RESIDUAL` are replaced by NaN.
+    (n, k * s, t) angles (rad), the starts of a root one after another. They are complex,
+    because x is complex if its root is not on the unit circle. Starts whose residual
+    exceeds `MAX_START_RESIDUAL` are replaced by NaN.
     """
-    first_angles = -1j * np.log(roots)
+    first_angles = -1j * np.log(roots)  # x from e^(ix)
     all_starts = _start_angles(equations, first_angles)
     starts = _best_starts(
         equations, all_starts, root_count=roots.shape[1], starts_per_root=starts_per_root

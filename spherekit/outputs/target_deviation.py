@@ -511,35 +511,36 @@ class TargetDeviation:
         )
 
     def rates(self, axis: Floats) -> TargetRates:
-        """Return the derivatives of the variables while the target turns about an axis.
+        """Return how the configurations change while the target turns about an axis.
 
-        The target orientation turns about the axis by the angle theta. The derivatives are
-        those by theta. Two cases are distinguished:
+        A nearest configuration is one with the smallest angle between the output link and
+        its target. The configurations of this object must be nearest ones. The target
+        orientation turns about the axis by the angle theta. There are two cases:
 
         - The output link follows the target exactly. Its rotation then gives three
-          equations in addition to those of the loops. These may determine the rates even
-          where the loops have lost their rank.
-        - Otherwise the configurations remain those with the smallest angle between the
-          output link and its target (nearest configurations).
+          equations in addition to those of the loops. These may determine the derivatives
+          even where the loops have lost their rank.
+        - Otherwise the output link stays as near as possible to the target.
 
         Parameters
         ----------
         axis
             (3,) unit vector in the axes of body 0, the link from which the output is seen.
 
-        Notes
-        -----
-        The configurations of this object must be nearest ones already.
+        Returns
+        -------
+        For each configuration the first and second derivatives of its variables by theta,
+        and whether the output link follows the target.
         """
         following = self._following_rates(axis)
-        follows = following.follows
-        if np.all(follows):
+        if np.all(following.follows):
             return following
         nearest_first, nearest_second = self._nearest_rates(axis)
+        is_following_row = following.follows[:, None]  # (n, 1)
         return TargetRates(
-            first=np.where(follows[:, None], following.first, nearest_first),
-            second=np.where(follows[:, None], following.second, nearest_second),
-            follows=follows,
+            first=np.where(is_following_row, following.first, nearest_first),
+            second=np.where(is_following_row, following.second, nearest_second),
+            follows=following.follows,
         )
 
     def _following_rates(self, axis: Floats) -> TargetRates:

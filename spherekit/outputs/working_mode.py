@@ -895,22 +895,23 @@ def _angle_about_axis(axis: Floats, first: LinkVector, second: LinkVector) -> Sc
 
 
 def _angle_at_zero(first: LinkVector, second: LinkVector) -> ScaledAngle:
-    """Return the angle of `_angle_about_axis` in the position where the variable is 0.
+    """Return the angle about the axis of a pair from one vector to another, at variable 0.
 
-    The frames of the pair in both links coincide in this position. The x and y components
-    of both vectors, at right angles to the axis, are therefore in the same axes.
+    Each link has a frame of the pair, with z along its axis. Both frames coincide where the
+    variable of the pair is 0. The x and y components of both vectors are then in the same
+    axes: they are two vectors p and q in one plane, and the angle is the one from p to q.
+    Its cosine and sine have the lengths of p and q as a factor.
 
     Parameters
     ----------
     first, second
         A vector of each link of the pair.
     """
-    first_x, first_y, _ = first.in_pair_frame
-    second_x, second_y, _ = second.in_pair_frame
-    return ScaledAngle(
-        cosine=second_x * first_x + second_y * first_y,
-        sine=second_y * first_x - second_x * first_y,
-    )
+    first_x, first_y, _ = first.in_pair_frame  # p
+    second_x, second_y, _ = second.in_pair_frame  # q
+    dot_product = second_x * first_x + second_y * first_y
+    cross_product = second_y * first_x - second_x * first_y
+    return ScaledAngle(cosine=dot_product, sine=cross_product)
 
 
 def _eliminate_turn(

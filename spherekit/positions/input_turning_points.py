@@ -148,35 +148,55 @@ class InputTurningPoints(NamedTuple):
         """
         if self.low == self.high:
             return Completeness(Guarantee.COMPLETE, "all modes at the only input")
-        # Width (rad) of the widest interval that may hide a mode; 0 if there is none.
         gap = self.gap(step)
-        # Number of inputs at which modes are known to meet: at `turning_inputs` modes
-        # appear or vanish, at `crossing_inputs` their curves cross.
-        count = len(self.turning_inputs) + len(self.crossing_inputs)
         if not gap:
-            if count == 0:
-                intervals = "which meet nowhere in the range"
-            elif count == 1:
-                intervals = "which meet at one input in the range"
-            else:
-                intervals = f"between the {count} inputs of the range at which they meet"
-            reason = f"all modes, {intervals}{self._crossing_remark}"
-            return Completeness(Guarantee.COMPLETE, reason)
-        reason = f"all modes at {counted(len(self.probes(step)), 'value')} of the input"
-        if count:
-            reason += (
-                f", which include each interval between the {count} known values at "
-                "which modes meet"
-            )
-            reason += self._crossing_remark
-        # Every mode that exists over an interval of the input wider than `gap` is known.
-        sentence = (
-            "All assembly modes were computed at "
-            f"{counted(len(self.probes(step)), 'value')} of the input and followed from "
-            "there over the range. A mode that exists only between two of these values, "
-            f"which are up to {np.degrees(gap):.3g} deg apart, could be missed."
+            return Completeness(Guarantee.COMPLETE, self._describe_all_meetings())
+        probe_text = f"{counted(len(self.probes(step)), 'value')} of the input"
+        # The level `TO_BOX` says that every mode is known that exists over an interval of
+        # the input wider than `gap`. The reason is a phrase for tables, the sentence
+        # explains it to users.
+        return Completeness(
+            Guarantee.TO_BOX,
+            reason=f"all modes at {probe_text}{self._describe_known_meetings()}",
+            box=gap,
+            sentence=(
+                f"All assembly modes were computed at {probe_text} and followed from "
+                "there over the range. A mode that exists only between two of these "
+                f"values, which are up to {np.degrees(gap):.3g} deg apart, could be missed."
+            ),
         )
-        return Completeness(Guarantee.TO_BOX, reason, gap, sentence)
+
+    @property
+    def _meeting_count(self) -> int:
+        """The number of inputs at which modes are known to meet.
+
+        At turning inputs modes appear or vanish, at crossing inputs their curves cross.
+        """
+        return len(self.turning_inputs) + len(self.crossing_inputs)
+
+    def _describe_all_meetings(self) -> str:
+        """Return why all modes are known if no interval is doubtful."""
+        if self._meeting_count == 0:
+            intervals = "which meet nowhere in the range"
+        elif self._meeting_count == 1:
+            intervals = "which meet at one input in the range"
+        else:
+            intervals = (
+                f"between the {self._meeting_count} inputs of the range at which they meet"
+            )
+        return f"all modes, {intervals}{self._crossing_remark}"
+
+    def _describe_known_meetings(self) -> str:
+        """Return an addition for ranges with doubtful intervals; empty without meetings.
+
+        It says that there is a probe between each two known inputs at which modes meet.
+        """
+        if not self._meeting_count:
+            return ""
+        return (
+            f", which include each interval between the {self._meeting_count} known values "
+            f"at which modes meet{self._crossing_remark}"
+        )
 
     @property
     def _crossing_remark(self) -> str:

@@ -310,19 +310,21 @@ class RolledLength:
     def find_repetition(self, additional_length: float) -> WheelRepetition | None:
         """Return which wheels have made whole revolutions after rolling on.
 
-        The result is None if neither wheel has. `additional_length` is the arc length (rad)
-        by which the wheels have rolled on.
+        A wheel that has made whole revolutions relative to the point of contact touches at
+        the same point of its profile as before. The result is None if neither wheel does.
+        `additional_length` is the arc length (rad) by which the wheels have rolled on.
         """
-        first_repeats, second_repeats = (
-            _is_whole_circumference(profile, additional_length) for profile in self.profiles
-        )
+        first_profile, second_profile = self.profiles
+        first_repeats = _is_whole_circumference(first_profile, additional_length)
+        second_repeats = _is_whole_circumference(second_profile, additional_length)
         first_wheel, second_wheel = self.wheels
         if first_repeats and second_repeats:
-            return WheelRepetition(first_wheel, turned_wheel=None)
+            # Both touch at the same points as before, so none of them is a turned wheel.
+            return WheelRepetition(repeated_wheel=first_wheel, turned_wheel=None)
         if first_repeats:
-            return WheelRepetition(first_wheel, turned_wheel=second_wheel)
+            return WheelRepetition(repeated_wheel=first_wheel, turned_wheel=second_wheel)
         if second_repeats:
-            return WheelRepetition(second_wheel, turned_wheel=first_wheel)
+            return WheelRepetition(repeated_wheel=second_wheel, turned_wheel=first_wheel)
         return None
 
 

@@ -424,38 +424,43 @@ class ArcEquations:
 
             abs(derivative of f by the variables j1 to jk) <= C d_j1 ... d_jk
 
-        Only C is returned. The caller multiplies it by the degrees.
-
-        The equation is f = U . W - cos(arc). U and W are unit axes of two links, multiplied
-        by the orientations of links along two paths. The norm of a product is at most the
-        product of the norms, so C is the product of the norms of all these orientations.
-        The constant cos(arc) has no derivatives.
-
-        The factor d_j follows from the product rule. In the derivative by variable j, each
-        orientation is differentiated in turn. This multiplies its norm by at most its own
-        degree in j, and the degrees of all orientations in j add up to d_j.
+        The equation is f = U . W - cos(arc). The axes U and W are unit vectors, multiplied
+        by the orientations of the links along two paths. C is the product of the bounds of
+        all these orientations (`_orientation_norms`). By the product rule, a derivative of
+        f is bounded by the same product and by the degrees. The constant cos(arc) has no
+        derivatives.
         """
-        # By link: a bound of the norm of its orientation relative to its reference link. A
-        # link placed by one pair (in `_rotation_terms`) has a rotation about a fixed axis,
-        # with norm 1. So have its derivatives by the angle of the pair.
-        norms = dict.fromkeys(self._rotation_terms, 1.0)
+        norms = self._orientation_norms
         bounds = []
-        # The steps are in the order of placing. Links on the paths of a step are placed
-        # before it, so their norms are known.
         for step in self.construction.equation_steps:
             paths = self.construction.parent_paths(step)
-            norm_of_U = prod(norms[link] for link in paths.first)
-            norm_of_W = prod(norms[link] for link in paths.second)
+            norm_of_U = _multiply_norms(norms, paths.first)
+            norm_of_W = _multiply_norms(norms, paths.second)
             bounds.append(norm_of_U * norm_of_W)
-            # The link of this step is put on the axes U and W. Its orientation may be a
-            # factor in equations of later steps.
-            placement = self._closing_link_placements[step.link]
-            norms[step.link] = _bound_closing_link_norm(
-                norm_of_U, norm_of_W, placement.arc_sine
-            )
-        # Each norm covers its rounding and one product. 64 covers the rounding of the last
-        # product, norm_of_U * norm_of_W, and of this one.
+        # The bounds are raised by more than the rounding of the last two products.
         return np.array(bounds) * (1 + 64 * UNIT_ROUNDOFF)
+
+    @cached_property
+    def _orientation_norms(self) -> dict[int, float]:
+        """By link an upper bound of the norm of its orientation at real angles.
+
+        The orientation is the matrix that leads from link axes to those of its reference
+        link. The bound holds for the matrix and, times the degrees in the variables by
+        which it is differentiated, for its derivatives.
+        """
+        # A link placed by one pair rotates about the axis of this pair. The rotation and
+        # its derivatives by the pair angle have the norm 1.
+        norms = dict.fromkeys(self._rotation_terms, 1.0)
+        # A closing link is put on the axes U and W, which two paths of links carry. The
+        # links on these paths are placed before it, so their norms are known.
+        for step in self.construction.equation_steps:
+            paths = self.construction.parent_paths(step)
+            norms[step.link] = _bound_closing_link_norm(
+                first_norm=_multiply_norms(norms, paths.first),
+                second_norm=_multiply_norms(norms, paths.second),
+                arc_sine=self._closing_link_placements[step.link].arc_sine,
+            )
+        return norms
 
     @cached_property
     def harmonics(self) -> Harmonics:
@@ -525,6 +530,11 @@ def _follower_offsets(
     _input_angle, *follower_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
     followers = decimal_mechanism.structure.followers
     return dict(zip(followers, follower_angles, strict=True))
+
+
+def _multiply_norms(norms: Mapping[int, float], path: Sequence[int]) -> float:
+    """Return the product of the norms of the links of a path."""
+    return prod(norms[link] for link in path)
 
 
 def _bound_closing_link_norm(

@@ -152,35 +152,57 @@ def _read_parameters(
     Values of the fields of `cls`, by name. Fields that the file does not give are left out.
     """
 
-    def make_error(path: Names, message: str) -> SpherekitError:
-        """Return an error with the line of a parameter, the only item of `path`."""
-        return study.fault(("analyses", cls.name, *path), message)
+    def make_error(keys: Names, message: str) -> SpherekitError:
+        """Return an error with the line of a faulty parameter, or of the analysis.
 
-    def check_list(value: Any) -> list[Any]:
-        """Return the items of an array of the file, or raise `ValueError`."""
-        if not isinstance(value, list):
-            raise ValueError(value)
-        return value
+        `keys` has the key of the parameter. It is empty if no single one is at fault.
+        """
+        return study.fault(("analyses", cls.name, *keys), message)
 
-    def read_simple(hint: Any, value: Any) -> Any:
-        """Return a value that is no array, converted to its type, or raise `ValueError`."""
-        return _read_simple_value(hint, value, study.mechanism.angle_unit)
-
-    def read(key: str, value: Any, hint: Any) -> Any:
-        """Return the value of a field; `hint` is the type of the field."""
-        # `read_value` takes composed types apart. It calls `check_list` for the items of a
-        # tuple, and `read_simple` for each value of a simple type such as a number. A
-        # `ValueError` says that the value is not of the type.
+    def read_parameter(key: str, value: Any, field_type: Any) -> Any:
+        """Return a parameter as a field of the class, or raise an error with its line."""
         try:
-            return read_value(hint, value, read_simple, check_list)
+            return _read_file_value(field_type, value, study.mechanism.angle_unit)
         except QuantityError as problem:  # a number with a wrong unit
             raise make_error((key,), str(problem)) from None
         except ValueError:
-            expected = describe_type(hint, _FILE_WORDING)
+            expected = describe_type(field_type, _FILE_WORDING)
             raise make_error((key,), mismatch(value, expected)) from None
 
-    # It calls `read` for each parameter, and `make_error` for unknown and missing ones.
-    return read_fields(cls, cls.name, parameters, read, make_error)
+    # `read_parameter` is called for each parameter that the class has, and `make_error`
+    # for unknown and missing ones.
+    return read_fields(cls, cls.name, parameters, read_parameter, make_error)
+
+
+def _read_file_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:
+    """Convert a value of a file to a type, or raise `ValueError` if it is not of this type.
+
+    Parameters
+    ----------
+    hint
+        The type, a simple one or composed of simple ones, such as ``tuple[float, ...]``.
+    value
+        The value. An array of the file is a list.
+    angle_unit
+        Unit of angles without a unit.
+
+    Returns
+    -------
+    The converted value. An array becomes a tuple.
+    """
+
+    def read_simple(simple_hint: Any, simple_value: Any) -> Any:
+        """Convert a value that is no array, or an item of an array."""
+        return _read_simple_value(simple_hint, simple_value, angle_unit)
+
+    return read_value(hint, value, read_simple, _check_array)
+
+
+def _check_array(value: Any) -> list[Any]:
+    """Return the items of an array of the file; raise `ValueError` if it is no array."""
+    if not isinstance(value, list):
+        raise ValueError(value)
+    return value
 
 
 def _read_simple_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:

@@ -201,11 +201,15 @@ class CoordinateRates(VelocityEquations):
         return [rate * inverse_scale for rate in rates]
 
     def link_velocity(self, input_index: int, link: int) -> Exprs:
-        """Return the homogeneous angular velocity of a link, along the link's basis.
+        """Return the homogeneous angular velocity of a link in axes fixed in the link.
 
         A homogeneous velocity is the velocity while one input has the rate 1 and the others
         rest, multiplied by the determinant of the velocity equations. It is regular even if
         the determinant vanishes.
+
+        The axes are not those in which the file describes the link (link axes), but the
+        columns of `LinkOrientation.basis`, three unit vectors that are fixed in the link,
+        too. Expressions are shorter along them.
 
         Parameters
         ----------
@@ -216,11 +220,10 @@ class CoordinateRates(VelocityEquations):
 
         Returns
         -------
-        (3,) components along `LinkOrientation.basis`. A vector that is fixed in the link
-        has constant components there, so these expressions are short.
+        (3,) components along the basis.
         """
         orientation = self.placed[link]
-        homogeneous_rates = self.tau[input_index]  # of all variables
+        homogeneous_rates = self.tau[input_index]  # the rates of all variables
         # Each variable on the path from the ground to the link adds its vector (such as the
         # axis of an R pair) times its rate. The sense is 1 or -1, or 0 if the path does not
         # contain the variable.
@@ -228,18 +231,38 @@ class CoordinateRates(VelocityEquations):
         for variable, sense in enumerate(self.tree.paths[link]):
             if not sense:
                 continue
-            # `vector_by_link` has an entry for each link in which the vector is fixed: the
-            # vector in the axes of this link. (The axis of an R pair is fixed in two
-            # links.)
-            vector_by_link = self.structure.fixed_vectors(variable)
-            if link in vector_by_link:
-                # The vector is fixed in this link, so its components are constants.
-                components = orientation.fixed_components(vector_by_link[link])
-            else:
-                # The vector in ground axes, whose components are expressions.
-                components = orientation.components(self.vectors[variable])
+            components = self._components_along_basis(variable, link, orientation)
             parts.append(components * (float(sense) * homogeneous_rates[variable]))
         return vector_sum(parts)
+
+    def _components_along_basis(
+        self, variable: int, link: int, orientation: LinkOrientation
+    ) -> Exprs:
+        """Return the components of the vector of a variable along the basis of a link.
+
+        The basis is fixed in the link. A vector that is fixed in the link, too, has
+        constant components along it. The components of other vectors are expressions.
+
+        Parameters
+        ----------
+        variable
+            Number of the variable.
+        link
+            Number of the link.
+        orientation
+            Orientation of the link, with its basis.
+
+        Returns
+        -------
+        (3,) components.
+        """
+        # By link the vector in link axes, for each link in which the vector is fixed. The
+        # axis of an R pair is fixed in the two links of the pair.
+        vector_in_link_axes = self.structure.fixed_vectors(variable)
+        if link in vector_in_link_axes:
+            return orientation.fixed_components(vector_in_link_axes[link])
+        vector_in_ground_axes = self.vectors[variable]
+        return orientation.components(vector_in_ground_axes)
 
     def motion_rates(self, speeds: Sequence[Expr]) -> MotionRates:
         """Return the rates of all variables and links at given rates of the inputs.

@@ -231,15 +231,12 @@ class DesignExpressions:
         """Return the derivatives of expressions by each size, while the loops stay closed.
 
         A size is a number of the mechanism that varies, such as an arc of a link, a mass or
-        a number of a load. The inputs are held constant.
+        a number of a load. The inputs are held constant. If a size grows, the pair
+        variables have to change, so that the loops stay closed.
 
         Profiles other than circles are described by symbols, the profile columns: tangent,
-        point, curvature k and its derivative dk/ds by the arc length at the contact. The
-        derivatives by these columns follow after the derivatives by the sizes.
-
-        Expressions with d2k/ds2 are refused. They occur in linearised motions, which are
-        derivatives of accelerations. If the contact moves, d2k/ds2 changes by the third
-        derivative of k, for which there is no symbol.
+        point, curvature and its derivative by the arc length at the contact. They are
+        treated like further sizes.
 
         Parameters
         ----------
@@ -255,13 +252,16 @@ class DesignExpressions:
         Raises
         ------
         EngineError
-            If an expression contains d2k/ds2 of a profile.
+            If an expression contains the second derivative of the curvature of a profile,
+            as the expressions of linearised motions do.
         """
-        # With a closed form the pair variables are no symbols: the expressions contain the
-        # inputs and sizes instead, and the loops are always closed.
+        # With a closed form the expressions contain inputs and sizes in place of the pair
+        # variables, so that the loops are closed for all sizes.
         if self.has_closed_form:
             return [differentiate(items, {size: 1.0}) for size in self.size_symbols]
         self._refuse_second_curvature_derivative(items)
+        # The partial derivatives by each pair variable, with which the changes of the pair
+        # variables are taken into account.
         by_variable = [
             self._differentiate_by_variable(items, v)
             for v in range(len(self.configuration_symbols))
@@ -277,16 +277,17 @@ class DesignExpressions:
         ]
 
     def _refuse_second_curvature_derivative(self, items: Sequence[Expr]) -> None:
-        """Raise `EngineError` if expressions contain d2k/ds2 of a profile.
+        """Raise `EngineError` if expressions cannot be differentiated by sizes.
 
-        k is the curvature of the profile at the contact, and s its arc length. If the
-        contact moves, d2k/ds2 changes by the third derivative, for which there is no
-        symbol.
+        A profile that is no circle has symbols for its curvature k at the contact and for
+        two derivatives of k by the arc length s. An expression with the second one,
+        d2k/ds2, occurs in linearised motions. Its derivative by a size that moves the
+        contact would need d3k/ds3, for which there is no symbol.
         """
-        nodes = set(iterate_nodes(items))
+        symbols_in_items = set(iterate_nodes(items))
         sides = self.structure.pairs.sides_with_symbols
-        # The last derivative for which a profile has a symbol is d2k/ds2.
-        if any(side.last_derivative in nodes for side in sides):
+        # `last_derivative` is the symbol of d2k/ds2.
+        if any(side.last_derivative in symbols_in_items for side in sides):
             raise EngineError(
                 f"{self.mechanism.name}: the derivatives of a linearised motion with "
                 "respect to sizes exist only for profiles that are circles; compare "

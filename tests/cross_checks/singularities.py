@@ -159,39 +159,59 @@ def assembly_modes_end_at_places(evidence, notes):
     tables = listed(evidence, notes) if evidence.has_one_input else None
     if tables is None:
         return
-    points = tables["singularities"]
     is_sampled = evidence.configurations.guarantee is Guarantee.SAMPLED
-    is_end = points["kind"].isin(INPUT_RESTS)
-    is_whole_curve = points["s"].isna() & points["q"].isna()  # a singular curve, no point
+    all_points = tables["singularities"]
+    points = all_points[all_points["kind"].isin(INPUT_RESTS)]  # type II or III
     for assembly_mode, rows in tables["motion"].groupby("assembly_mode"):
-        q = rows["q"].to_numpy()
-        status = rows["status"].to_numpy()
-        is_ok = status == "OK"
-        is_out_of_reach = status == "OUT_OF_REACH"
-        for k in range(len(q) - 1):
-            begins = is_out_of_reach[k] and is_ok[k + 1]
-            ends = is_ok[k] and is_out_of_reach[k + 1]
-            if not (begins or ends):
-                continue
-            low, high = sorted((q[k], q[k + 1]))
-            is_of_mode = np.array(
-                [_names_mode(text, assembly_mode) for text in points["assembly_mode"]],
-                dtype=bool,
-            )
-            listed_q = points.loc[is_end & is_of_mode, "q"].to_numpy(dtype=float)
-            # Both ends of a range of whole turns are one configuration, listed once.
-            listed_q = add_opposite_ends(evidence, listed_q)
-            is_between = (listed_q >= low - SAME_INPUT_RAD) & (
-                listed_q <= high + SAME_INPUT_RAD
-            )
+        is_of_mode = [_names_mode(text, assembly_mode) for text in points["assembly_mode"]]
+        points_of_mode = points[np.array(is_of_mode, dtype=bool)]
+        for low, high in _find_mode_ends(rows):
             notes.count_comparisons()
-            if not (is_between.any() or (is_end & is_of_mode & is_whole_curve).any()):
+            if not _is_point_listed_between(evidence, points_of_mode, low, high):
                 notes.add_finding(
                     f"assembly mode {assembly_mode} ends between q = "
                     f"{np.degrees(low):.6f} and "
                     f"{np.degrees(high):.6f} deg, and no type II or III of it is listed",
                     Kind.NOT_FOUND if is_sampled else Kind.CONTRADICTION,
                 )
+
+
+def _find_mode_ends(rows):
+    """Return the intervals (low, high) of the input, rad, in which a mode begins or ends.
+
+    `rows` are the samples of one assembly mode. One end of each interval is a sample that
+    is OK, and the other end the next sample, which is out of reach.
+    """
+    q = rows["q"].to_numpy()
+    status = rows["status"].to_numpy()
+    return [
+        (min(q[k], q[k + 1]), max(q[k], q[k + 1]))
+        for k in range(len(q) - 1)
+        if {status[k], status[k + 1]} == {"OK", "OUT_OF_REACH"}
+    ]
+
+
+def _is_point_listed_between(evidence, points, low, high):
+    """Return whether one of some listed singularities is in an interval of the input.
+
+    A listed curve of singularities, which has neither an arc length `s` nor an input `q`,
+    counts for every interval.
+
+    Parameters
+    ----------
+    evidence
+        `Evidence`, which has the mechanism.
+    points
+        Rows of the table of singularities.
+    low, high
+        Ends of the interval (rad). Singularities up to `SAME_INPUT_RAD` outside count, too.
+    """
+    is_whole_curve = points["s"].isna() & points["q"].isna()
+    if is_whole_curve.any():
+        return True
+    listed_q = add_opposite_ends(evidence, points["q"].to_numpy(dtype=float))
+    is_between = (listed_q >= low - SAME_INPUT_RAD) & (listed_q <= high + SAME_INPUT_RAD)
+    return bool(is_between.any())
 
 
 def add_opposite_ends(evidence, q):

@@ -133,7 +133,7 @@ def evaluate_both_ways(mechanism, **options):
 
 
 def find_differences(evaluations, same_signs=True):
-    """Return the differences between kernel and reference beyond their error bounds.
+    """Compare a motion and its poles by a row kernel with those of the reference.
 
     Parameters
     ----------
@@ -141,32 +141,25 @@ def find_differences(evaluations, same_signs=True):
         `KernelAndReference`.
     same_signs
         Whether pole directions must also have the same sign.
+
+    Returns
+    -------
+    `Differences`: the number of statuses that differ, the quantities that differ by more
+    than their error bounds, and the share of rows that the kernel certified.
     """
     kernel_motion = evaluations.kernel_motion
     reference_motion = evaluations.reference_motion
-    # Rows that the kernel certified are those whose error bounds it found small enough.
+    is_ok = (kernel_motion.status == Status.OK) & (reference_motion.status == Status.OK)
+    # There is one field of poles for each input that moves alone. The kernel certifies the
+    # rows whose error bounds it finds small enough.
     certified_shares = [np.mean(field.is_certified) for field in evaluations.kernel_fields]
     differences = Differences(
         share=float(np.mean(certified_shares)),
         statuses=int(np.sum(kernel_motion.status != reference_motion.status)),
         beyond=[],
     )
-    is_ok = (kernel_motion.status == Status.OK) & (reference_motion.status == Status.OK)
-
-    angle_gaps = kernel_motion.values - reference_motion.values
-    angle_gaps -= TURN * np.round(angle_gaps / TURN)
-    angle_bound = kernel_motion.configuration_error + reference_motion.configuration_error
-    largest_gap = np.max(np.abs(angle_gaps), axis=1)
-    _compare_with_bound(
-        differences, "configurations", largest_gap[is_ok], angle_bound[is_ok]
-    )
-
-    rotation_gaps = np.abs(kernel_motion.rotations - reference_motion.rotations)
-    largest_gap = np.max(rotation_gaps, axis=(1, 2, 3))[is_ok]
-    # Orientations have no error bound of their own, so a fixed one is taken.
-    rotation_bound = np.full(len(largest_gap), 1e-9)
-    _compare_with_bound(differences, "orientations", largest_gap, rotation_bound)
-
+    _compare_variables(differences, kernel_motion, reference_motion, is_ok)
+    _compare_orientations(differences, kernel_motion, reference_motion, is_ok)
     for kernel_field, reference_field in zip(
         evaluations.kernel_fields, evaluations.reference_fields, strict=True
     ):
@@ -176,6 +169,32 @@ def find_differences(evaluations, same_signs=True):
                 differences, kernel_field, reference_field, pole, is_ok, same_signs
             )
     return differences
+
+
+def _compare_variables(differences, kernel_motion, reference_motion, is_ok):
+    """Add the differences of the pair variables, up to whole revolutions.
+
+    `is_ok` (rows,) says whether both evaluations of the configuration have status OK.
+    """
+    angle_gaps = kernel_motion.values - reference_motion.values  # (rows, variables), rad
+    angle_gaps -= TURN * np.round(angle_gaps / TURN)
+    angle_bound = kernel_motion.configuration_error + reference_motion.configuration_error
+    largest_gap = np.max(np.abs(angle_gaps), axis=1)
+    _compare_with_bound(
+        differences, "configurations", largest_gap[is_ok], angle_bound[is_ok]
+    )
+
+
+def _compare_orientations(differences, kernel_motion, reference_motion, is_ok):
+    """Add the differences of the rotation matrices of the links.
+
+    `is_ok` (rows,) says whether both evaluations of the configuration have status OK.
+    Orientations have no error bound of their own, so a fixed one is taken.
+    """
+    rotation_gaps = np.abs(kernel_motion.rotations - reference_motion.rotations)
+    largest_gap = np.max(rotation_gaps, axis=(1, 2, 3))[is_ok]
+    rotation_bound = np.full(len(largest_gap), 1e-9)
+    _compare_with_bound(differences, "orientations", largest_gap, rotation_bound)
 
 
 def _compare_pole(differences, kernel_field, reference_field, pole, is_ok, same_signs):

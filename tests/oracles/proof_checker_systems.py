@@ -452,24 +452,22 @@ class SolutionOverBox:
 
         An unknown angle is real if x = e^(i angle) is on the unit circle, where x equals
         its mirror image 1 / conj(x). The equations are real, so the mirror image of a
-        solution is a solution too. Both are the same one if the mirror image lies in a box
-        that contains only one solution.
+        solution is a solution too. Both are the same one if they lie in a box that contains
+        only one solution.
 
-        The box is about z + Z d. Here d are the inputs less the centre of the box of
-        inputs, z is the solution at this centre, and Z are its rates. The solution is
-        x = z + Z d + w with a small remainder w.
+        The solution is x = z + Z d + w, as the class describes. The box is around z + Z d.
+        Half its side is twice the radius that bounds w, so that it contains x.
         """
-        # Half the side of the box about z + Z d, twice that of the remainders w.
-        wide_radius = 2 * self.radius
-        # Krawczyk's operator raises `NotShown` unless the wide box has only one solution.
-        self.image(wide_radius)
-        # Z / z, w / z and e = (Z d + w) / z, for each unknown.
-        for z, relative_rates, relative_remainder, e in self.relative_parts():
+        half_side = 2 * self.radius
+        # Krawczyk's operator raises `NotShown` unless the box has only one solution.
+        self.image(half_side)
+        for z, relative_rates, relative_remainder, relative_change in self.relative_parts():
+            # The mirror image less z + Z d, the centre of the box.
             difference = self._mirror_image_from_linear_part(
-                z, relative_rates, relative_remainder, e
+                z, relative_rates, relative_remainder, relative_change
             )
-            # The bounds of the real and of the imaginary part must be below the radius.
-            if not largest([difference]) < wide_radius:
+            is_in_box = largest([difference]) < half_side
+            if not is_in_box:
                 raise NotShown
 
     def _mirror_image_from_linear_part(self, z, relative_rates, relative_remainder, e):
