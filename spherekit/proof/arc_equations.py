@@ -427,7 +427,7 @@ class ArcEquations:
         The equation is f = U . W - cos(arc). The axes U and W are unit vectors, multiplied
         by the orientations of the links along two paths. C is the product of the bounds of
         all these orientations (`_orientation_norms`). By the product rule, a derivative of
-        f is bounded by the same product and by the degrees. The constant cos(arc) has no
+        f is at most this product times the degrees. The constant cos(arc) has no
         derivatives.
         """
         norms = self._orientation_norms
