@@ -203,25 +203,41 @@ def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     - Otherwise all chains are closed. The links farthest from the ground are returned.
     """
     ends = [pair.links for pair in linkage.pairs]
-    # Distance from the ground as a number of pairs.
-    distance = {0: 0}
-    for _, parent, child in find_spanning_tree(ends):
-        distance[child] = distance[parent] + 1
     links_with_one_pair = [
         link
         for link in linkage.links[1:]
         if sum(link in links_of_pair for links_of_pair in ends) == 1
     ]
-    candidates = links_with_one_pair or linkage.links
-    farthest = max(distance[link] for link in candidates)
-    # A coupling is an equation of gears, with a factor for the rate of each of its joints.
+    if not links_with_one_pair:
+        return _find_farthest_links(linkage, linkage.links)
+    farthest_links = _find_farthest_links(linkage, links_with_one_pair)
+    geared_links = _find_geared_links(linkage)
+    return [
+        link
+        for link in links_with_one_pair
+        if link not in geared_links or link in farthest_links
+    ]
+
+
+def _find_farthest_links(linkage: ImportedLinkage, links: Sequence[int]) -> list[int]:
+    """Return those of some links that the most pairs separate from the ground."""
+    distance = {0: 0}  # from the ground, link 0, as a number of pairs
+    for _, parent, child in find_spanning_tree([pair.links for pair in linkage.pairs]):
+        distance[child] = distance[parent] + 1
+    largest_distance = max(distance[link] for link in links)
+    return [link for link in links if distance[link] == largest_distance]
+
+
+def _find_geared_links(linkage: ImportedLinkage) -> set[int]:
+    """Return the links on both sides of all joints that gears turn.
+
+    A coupling is an equation of gears, with a factor for the rate of each of its joints.
+    """
     coupled_joints: set[int] = set()
     for coupling in linkage.foreign_model.couplings:
         coupled_joints |= coupling.factors.keys()
-    # Links on both sides of such a joint.
     geared_links: set[int] = set()
     for pair in linkage.pairs:
         if pair.joint in coupled_joints:
             geared_links |= {*pair.links}
-    free_ends = set(links_with_one_pair) - geared_links
-    return [link for link in candidates if link in free_ends or distance[link] == farthest]
+    return geared_links

@@ -2,7 +2,7 @@
 
 import fnmatch
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby, product
 from typing import Any
@@ -344,40 +344,72 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
     """
     if not isinstance(mechanism.geometry, PoseGeometry):
         return mechanism, np.eye(3)
-    sizes_by_link: dict[str, LinkSizes] = {}
-    rotation_by_link: dict[str, Floats] = {}
-    for link, axes in link_axes(mechanism).items():
-        # `next(iter(axes))` is the name of the first axis. The columns of its frame are
-        # unit vectors: towards the second axis, at right angles to it, and the first axis.
-        # They become y, -x and z of the new frame.
-        toward, across, first = reference_frame(axes, next(iter(axes))).T
-        rotation = np.stack([-across, toward, first])
-        rotation_by_link[link] = rotation
-        # Polar coordinates of all axes of the link in the new frame: the arc from z, and
-        # the angle about z from y towards -x. The second axis has the angle 0.
-        x, y, z = rotation @ np.transpose([*axes.values()])
-        arcs = np.arctan2(np.hypot(x, y), z)
-        angles = np.arctan2(-x, y)
-        # The first axis has neither arc nor angle, and the second has no angle.
-        sizes_by_link[link] = LinkSizes(
-            tuple(axes), tuple(arcs[1:].tolist()), tuple(angles[2:].tolist())
-        )
-    ground_rotation = rotation_by_link[mechanism.ground]
-    pairs = mechanism.pairs
+    axes_by_link = link_axes(mechanism)
+    # Each rotation leads from the old axes of a link to its new ones.
+    rotation_by_link = {link: _find_new_frame(axes) for link, axes in axes_by_link.items()}
+    sizes_by_link = {
+        link: _measure_link_sizes(axes, rotation_by_link[link])
+        for link, axes in axes_by_link.items()
+    }
     # Each pair has one frame in its first link and one in its second link. z is the axis of
     # the pair. The variable of the pair is zero if the x axes of both frames coincide.
+    old_frames_in_first, old_frames_in_second = pair_frames(mechanism)
     frames_in_first: dict[str, Floats] = {}
     frames_in_second: dict[str, Floats] = {}
-    old_frames_in_first, old_frames_in_second = pair_frames(mechanism)
-    for pair in pairs:
+    for pair in mechanism.pairs:
         name = pair.name
-        first_rotation, second_rotation = (rotation_by_link[link] for link in pair.links)
-        frames_in_first[name] = first_rotation @ old_frames_in_first[name]
-        frames_in_second[name] = second_rotation @ old_frames_in_second[name]
-    geometry = sizes_from_frames(pairs, (frames_in_first, frames_in_second), sizes_by_link)
+        first_link, second_link = pair.links
+        frames_in_first[name] = rotation_by_link[first_link] @ old_frames_in_first[name]
+        frames_in_second[name] = rotation_by_link[second_link] @ old_frames_in_second[name]
+    geometry = sizes_from_frames(
+        mechanism.pairs, (frames_in_first, frames_in_second), sizes_by_link
+    )
     # Vectors and tensors of outputs, masses and loads are rotated to the new axes, too.
+    ground_rotation = rotation_by_link[mechanism.ground]
     redescribed_parts = redescribe(
         mechanism, rotations=rotation_by_link, ground_rotation=ground_rotation
     )
     sized_mechanism = replace(mechanism, geometry=geometry, **redescribed_parts)
+    # The rows of the rotation are the new axes of the ground in the axes of the file.
     return sized_mechanism, ground_rotation.T
+
+
+def _find_new_frame(axes: Mapping[str, Floats]) -> Floats:
+    """Return the frame of a link whose z axis is its first pair axis.
+
+    Its second pair axis is in the half-plane x = 0, y > 0.
+
+    Parameters
+    ----------
+    axes
+        (3,) unit vector of each pair axis of the link, in the order of the file.
+
+    Returns
+    -------
+    (3, 3) matrix whose rows are the x, y and z axes of the frame. It rotates vectors to
+    this frame.
+    """
+    first_name = next(iter(axes))
+    # Unit vectors: towards the second pair axis, at right angles to it, and along the first
+    # pair axis. They form a right-handed frame.
+    toward, across, first = reference_frame(axes, first_name).T
+    return np.stack([-across, toward, first])
+
+
+def _measure_link_sizes(axes: Mapping[str, Floats], rotation: Floats) -> LinkSizes:
+    """Return the arcs and angles of a link from its pair axes.
+
+    Parameters
+    ----------
+    axes
+        (3,) unit vector of each pair axis of the link, in the order of the file.
+    rotation
+        (3, 3) rotation to the frame of `_find_new_frame`.
+    """
+    # Polar coordinates in the frame: the arc from the first axis, z, and the angle about z.
+    # It is counted from y, the side of the second axis, towards -x.
+    x, y, z = rotation @ np.transpose([*axes.values()])
+    arcs = np.arctan2(np.hypot(x, y), z)
+    angles = np.arctan2(-x, y)
+    # The first axis has neither arc nor angle, and the second has no angle.
+    return LinkSizes(tuple(axes), tuple(arcs[1:].tolist()), tuple(angles[2:].tolist()))

@@ -296,40 +296,57 @@ class CoefficientFormulas:
         -------
         The derivative of each symbol.
         """
-        formula_list = self._formula_list
-        derivative_by_term: dict[ExpressionNode, Expr] = {}
-        for axis, ends in zip(self._positions.pair_axes, self._mechanism.ends, strict=True):
-            # The axis is fixed in both links of the pair, so its derivative follows from
-            # the angular velocity of either link. A link at rest is preferred. It has the
-            # number 0.0 as angular velocity.
-            first_velocity, second_velocity = (
-                self.angular_velocity(input_index, link) for link in ends
-            )
-            if first_velocity == 0.0 or second_velocity == 0.0:
-                velocity: Expr = 0.0
-            elif is_negated(first_velocity) and not is_negated(second_velocity):
-                velocity = second_velocity  # the formula has no minus sign then
-            else:
-                velocity = first_velocity
-            derivative_by_term[axis] = formula_list.write(
-                formula_list.derivative_symbol(axis, input_index),
-                cross_product(velocity, axis),
-            )
+        # Formulas are in such an order that each contains only symbols of earlier ones.
+        # Their derivatives are therefore known when they are needed.
+        derivative_by_term = self._write_axis_derivatives(input_index)
         for term, formula in earlier_formulas:
             if formula.section == "Positions":
                 continue
             # Each of these formulas has one expression. (Only some formulas of positions
             # have the three components of a vector.)
-            right_side = formula.rows[0]
-            (derivative,) = differentiate([right_side], derivative_by_term)
-            # The derivative of a quotient is written by means of the quotient itself:
-            # (a / b)' = (a' - (a / b) b') / b. If the right side is a quotient, it is
-            # replaced by its symbol, which makes the formula shorter.
-            (short_derivative,) = substitute([derivative], {right_side: term})
-            derivative_by_term[term] = formula_list.write(
-                formula_list.derivative_symbol(term, input_index), short_derivative
+            derivative = _differentiate_right_side(
+                term, formula.rows[0], derivative_by_term
+            )
+            derivative_by_term[term] = self._formula_list.write(
+                self._formula_list.derivative_symbol(term, input_index), derivative
             )
         return derivative_by_term
+
+    def _write_axis_derivatives(self, input_index: int) -> dict[ExpressionNode, Expr]:
+        """Write the derivatives of the axes of all pairs with respect to an input.
+
+        An axis is fixed in the links of its pair. Its derivative is the cross product of
+        the angular velocity (per unit rate of the input) and the axis.
+
+        Returns
+        -------
+        The derivative of the symbol of each axis.
+        """
+        formula_list = self._formula_list
+        derivative_by_axis: dict[ExpressionNode, Expr] = {}
+        for pair, axis in enumerate(self._positions.pair_axes):
+            velocity = self._find_simpler_velocity(input_index, pair)
+            derivative_by_axis[axis] = formula_list.write(
+                formula_list.derivative_symbol(axis, input_index),
+                cross_product(velocity, axis),
+            )
+        return derivative_by_axis
+
+    def _find_simpler_velocity(self, input_index: int, pair: int) -> Expr:
+        """Return the angular velocity of one link of a pair, for the shorter formula.
+
+        Both links move the axis of the pair in the same way. A link at rest is preferred,
+        and then an angular velocity without a minus sign.
+        """
+        first_link, second_link = self._mechanism.ends[pair]
+        first_velocity = self.angular_velocity(input_index, first_link)
+        second_velocity = self.angular_velocity(input_index, second_link)
+        # A link at rest has the number 0.0 as angular velocity.
+        if first_velocity == 0.0 or second_velocity == 0.0:
+            return 0.0
+        if is_negated(first_velocity) and not is_negated(second_velocity):
+            return second_velocity
+        return first_velocity
 
     def _name_coefficients(self, input_index: int) -> None:
         """Give all poles, angular velocities and coefficients the names that users know.
@@ -397,3 +414,25 @@ class CoefficientFormulas:
             formula_list.name_quantity(
                 "acceleration_coefficient", owner, coefficient_derivative
             )
+
+
+def _differentiate_right_side(
+    term: ExpressionNode,
+    right_side: Expr,
+    derivative_by_term: Mapping[ExpressionNode, Expr],
+) -> Expr:
+    """Return the derivative of the right-hand side of a formula.
+
+    The derivative of a quotient contains the quotient: (a / b)' = (a' - (a / b) b') / b. If
+    the right-hand side is a quotient, its symbol is written there, which is shorter.
+
+    Parameters
+    ----------
+    term, right_side
+        The symbol and the expression that the formula equates.
+    derivative_by_term
+        The derivative of each symbol in the expression.
+    """
+    (derivative,) = differentiate([right_side], derivative_by_term)
+    (short_derivative,) = substitute([derivative], {right_side: term})
+    return short_derivative

@@ -114,6 +114,14 @@ def _tangent_of_return(start: Expr, tangent: Expr, length: AngleExpression) -> E
     return length.sine * start - length.cosine * tangent
 
 
+def _tangent_of_arc(k: Expr, axis: LinkAxis) -> Expr:
+    """Return the unit tangent, at the first axis k of a link, of the arc to a known axis.
+
+    The axis is cos(arc) k + sin(arc) tangent, which is solved for the tangent.
+    """
+    return (axis.vector - axis.arc.cosine * k) / axis.arc.sine
+
+
 class PositionFormulas:
     """Formulas of the frames of all links and of the variables of all pairs.
 
@@ -452,8 +460,10 @@ class PositionFormulas:
     def _find_first_tangent(self, input_pair: int) -> Expr:
         """Return the tangent t1 to the reference arc of the first link of an input.
 
-        The second link has a known frame, and t2 is the tangent to its reference arc. The
-        rotations of `_find_second_tangent` are undone in reverse order.
+        The second link has a known frame, and t2 is the tangent to its reference arc. Two
+        rotations about the axis of the pair lead from t1 to t2: first by the zero angle of
+        the pair, which gives the direction z, then by the input angle. They are undone in
+        reverse order.
         """
         input_rotation = self._make_input_rotation(input_pair)
         _, second_link = self._mechanism.ends[input_pair]
@@ -630,56 +640,58 @@ class PositionFormulas:
         )
 
     def _place_by_two_axes(self, side: DyadSide) -> None:
-        """Write the frame of a link of a dyad from its known axes u and v.
+        """Write the frame of a link of a dyad from its known axes at two pairs.
 
-        u and v are its axes at two pairs of the dyad. The link may have others. Let k be
-        the first axis of the link in the mechanism file. The frame of the link is defined
-        by k, and by the tangent at k of the arc from k to v.
-
-        If u is this axis, then k = u. Otherwise let a_u and a_v be the arcs from k to u and
-        v, b the angle at k from the first arc to the second, and c = u . v. Solving
-        u . k = cos a_u, v . k = cos a_v and (u x v) . k = sin a_u sin a_v sin b gives
-
-            k = ((cos a_u - c cos a_v) u + (cos a_v - c cos a_u) v
-                 + sin a_u sin a_v sin b (u x v)) / (1 - c^2).
+        The frame of a link is defined by its first axis k in the mechanism file, and by the
+        tangent at k of the arc from k to another axis.
 
         Raises
         ------
         EngineError
-            If the arc from k to v is 0 or 180 degrees. It then has no tangent at k.
+            If the arc from k to the second known axis is 0 or 180 degrees. It then has no
+            tangent at k.
         """
-        link = side.link
-        # An axis has its symbol (`vector`), the arc to it from k (`arc`), and the angle of
-        # this arc about k (`azimuth`).
+        if side.second_axis.arc.sine == 0.0:
+            raise self._refuse_link(side.link)
+        axis_k = self._axes_by_link[side.link][0]
+        if side.first_axis is axis_k:
+            k_right_side: Expr = axis_k.vector
+        else:
+            k_right_side = self._write_first_axis(side)
+        # `_write_frame` first writes the formula k = `k_right_side`, and then formulas that
+        # contain the symbol k, such as that of this tangent.
+        tangent = _tangent_of_arc(axis_k.vector, side.second_axis)
+        self._write_frame(
+            side.link, first_vector=k_right_side, tangent=tangent, axis=side.second_axis
+        )
+
+    def _write_first_axis(self, side: DyadSide) -> Expr:
+        """Return the first axis of a link as a combination of two other axes of it.
+
+        Let k be the first axis, u and v the other two, a_u and a_v the arcs from k to them,
+        b the angle at k from the first arc to the second, and c = u . v. Solving
+
+            u . k = cos a_u,   v . k = cos a_v,   (u x v) . k = sin a_u sin a_v sin b
+
+        gives
+
+            k = ((cos a_u - c cos a_v) u + (cos a_v - c cos a_u) v
+                 + sin a_u sin a_v sin b (u x v)) / (1 - c^2).
+        """
         axis_u = side.first_axis
         axis_v = side.second_axis
-        if axis_v.arc.sine == 0.0:
-            raise self._refuse_link(link)
-        axis_k = self._axes_by_link[link][0]
-        # Formulas contain the symbol k. `k_formula` is the right side of its own formula.
-        k = axis_k.vector
-        k_formula: Expr = axis_u.vector
-        if axis_u is not axis_k:
-            cosine_uv = self._write_arc_cosine(side)  # c
-            triple_product = (
-                axis_u.arc.sine
-                * axis_v.arc.sine
-                * axis_v.azimuth.subtract(axis_u.azimuth).sine
-            )
-            normal_part = triple_product * cross_product(axis_u.vector, axis_v.vector)
-            part_along_u = (
-                axis_u.arc.cosine - cosine_uv * axis_v.arc.cosine
-            ) * axis_u.vector
-            part_along_v = (
-                axis_v.arc.cosine - cosine_uv * axis_u.arc.cosine
-            ) * axis_v.vector
-            k_formula = (part_along_u + part_along_v + normal_part) / (
-                1.0 - cosine_uv * cosine_uv
-            )
-        # The tangent at k of the arc to v, from v = cos(a_v) k + sin(a_v) tangent.
-        tangent = (axis_v.vector - axis_v.arc.cosine * k) / axis_v.arc.sine
-        # `_write_frame` writes the formula of k first, then those that contain k.
-        self._write_frame(link, first_vector=k_formula, tangent=tangent, axis=axis_v)
+        u = axis_u.vector
+        v = axis_v.vector
+        arc_u = axis_u.arc
+        arc_v = axis_v.arc
+        cosine_uv = self._write_arc_cosine(side)  # c
+        sine_product = arc_u.sine * arc_v.sine
+        angle_between_arcs = axis_v.azimuth.subtract(axis_u.azimuth)  # b
+        triple_product = sine_product * angle_between_arcs.sine  # (u x v) . k
+        normal_part = triple_product * cross_product(u, v)
+        part_along_u = (arc_u.cosine - cosine_uv * arc_v.cosine) * u
+        part_along_v = (arc_v.cosine - cosine_uv * arc_u.cosine) * v
+        return (part_along_u + part_along_v + normal_part) / (1.0 - cosine_uv * cosine_uv)
 
     def _write_frame(
         self,
