@@ -153,8 +153,7 @@ class InputTurningPoints(NamedTuple):
             return Completeness(Guarantee.COMPLETE, self._describe_all_meetings())
         probe_text = f"{counted(len(self.probes(step)), 'value')} of the input"
         # The level `TO_BOX` says that every mode is known that exists over an interval of
-        # the input wider than `gap`. The reason is a phrase for tables, the sentence
-        # explains it to users.
+        # the input wider than `gap`.
         return Completeness(
             Guarantee.TO_BOX,
             reason=f"all modes at {probe_text}{self._describe_known_meetings()}",
