@@ -107,9 +107,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--crossings",
         choices=("end", "pass"),
         help=(
-            "for source code: what an assembly mode does where two curves of "
-            "configurations cross: end = the mode ends there, as the signs of its dyads "
-            "must not change (default); pass = it continues along its smooth curve"
+            "what an assembly mode does in source code where two curves of configurations "
+            "cross: end = it ends there, since the signs of its dyads must not change "
+            "(default); pass = it continues along its smooth curve"
         ),
     )
     parser.add_argument(

@@ -634,7 +634,7 @@ def _tables_of_run(run: RunResult) -> tuple[RunTable, ...]:
 
 
 def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
-    """Return the units of all number columns of the table from which a figure follows.
+    """Return the units of the columns of numbers in the table of a figure of merit.
 
     A figure of merit such as ``max(workspace.areas part=whole: size)`` names an analysis, a
     table of it, a condition by which rows are selected (``only``), and an expression in the

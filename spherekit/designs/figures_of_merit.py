@@ -500,8 +500,9 @@ class KernelFigures:
             # turn. In a grid no sample follows another one.
             if merit.reduction == "swing" and len(self.samples.shape) > 1:
                 fault = (
-                    "swing follows an angle along a path, but the samples form a grid; "
-                    'use the reduction "range" of its sine or cosine instead'
+                    'the reduction "swing" needs samples along a path, but the samples '
+                    'form a grid; use the reduction "range" of the sine or cosine of the '
+                    "angle"
                 )
             if fault:
                 raise DesignError(f"{mechanism.name}: {merit.name}: {fault}")

@@ -453,8 +453,8 @@ def _solve_friction(equation: FrictionEquation) -> CarriedLoads:
 
     Returns
     -------
-    The carried loads, the sums over the places. Friction is unknown in rows that have not
-    converged, or in which there may be several solutions.
+    The loads that the pairs carry. Friction is unknown in rows that have not converged, or
+    in which there may be several solutions.
     """
     factors = equation.factors
     is_contracting = equation.find_contracting_rows()

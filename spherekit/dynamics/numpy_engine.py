@@ -874,8 +874,8 @@ class Collocation:
         step
             A step whose error is small enough.
         rates
-            (N, m, variables) derivatives of the pair variables by the m coordinates of the
-            motion, at the N nodes of the step.
+            (N, m, variables) derivatives of the pair variables with respect to the m
+            coordinates of the motion, at the N nodes of the step.
         determinants
             (N,) determinants at its nodes. The matrix is the Jacobian of the loop-closure
             equations with `rates` as further rows. It is singular only where the closure
@@ -915,8 +915,8 @@ class Collocation:
         step
             The step.
         rates
-            (N, m, variables) derivatives of the pair variables by the m coordinates of the
-            motion, at the N nodes of the step.
+            (N, m, variables) derivatives of the pair variables with respect to the m
+            coordinates of the motion, at the N nodes of the step.
         determinants
             (N,) determinants at its nodes, whose sign changes where curves of
             configurations cross.
@@ -952,8 +952,8 @@ class Collocation:
         step
             The step.
         rates
-            (N, m, variables) derivatives of the pair variables by the m coordinates of the
-            motion, at the N nodes of the step.
+            (N, m, variables) derivatives of the pair variables with respect to the m
+            coordinates of the motion, at the N nodes of the step.
         """
         driven = list(self.problem.driven)
         input_rates = np.linalg.det(rates[:, :, driven])

@@ -229,7 +229,9 @@ def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyPro
     if not suggestion:
         return KeyProblem(f'"{key}" is not a number.', prefix=key)
     # A list of numbers, such as "arcs", can have a number with the key "arc".
-    return KeyProblem(f'"{key}" is not a number{suggestion}', prefix=key.removesuffix("s"))
+    return KeyProblem(
+        f'"{key}" is not the key of a number{suggestion}', prefix=key.removesuffix("s")
+    )
 
 
 def _explain_missing_part(reached: ReachedTable, missing_part: str) -> KeyProblem:

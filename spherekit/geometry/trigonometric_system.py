@@ -592,7 +592,7 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
 def _solve_at_roots(
     equations: Numbers, roots: Complexes, starts_per_root: int
 ) -> RootSolutions:
-    """Return the solutions of n systems that belong to roots of their eliminants.
+    """Return the solutions of n systems, found from the roots of their eliminants.
 
     A root is a value of e^(ix), from which the first angle x follows. The other angles
     follow from the equations, and Newton's method corrects all of them.
@@ -605,9 +605,10 @@ def _solve_at_roots(
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
-        Largest number s of starts of Newton's method that are used for each root. There are
-        2 in a system of two equations and 4 in one of three, because the other angles have
-        several possible values. Those with the smallest residuals are used.
+        Largest number s of starts of Newton's method that are used for each root. A root
+        has 2 starts in a system of two equations and 4 in a system of three, since the
+        other angles have several possible values. The s starts with the smallest residuals
+        are used.
     """
     # (n, k * s, t) angles, the starts of a root one after another.
     starts = _choose_starts(equations, roots, starts_per_root)

@@ -310,8 +310,8 @@ class DyadsWithClosingLink:
         """Return turns at which the closing link fits, by Newton's method.
 
         The turn is the angle of the output link about its direction. The equation is f = 0
-        with the residual f = cos(d) - cos(a) of the closing link. The other links determine
-        the angle d between the axes of its two pairs, and a is its arc.
+        with the residual f = cos(d) - cos(a). Here a is the arc of the closing link, and d
+        is the angle between the axes of its two pairs, which the other links determine.
 
         Parameters
         ----------

@@ -209,8 +209,8 @@ def orient_links_in_bodies(
 ) -> dict[int, Floats]:
     """Return the orientation of each link in its body, before any group is placed.
 
-    Links that are joined by inputs, directly or through other inputs, are one body. A body
-    has the axes of one of its links: the link whose number is that of the body. A link
+    Links that are joined by an input, or by a chain of inputs, form one body. The axes of a
+    body are those of one of its links, whose number is also the number of the body. A link
     without inputs is a body of its own.
 
     Parameters

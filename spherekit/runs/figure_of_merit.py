@@ -145,16 +145,16 @@ class FigureOfMerit:
 
 
 def parse_merit(text: str, angle_unit: AngleUnit) -> FigureOfMerit:
-    """Return the figure of merit of a text ``NAME=REDUCTION(EXPRESSION)``.
+    """Return the figure of merit that a text ``NAME=REDUCTION(EXPRESSION)`` describes.
 
     The name is optional.
 
     Parameters
     ----------
     text
-        For example ``least=min(transmission_angle_43)`` or ``at(theta_41, 30)``. The rows
-        of a table are reduced by ``max(workspace.areas: size)``, and some of its rows by
-        ``max(workspace.areas part=whole: size)``.
+        For example ``least=min(transmission_angle_43)`` or ``at(theta_41, 30)``. The text
+        ``max(workspace.areas: size)`` is the maximum of a column over all rows of a table,
+        and ``max(workspace.areas part=whole: size)`` over the rows that meet a condition.
     angle_unit
         Unit of angles in the mechanism file. An input of ``at`` has this unit if the text
         states none.

@@ -645,8 +645,8 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
     elif torque is not None:
         yield (
             ("start",),
-            "a driving torque acts in a simulation only; give the start of a simulation, "
-            "or leave the torque out",
+            "a driving torque acts in a simulation only; give a start (inputs and rates) "
+            "and a duration for a simulation, or leave the torque out",
         )
     if torque is not None:
         torques: Iterable[Any] = [study.torque]

@@ -222,8 +222,8 @@ def place_labels(
 
     For each label a few positions around its point are tried, the nearest first. Positions
     within the frame at which the label overlaps neither a point nor an earlier label are
-    preferred. Among them, the position at which it covers the fewest points of curves is
-    chosen. If several positions are equally good, the nearest is chosen.
+    preferred. Among them, the position at which the label covers the fewest points of
+    curves is chosen. If several positions are equally good, the nearest is chosen.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def place_labels(
     letter
         Size of the letters in the unit of `places`.
     curve_points
-        (m, 2) points on curves that labels should not cover, equal in all pictures. They
+        (m, 2) points on curves that labels should not cover, the same in all pictures. They
         have to be nearer to each other than the size of a letter.
     frame
         The lower left and the upper right corner of the picture, each (2,).

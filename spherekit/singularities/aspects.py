@@ -298,10 +298,11 @@ class _AspectGraph:
         divides_by_type_one: bool,
         time_limit: TimeLimit,
     ) -> None:
-        """Make a graph without configurations.
+        """Make a graph that is empty at first.
 
-        Configurations at samples of the inputs are its nodes. Its edges are paths of the
-        inputs between them without a singularity. Connected parts are called aspects.
+        Its nodes will be configurations at samples of the inputs. An edge joins two of them
+        if a path of the inputs leads from one to the other without a singularity. Connected
+        parts of the graph are called aspects.
 
         Parameters
         ----------

@@ -593,7 +593,7 @@ def read_parquet(path: Path) -> "pd.DataFrame":
 
 
 def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
-    """Return the cells of a CSV file as texts, in a pandas frame.
+    """Return the cells of a CSV file as strings, in a pandas frame.
 
     The index counts the lines after the header, from 0. Blank lines are left out, but
     counted.
@@ -606,7 +606,7 @@ def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
     Raises
     ------
     OSError, ValueError
-        If the file cannot be read, or is no CSV file.
+        If the file cannot be read, or is not a CSV file.
     """
     import pandas as pd
 

@@ -376,7 +376,9 @@ class InputColumns:
         Returns
         -------
         shared_parts
-            Expressions of a quantity, by its name and the pole or link.
+            Expressions of each quantity of a pole or a link. The key is the pair of the
+            name of the quantity and the pole or link. They do not depend on the sense of
+            poles.
         reversible_parts
             By pole, the expressions that change their sign if the direction of the pole is
             reversed, in the order of `SIGNED_COMPONENTS`. Poles that are the axis of a pair

@@ -120,11 +120,11 @@ def _draw_panel(
     panel
         The panel of the figure.
     curves
-        For each curve two objects: its scene, which has the axis, and its series of numbers
-        over the axis. All series have the same unit.
+        For each curve its scene, which contains the values on the horizontal axis, and its
+        series, which contains the values on the vertical axis. All series have one unit.
     scale
-        Largest magnitude of the quantities of the figure. Differences below `resolution`
-        (a property of a series) times this are rounding errors.
+        Largest magnitude of the quantities of the figure. Differences smaller than the
+        `resolution` of a series times this magnitude are rounding errors.
     looks
         For each curve the colour, line style and label. Coinciding curves are drawn with
         other line styles.
