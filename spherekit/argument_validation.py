@@ -47,20 +47,15 @@ def checked(
 
         @functools.wraps(function)
         def _check_and_call(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
-            # This wrapper replaces `function`. It raises `error`, the class given to
-            # `checked`, before the call. It has no docstring: users see that of `function`.
+            # This wrapper replaces `function`, which `checked` decorates, and raises the
+            # `error` of `checked`. It has no docstring: users see that of `function`.
             try:
                 arguments = signature.bind(*args, **kwargs).arguments
             except TypeError as bind_error:  # an argument is unknown, missing or doubled
                 message = _bind_message(signature, kwargs, bind_error)
                 raise error(f"{_public_name(function)}: {message}") from None
             for name, value in arguments.items():
-                # The annotation of *args is the type of each of its items. All **kwargs
-                # together are one value, a dictionary.
-                is_star = (
-                    signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
-                )
-                for item in value if is_star else (value,):
+                for item in _annotated_values(signature.parameters[name], value):
                     if fault := type_fault(name, item, annotations()[name]):
                         raise error(f"{_public_name(function)}: {fault}")
             return function(*args, **kwargs)
@@ -68,6 +63,17 @@ def checked(
         return _check_and_call
 
     return decorate
+
+
+def _annotated_values(parameter: inspect.Parameter, value: Any) -> tuple[Any, ...]:
+    """Return the values to which the annotation of a parameter applies.
+
+    The annotation of ``*args`` is the type of each item. Any other argument is one value.
+    Functions with ``**kwargs`` annotate them as `Any`, which allows every value.
+    """
+    if parameter.kind is inspect.Parameter.VAR_POSITIONAL:
+        return tuple(value)
+    return (value,)
 
 
 def checked_class(

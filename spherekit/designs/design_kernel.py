@@ -271,11 +271,11 @@ class RedundantKernel:
         """Make one kernel for each choice of independent equations.
 
         The loops of the mechanism give more equations for the rates than are independent.
-        Each of `expressions` solves those that were independent at one configuration.
+        Each of `expressions` solves those that were independent at one configuration. If
+        several of them solve the same equations, they have one kernel.
         """
-        # (columns,) flags. Rates that solve the chosen equations may violate the others, if
-        # the chosen ones are not independent at a configuration. `evaluate` therefore takes
-        # these columns only from kernels whose rates fulfil all equations of the loops.
+        # (columns,) flags. `evaluate` takes the columns that follow from rates only from
+        # kernels whose rates fulfil all equations of the loops.
         self._follows_from_rates = _find_rate_columns(expressions[0], columns)
         # The kernels serve one design only. Compiling them would take longer than it saves.
         self._kernels = [

@@ -101,20 +101,21 @@ def _derive_events(
 ) -> list[EventFunction]:
     """Return the events of the motion, without those of joint limits and of loads.
 
-    An event occurs where its function crosses zero: the momentum at rest, and dq/dx at a
-    dead centre of the input q.
+    The configurations of the mechanism form a curve with the parameter x. Its tangent is
+    tau = dv/dx, the derivatives of all pair variables v. An event occurs where its function
+    crosses zero:
 
-    A singularity is a configuration in which the velocity equations depend on each other.
-    Curves of configurations cross there. The derivatives tau are the maximal minors of
-    these equations, up to signs, so all of them vanish there. The event is that their sum
-    of squares falls below a limit.
+    - at rest, the momentum,
+    - at a dead centre of the input q, its derivative dq/dx,
+    - near a singularity, the sum of squares of tau less a limit. At a singularity the
+      velocity equations depend on each other, and tau is zero.
 
     Parameters
     ----------
     layout
         Has the symbols of the momentum and of the limit.
     input_rate, input_variable
-        dq/dx of the input q, and the number of its variable.
+        The derivative dq/dx of the input q, and the number of its variable.
     tau_square
         Sum of the squares of tau = dv/dx over all variables v.
     """

@@ -58,6 +58,13 @@ POLE_INTRODUCTION = (
 )
 
 
+ROW_BREAK = " \\nonumber \\\\\n&\\quad {}"
+"""LaTeX between two rows of a long sum: the second row has no number and is indented.
+
+Braces with nothing in them are an empty term, so that LaTeX sets the plus or minus sign
+behind it as an operation between two terms.
+"""
+
 MAX_ROW_CHARACTERS = 230
 """Number of characters of LaTeX after which a sum continues in a new row.
 
@@ -281,7 +288,7 @@ def _break_sum(text: str) -> str:
             rows.append("")
         rows[-1] += summand
         text_before += summand
-    return " \\nonumber \\\\\n&\\quad {}".join(rows)
+    return ROW_BREAK.join(rows)
 
 
 def _format_table(rows: Iterable[Sequence[str]]) -> str:

@@ -54,7 +54,7 @@ def load_study(name_or_path: AnyPath) -> Study:
     angle_unit: AngleUnit = document.data.get("angle_unit", mechanism.angle_unit)
     data = convert_to_model(document, document.data, "study", angle_unit)
     mechanism = replace(mechanism, angle_unit=angle_unit)
-    return _StudyReader(document, data).study(path, mechanism)
+    return _StudyReader(document, data).construct_study(path, mechanism)
 
 
 def study_of(subject: Subject) -> Study:
@@ -96,7 +96,7 @@ class _StudyReader:
     document: Document
     data: Table
 
-    def study(self, path: Path, mechanism: Mechanism) -> Study:
+    def construct_study(self, path: Path, mechanism: Mechanism) -> Study:
         """Return the study that the file contains.
 
         Parameters
@@ -106,11 +106,7 @@ class _StudyReader:
         mechanism
             The mechanism that the file names.
         """
-        # `self.data` has angles in rad and arrays as tuples. Only the parameters of
-        # analyses are taken as written in the file. They are read by the types that the
-        # classes of the analyses declare, when the analyses are created.
         data = self.data
-        start = data.get("start", {})
         # The study can lock pairs of the mechanism, and drive other pairs than its file.
         mechanism = self.locked(mechanism)
         mechanism = self.with_inputs(mechanism)
@@ -118,21 +114,18 @@ class _StudyReader:
             name=path.name.removesuffix(STUDY_SUFFIX),
             mechanism=mechanism,
             samples=self.samples(mechanism),
-            # Values of the inputs that the study lists, in place of their ranges.
-            path=self.input_path(mechanism),
+            # The path of the inputs: their values at every sample, in place of ranges.
+            path=self.input_values(mechanism),
+            # Parameters of analyses stay as written in the file. The classes of the
+            # analyses declare their types, and convert them.
             analyses=self.document.data.get("analyses", {}),
             folder=self.output_path("folder"),
             recording=self.output_path("recording"),
             degrees=data.get("output", {}).get("degrees", False),
-            # Time laws of inputs, by their pairs.
-            laws={
-                pair: self.law(("inputs", pair, "law"), item["law"])
-                for pair, item in data.get("inputs", {}).items()
-                if "law" in item
-            },
-            start=Start(start["q"], start.get("dq", 0.0)) if start else None,
-            torque=start.get("torque"),
-            # With this function, later errors name the line of the file with their cause.
+            laws=self.time_laws(),
+            start=self.start(),
+            torque=data.get("start", {}).get("torque"),
+            # A function by which later errors name the line of the file with their cause.
             locate=self.document.fault,
             **{key: data[key] for key in _COPIED_KEYS if key in data},
         )
@@ -190,7 +183,7 @@ class _StudyReader:
             )
         return samples
 
-    def input_path(self, mechanism: Mechanism) -> Floats | None:
+    def input_values(self, mechanism: Mechanism) -> Floats | None:
         """Return the values of the inputs at every sample, if the study lists them.
 
         Returns
@@ -242,13 +235,33 @@ class _StudyReader:
             )
         return np.array(columns).T
 
-    def law(self, path: KeyPath, item: Table) -> Law:
+    def start(self) -> Start | None:
+        """Return the state in which the motion starts, None if the study has none."""
+        table = self.data.get("start", {})
+        return Start(table["q"], table.get("dq", 0.0)) if table else None
+
+    def time_laws(self) -> dict[str, Law]:
+        """Return the time laws that the study gives to inputs, by the names of the pairs.
+
+        Raises
+        ------
+        FileError
+            See `time_law`.
+        """
+        laws = {}
+        for pair, table in self.data.get("inputs", {}).items():
+            if "law" in table:
+                key_path = ("inputs", pair, "law")  # names the table in messages
+                laws[pair] = self.time_law(key_path, table["law"])
+        return laws
+
+    def time_law(self, path: KeyPath, item: Table) -> Law:
         """Return the time law of an input from its table.
 
         Parameters
         ----------
         path
-            Path of the table, for messages.
+            Keys that lead to the table in the file, for messages.
         item
             The table, with the kind of the law and its numbers.
 

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from spherekit.conventions import AnyPath
 from spherekit.errors import OutputError
 from spherekit.storage.atomic_write import make_folder, output_error, write_bytes
-from spherekit.storage.file_lock import acquire_lock
+from spherekit.storage.file_lock import BaseFileLock, acquire_lock
 from spherekit.wording import listing
 
 WORK = ".spherekit-run"
@@ -112,15 +112,24 @@ class RunFolder:
                 run_folder.discard_work()
             yield run_folder
         finally:
-            if not (run_folder.has_unfinished_work or run_folder._has_finished_results):
-                run_folder.discard_work()
-                # Windows cannot remove an open file. `lock.release` removes it there.
-                with suppress(OSError):
-                    (run_folder.work / LOCK).unlink(missing_ok=True)
+            run_folder._close(lock)
+
+    def _close(self, lock: BaseFileLock) -> None:
+        """Release the lock of the folder, and remove the work folder if nobody needs it.
+
+        The work folder stays if it has unfinished work, or complete results that are not
+        moved yet.
+        """
+        if self.has_unfinished_work or self._has_finished_results:
             lock.release()
-            # Only an empty folder can be removed. Unfinished work stays in it.
-            with suppress(OSError):
-                run_folder.work.rmdir()
+            return
+        self.discard_work()
+        # Windows cannot remove an open file. `lock.release` removes it there.
+        with suppress(OSError):
+            (self.work / LOCK).unlink(missing_ok=True)
+        lock.release()
+        with suppress(OSError):
+            self.work.rmdir()
 
     @property
     def has_unfinished_work(self) -> bool:

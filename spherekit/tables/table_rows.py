@@ -103,20 +103,20 @@ class JoinedBlocks(Mapping[str, Array]):
         return joined
 
     def _order_rows(self) -> None:
-        """Sort the rows of each block by assembly mode, and find their final positions.
+        """Find the positions of the rows of all blocks in the joined columns.
 
-        An assembly mode is one of the ways to assemble the mechanism. In the joined
-        columns, the rows of the first mode come first, from one block after another, then
-        the rows of the next mode. This method sets `_spans`: for each block its slices of
-        rows, with the first position of each slice in the joined columns.
+        A block has the rows of some successive samples, in all assembly modes (ways to
+        assemble the mechanism). If there are several blocks, the rows of the first mode are
+        joined first, from one block after another, then those of the next mode. A single
+        block keeps its order, and so do tables without assembly modes.
+
+        This method sets `_spans`: for each block its slices of rows, with the first
+        position of each slice in the joined columns.
         """
-        # A single block remains in the order in which it was computed, and a table without
-        # assembly modes in the order of its blocks.
-        needs_sorting = len(self._blocks) > 1 and self._table.in_assembly_modes
-        sorted_blocks = [
-            sort_by_mode(block) if needs_sorting else treat_as_one_mode(block)
-            for block in self._blocks
-        ]
+        if len(self._blocks) > 1 and self._table.in_assembly_modes:
+            sorted_blocks = [sort_by_mode(block) for block in self._blocks]
+        else:
+            sorted_blocks = [treat_as_one_mode(block) for block in self._blocks]
         self._blocks = [dict(sorted_block.columns) for sorted_block in sorted_blocks]
         self._spans = _position_slices(sorted_blocks)
 
