@@ -188,8 +188,8 @@ def _choose_node_counts(
     counts = tuple(samples) if isinstance(samples, Sequence) else (samples,) * input_count
     if len(counts) != input_count or min(counts) < 2:
         raise SolveError(
-            f"{mechanism.name}: samples: {'x'.join(map(str, counts))}; needs a number of "
-            f"at least 2 for each input ({listing(mechanism.input_pairs)})"
+            f"{mechanism.name}: samples: {'x'.join(map(str, counts))}; expected a number "
+            f"of at least 2 for each input ({listing(mechanism.input_pairs)})"
         )
     return counts
 
