@@ -28,6 +28,8 @@ from spherekit.runs.kernel_columns import (
     KernelColumns,
     LazyField,
     RowSlice,
+    UncertifiedPoles,
+    evaluate_unsigned_poles,
     split_rows,
 )
 from spherekit.runs.pole_reversals import (
@@ -106,8 +108,8 @@ class BlockRows:
     values
         (variables, n) pair variables, rad. If the kernel has no closed form, they have to
         be predicted before `fill`.
-    closure
-        (2, n) closure residual and configuration error of each row, rad.
+    closure_residual, configuration_error
+        (n,) closure residual of each row, and the error bound of its configuration, rad.
     is_certified
         (n,) whether the row is closed and the columns of the kernel may be used.
     status
@@ -140,34 +142,26 @@ class BlockRows:
         self.kernel = kernel
         self._position_analysis = position_analysis
         self._q = q
-        mode_count = len(position_analysis.assembly_modes)
         n = q.shape[1]
-        # `closure` has two numbers (rad) of each row: the closure residual, and the error
-        # of the configuration. `singular_error` bounds the errors (rad) of configurations
-        # near dead centres. It is computed only in rows without certificate.
-        self.closure = np.empty((2, n))
+        self.closure_residual = np.empty(n)
+        self.configuration_error = np.empty(n)
         self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
+        # Bounds of the errors near dead centres are computed in rows without certificate.
         self.singular_error = nans(n)
-        # Pair variables (rad). A closed form computes all of them in `fill`. Otherwise the
-        # caller has to predict them before, by interpolation between solved samples. Rows
-        # without a prediction stay NaN, and are solved singly in `fill`.
+        # A closed form computes all pair variables in `fill`. Otherwise the caller has to
+        # predict them before. Rows without a prediction stay NaN, and are solved singly.
         new_array = np.empty if kernel.has_closed_form else nans
         self.values = new_array((len(position_analysis.mechanism.variable_owners), n))
-
         # This function computes the numbers that decide whether rows are certified: from
         # inputs and signs of dyads if there is a closed form, otherwise from `values`.
         if kernel.has_closed_form:
             self._quality_function = kernel.closed_form_quality
         else:
             self._quality_function = kernel.row_quality
-        # It returns `width` numbers for each row. The slices are so small that its results,
-        # about SLICE_NUMBERS numbers, stay in the cache of the processor. The kernel
-        # evaluates SLICE_ROWS rows in one call, so a slice is a multiple of these.
-        numbers_per_call = self._quality_function.width * SLICE_ROWS
-        calls_per_slice = round(SLICE_NUMBERS / numbers_per_call)
-        slice_size = max(1, calls_per_slice) * SLICE_ROWS
-        sample_count = n // mode_count  # rows of each mode
+        mode_count = len(position_analysis.assembly_modes)
+        sample_count = n // mode_count
+        slice_size = _choose_slice_size(self._quality_function.width)
         self.slices = split_rows(mode_count, sample_count, slice_size)
 
     def fill(self, samples: Indices) -> list[SliceReversals]:
@@ -189,9 +183,8 @@ class BlockRows:
         direction of a pole may reverse. A pole is the axis about which one link rotates
         relative to another.
         """
-        # The kernel, a set of compiled functions, computes many rows at once. A slice is
-        # examined for reversals at once if the kernel certifies all its rows within reach.
-        # The result of other slices is None.
+        # A slice is examined for reversals at once if the kernel certifies all its rows
+        # within reach. The result of other slices is None.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
@@ -199,11 +192,28 @@ class BlockRows:
         examined_slices: list[SliceReversals] = []
         for row_slice, reversals in zip(self.slices, reversals_by_slice, strict=True):
             if reversals is None:
-                # Some rows of the slice have only now been solved, or none is certified.
+                # The slice was not examined, as some rows have only now been solved.
                 reversals = self._examine_slice(row_slice)
             if reversals is not None:
                 examined_slices.append(reversals)
         return examined_slices
+
+    @property
+    def has_failed(self) -> Bools:
+        """(n,) whether the row has no configuration."""
+        return ~has_configuration(self.status)
+
+    @property
+    def uncertified(self) -> Indices:
+        """(k,) numbers of the rows that have a configuration, but are not certified."""
+        return np.flatnonzero(~(self.is_certified | self.has_failed))
+
+    def erase_failed(self) -> None:
+        """Replace the numbers of rows without a configuration by NaN."""
+        has_failed = self.has_failed
+        self.values[:, has_failed] = np.nan
+        self.closure_residual[has_failed] = np.nan
+        self.configuration_error[has_failed] = np.nan
 
     def _solve_uncertified(self, samples: Indices) -> None:
         """Solve the rows that the kernel has not certified, except rows out of reach.
@@ -244,31 +254,49 @@ class BlockRows:
 
         Returns
         -------
-        The rows between which a pole direction may reverse. None if the slice has no
-        certified row, or a row that is neither certified nor out of reach.
+        The rows between which a pole direction may reverse. None if the slice has to be
+        examined later, because a row within reach is not certified yet.
         """
         mode, rows = row_slice
-        row_numbers = np.arange(rows.start, rows.stop)
         columns = self._evaluate_slice(mode, rows)
-        # The rows of `columns` with the closure residual and the configuration error.
-        closure_part = self._quality_function.slices["closure"]
+        if not self._is_certified_as_whole(columns):
+            return self._fill_row_by_row(mode, rows, columns)
+        # `is_certified` is true and `status` is OK for all rows from the beginning.
+        self._store_closure(rows, columns)
+        row_numbers = np.arange(rows.start, rows.stop)
+        return find_slice_reversals(
+            self.kernel, self._quality_function, columns, mode, row_numbers
+        )
 
-        if self._is_certified_as_whole(columns):
-            # `is_certified` is true and `status` is OK for all rows from the beginning.
-            self.closure[:, rows] = columns[closure_part]
-            return find_slice_reversals(
-                self.kernel, self._quality_function, columns, mode, row_numbers
-            )
+    def _fill_row_by_row(
+        self, mode: int, rows: slice, columns: Floats
+    ) -> SliceReversals | None:
+        """Decide for each row of a slice whether it is out of reach, or certified.
 
+        Parameters
+        ----------
+        mode
+            Index of the assembly mode.
+        rows
+            The n rows in the block.
+        columns
+            (width, n) the numbers that `_evaluate_slice` has computed for these rows.
+
+        Returns
+        -------
+        As for `_fill_slice`.
+        """
+        row_numbers = np.arange(rows.start, rows.stop)
         is_out_of_reach = self._find_out_of_reach(mode, rows, columns)
-        self.status[rows][is_out_of_reach] = Status.OUT_OF_REACH
+        self.status[row_numbers[is_out_of_reach]] = Status.OUT_OF_REACH
         if not self.kernel.has_closed_form:
             # The configurations were predicted, so that some loops may not be closed yet.
             self._close_rows(columns, row_numbers)
-        self.closure[:, rows] = columns[closure_part]
+        self._store_closure(rows, columns)
         is_certified = self._find_certified_rows(columns)
         self.is_certified[rows] = is_certified
-        if not np.any(is_certified) or not np.all(is_certified | is_out_of_reach):
+        is_complete = np.all(is_certified | is_out_of_reach)
+        if not is_complete or not np.any(is_certified):
             return None
         return find_slice_reversals(
             self.kernel,
@@ -277,6 +305,15 @@ class BlockRows:
             mode,
             row_numbers[is_certified],
         )
+
+    def _store_closure(self, rows: slice, columns: Floats) -> None:
+        """Store the closure residuals and the configuration errors of a slice.
+
+        The columns (width, n) of the n rows are those of `_evaluate_slice`.
+        """
+        residual, error = columns[self._quality_function.slices["closure"]]
+        self.closure_residual[rows] = residual
+        self.configuration_error[rows] = error
 
     def _is_certified_as_whole(self, columns: Floats) -> bool:
         """Return whether all rows of a slice are surely certified.
@@ -310,27 +347,43 @@ class BlockRows:
     def _evaluate_slice(self, mode: int, rows: slice) -> Floats:
         """Return the numbers (width, n) that decide about the rows of a slice.
 
-        With a closed form they are functions of the inputs and the signs of dyads, and the
-        pair variables in `values` are set. Otherwise they are functions of the predicted
-        pair variables.
+        They are closure residuals, error bounds and angular velocities.
         """
-        quality_function = self._quality_function
+        if self.kernel.has_closed_form:
+            return self._evaluate_closed_form(mode, rows)
+        return self._evaluate_predicted(rows)
+
+    def _evaluate_closed_form(self, mode: int, rows: slice) -> Floats:
+        """Compute the configurations of a slice in closed form, and judge them.
+
+        The pair variables follow from the inputs and from the sign of each dyad (two links
+        and three R pairs), which says in which of two ways it is assembled. They are stored
+        in `values`. The result has the numbers (width, n) that decide about the rows.
+        """
         q = self._q[:, rows]
         signs = self._position_analysis.assembly_modes[mode].signs_along(q)
-        has_closed_form = self.kernel.has_closed_form
-        argument_count = len(q) + len(signs) if has_closed_form else len(self.values)
-        # Arguments and results share one array, which suits the cache.
-        numbers = np.empty((argument_count + quality_function.width, q.shape[1]))
-        arguments = numbers[:argument_count]
-        columns = numbers[argument_count:]
-        if has_closed_form:
-            write_arguments(q, signs, arguments)
-        else:
-            arguments[:] = self.values[:, rows]
-        quality_function(arguments, columns)
-        if has_closed_form:
-            self.values[:, rows] = columns[quality_function.slices["variables"]]
+        arguments, columns = self._allocate_numbers(len(q) + len(signs), q.shape[1])
+        write_arguments(q, signs, arguments)
+        self._quality_function(arguments, columns)
+        self.values[:, rows] = columns[self._quality_function.slices["variables"]]
         return columns
+
+    def _evaluate_predicted(self, rows: slice) -> Floats:
+        """Return the numbers (width, n) that decide about predicted rows of a slice."""
+        values = self.values[:, rows]
+        arguments, columns = self._allocate_numbers(*values.shape)
+        arguments[:] = values
+        self._quality_function(arguments, columns)
+        return columns
+
+    def _allocate_numbers(self, argument_count: int, n: int) -> tuple[Floats, Floats]:
+        """Return arrays for the arguments and the results of the quality function.
+
+        Both are parts of one array, which suits the cache of the processor. The arguments
+        are (argument_count, n), the results (width, n).
+        """
+        numbers = np.empty((argument_count + self._quality_function.width, n))
+        return numbers[:argument_count], numbers[argument_count:]
 
     def _find_out_of_reach(self, mode: int, rows: slice, columns: Floats) -> Bools:
         """Return in which rows (n,) the mechanism cannot be assembled at the inputs.
@@ -346,7 +399,10 @@ class BlockRows:
         """
         if not self.kernel.has_closed_form:
             return self._find_beyond_curve(mode, rows)
-        return find_out_of_reach(columns[self._quality_function.slices["squares"]])
+        # (dyads, n) square of the triple product of the three axes of each dyad, computed
+        # from arcs. It is negative if the arcs of the dyad do not reach each other.
+        triple_squares = columns[self._quality_function.slices["squares"]]
+        return find_out_of_reach(triple_squares)
 
     def _find_beyond_curve(self, mode: int, rows: slice) -> Bools:
         """Return which rows (n,) have inputs beyond the end of the curve of their mode.
@@ -354,16 +410,25 @@ class BlockRows:
         Some assembly modes are followed along a curve of configurations. The mechanism
         cannot be assembled beyond the ends of this curve, so such rows are out of reach.
         """
-        assembly_mode = self._position_analysis.assembly_modes[mode]
-        guide = assembly_mode.guide
         # Only rows without a predicted configuration can be beyond the end.
-        has_no_prediction = np.isnan(self.values[self.kernel.passive_variables[0], rows])
-        is_beyond = np.zeros_like(has_no_prediction)
-        if isinstance(guide, ModeCurve) and not assembly_mode.pieces:
-            q = self._q[:, rows][:, has_no_prediction]
-            status = guide.predict(q.T, None).status
-            is_beyond[has_no_prediction] = status == Status.OUT_OF_REACH
+        has_prediction = self._has_prediction(rows)
+        is_beyond = np.zeros_like(has_prediction)
+        assembly_mode = self._position_analysis.assembly_modes[mode]
+        curve = assembly_mode.guide
+        # A mode that is composed of pieces of several other modes has no single curve.
+        if isinstance(curve, ModeCurve) and not assembly_mode.pieces:
+            q = self._q[:, rows][:, ~has_prediction]
+            status = curve.predict(q.T, None).status
+            is_beyond[~has_prediction] = status == Status.OUT_OF_REACH
         return is_beyond
+
+    def _has_prediction(self, rows: slice) -> Bools:
+        """Return whether the configurations of rows (n,) were predicted.
+
+        All passive variables of a row are predicted, or none, which leaves NaN in `values`.
+        """
+        first_passive_variable = self.kernel.passive_variables[0]
+        return ~np.isnan(self.values[first_passive_variable, rows])
 
     def _close_rows(self, columns: Floats, row_numbers: Indices) -> None:
         """Take a step of Newton's method at rows of a slice whose loops are not closed.
@@ -378,25 +443,28 @@ class BlockRows:
         Parameters
         ----------
         columns
-            (width, n) results of `RowKernel.row_quality` for the rows of the slice: closure
-            residual, error bounds and angular velocities.
+            (width, n) results of `RowKernel.row_quality`, a column for each row of the
+            slice: closure residual, error bounds and angular velocities.
         row_numbers
-            (n,) numbers of these rows in the block.
+            (n,) the number in the block of the row that belongs to each column.
         """
         residual = columns[self._quality_function.slices["closure"]][0]
         is_open = (residual > self._rounding_rad) & np.isfinite(residual)
-        open_rows = np.flatnonzero(is_open)
-        if not len(open_rows):
+        open_columns = np.flatnonzero(is_open)
+        if not len(open_columns):
             return
         # (variables, k) pair variables (rad) before and after the step.
-        before = self.values[:, row_numbers[open_rows]]
+        before = self.values[:, row_numbers[open_columns]]
         after = before.copy()
-        after[list(self.kernel.passive_variables)] = self.kernel.newton_step(before)
+        passive_variables = list(self.kernel.passive_variables)
+        after[passive_variables] = self.kernel.newton_step(before)
         is_small = max_abs(after - before, axis=0) < MAX_BLOCK_NEWTON_STEP_RAD
-        open_rows = open_rows[is_small]
-        after = np.ascontiguousarray(after[:, is_small])
-        self.values[:, row_numbers[open_rows]] = after
-        columns[:, open_rows] = self.kernel.row_quality(after)
+        # Rows in which the step is taken, as columns of the slice and as rows of the block.
+        moved_columns = open_columns[is_small]
+        moved_rows = row_numbers[moved_columns]
+        moved_values = np.ascontiguousarray(after[:, is_small])
+        self.values[:, moved_rows] = moved_values
+        columns[:, moved_columns] = self.kernel.row_quality(moved_values)
 
     def _solve_rows(self, samples: Indices, rows: Indices) -> None:
         """Solve rows by the position analysis, mode by mode.
@@ -425,7 +493,7 @@ class BlockRows:
             self.values[:, mode_rows] = evaluated.values.T
             self.status[mode_rows] = evaluated.status
             self.singular_error[mode_rows] = evaluated.singular_error
-            self.closure[0, mode_rows] = evaluated.residual
+            self.closure_residual[mode_rows] = evaluated.residual
 
     def _certify_solved_rows(self, rows: Indices) -> None:
         """Let the kernel bound the errors of rows that the position analysis has solved.
@@ -434,11 +502,11 @@ class BlockRows:
         no configuration, and are left out. The closure residual that the solver has
         measured stays; only the error of the configuration is taken from the kernel.
         """
-        solved_rows = rows[np.isfinite(self.closure[0, rows])]
+        solved_rows = rows[np.isfinite(self.closure_residual[rows])]
         quality_function = self.kernel.row_quality
         columns = quality_function(self.values[:, solved_rows])
         _, configuration_error = columns[quality_function.slices["closure"]]
-        self.closure[1, solved_rows] = configuration_error
+        self.configuration_error[solved_rows] = configuration_error
         # Uncertainties are error bounds, divided by the largest ones that are allowed.
         uncertainties = columns[quality_function.slices["uncertainties"]]
         self.is_certified[solved_rows] = np.all(uncertainties <= 1.0, axis=0)
@@ -480,6 +548,17 @@ class PendingPoles:
     error_maxima: Floats
 
 
+def _choose_slice_size(width: int) -> int:
+    """Return the number of rows of a slice, with `width` numbers that decide about a row.
+
+    A slice has about `SLICE_NUMBERS` such numbers, which stay in the cache. It is a
+    multiple of `SLICE_ROWS`, as many as the kernel evaluates in a single call.
+    """
+    numbers_per_call = width * SLICE_ROWS
+    calls_per_slice = round(SLICE_NUMBERS / numbers_per_call)
+    return max(1, calls_per_slice) * SLICE_ROWS
+
+
 def _find_error_maxima(slices: Sequence[SliceReversals], input_count: int) -> Floats:
     """Return the largest errors (inputs, 3) of all slices, NaN if there are no slices."""
     maxima = nans((input_count, 3))
@@ -488,6 +567,21 @@ def _find_error_maxima(slices: Sequence[SliceReversals], input_count: int) -> Fl
         # `fmax` ignores NaN.
         maxima = np.fmax(maxima, errors)
     return maxima
+
+
+def _store_configuration_errors(motion: Motion, rows: BlockRows) -> None:
+    """Store the errors of the configurations in the motion of a block.
+
+    The kernel has computed the errors of the rows that it certifies. `Motion` would compute
+    them anew when its property `configuration_error` is first read. So the errors are
+    stored as the cached value of this property. In uncertified rows they are computed as
+    the property does it.
+    """
+    errors = rows.configuration_error
+    uncertified = rows.uncertified
+    if len(uncertified):
+        errors[uncertified] = motion.rows(uncertified).configuration_error
+    vars(motion)["configuration_error"] = errors
 
 
 @dataclass
@@ -714,8 +808,10 @@ class BatchRunner:
         """Return the poles of a block, for each input that moves while others are locked.
 
         A pole is the axis about which one link rotates relative to another. The columns of
-        numbers are computed when they are read. This method can be called only once for
-        each motion, because it removes the stored facts about its poles from memory.
+        numbers are computed when they are read.
+
+        `motion_at` has stored facts about the poles of the motion in `pending_poles`. They
+        are removed here, so this method can be called only once for each motion.
 
         Parameters
         ----------
@@ -731,17 +827,20 @@ class BatchRunner:
         For each input, an object with the attributes of `PoleField`.
         """
         pending_poles = self.pending_poles.pop(id(motion))
-        columns = KernelColumns(
+        uncertified_poles = UncertifiedPoles(
             self.kernel, motion, self.requests, pending_poles.uncertified
         )
-        self._latest_columns = columns
         sign_functions = [
             self._make_sign_function(
-                motion, input_index, columns, pending_poles, sign_continuation
+                motion, input_index, uncertified_poles, pending_poles, sign_continuation
             )
             for input_index, sign_continuation in enumerate(sign_continuations)
         ]
-        columns.set_signs(sign_functions, motion.samples)
+        uncertified_poles.apply_signs(sign_functions, motion.samples)
+        columns = KernelColumns(
+            self.kernel, motion, self.requests, uncertified_poles, sign_functions
+        )
+        self._latest_columns = columns
         return tuple(
             LazyField(columns, input_index, motion, pending_poles.is_certified, errors)
             for input_index, errors in enumerate(pending_poles.error_maxima)
@@ -751,7 +850,7 @@ class BatchRunner:
         self,
         motion: Motion,
         input_index: int,
-        columns: KernelColumns,
+        uncertified_poles: UncertifiedPoles,
         pending_poles: PendingPoles,
         sign_continuation: SignContinuation,
     ) -> SignFunction:
@@ -771,8 +870,8 @@ class BatchRunner:
             A block of samples.
         input_index
             Index of the input that moves while the others are locked.
-        columns
-            Computes the poles of the block.
+        uncertified_poles
+            The poles in the rows that the kernel does not certify.
         pending_poles
             The rows at which directions are compared.
         sign_continuation
@@ -786,58 +885,74 @@ class BatchRunner:
             motion,
             self.kernel.input_columns[input_index].reversible_poles,
             pending_poles.compared_rows_by_input[input_index],
-            partial(columns.unsigned_poles, input_index),
+            partial(
+                evaluate_unsigned_poles, self.kernel, motion, uncertified_poles, input_index
+            ),
             sign_continuation,
         )
 
     def motion_at(self, samples: Indices) -> Motion:
         """Compute the motion at samples (n,), given by their numbers in rising order.
 
-        The rows between which a pole direction may reverse, and the largest error bounds,
-        are computed at the same time, while the numbers of the rows are in the cache. They
-        are stored in `pending_poles`. The method `fields` needs them if the poles of this
-        motion are requested.
+        Facts about the poles of the motion are computed at the same time, and stored in
+        `pending_poles` until `fields` is called with the motion.
         """
         position_analysis = self.sampling.position_analysis
+        # (inputs, rows): the rows are all samples in the first assembly mode, then all
+        # samples in the second mode, and so on.
         mode_count = len(position_analysis.assembly_modes)
         q = np.tile(position_analysis.input_grid.q[samples].T, mode_count)
         rows = BlockRows(self.kernel, position_analysis, q)
         self._predict_configurations(samples, rows)
         examined_slices = rows.fill(samples)
-
-        # The configurations of the block. Failed rows are NaN.
-        has_failed = ~has_configuration(rows.status)
-        rows.values[:, has_failed] = np.nan
-        rows.closure[:, has_failed] = np.nan
+        rows.erase_failed()
         motion = self._make_motion(samples, q, rows)
-        is_uncertified = ~(rows.is_certified | has_failed)
-        uncertified = np.flatnonzero(is_uncertified)
-        if len(uncertified):
-            error = motion.rows(uncertified).configuration_error
-            rows.closure[1, uncertified] = error
-        # The kernel has computed the error already. The property is not evaluated again.
-        vars(motion)["configuration_error"] = rows.closure[1]
+        _store_configuration_errors(motion, rows)
+        self.pending_poles[id(motion)] = self._collect_pole_facts(
+            motion, rows, examined_slices
+        )
+        return motion
 
-        # Facts about the poles: where directions may reverse, and the largest errors.
-        is_assembled = ~has_failed.reshape(mode_count, len(samples))
-        is_uncertified = is_uncertified.reshape(is_assembled.shape)
+    def _collect_pole_facts(
+        self, motion: Motion, rows: BlockRows, examined_slices: Sequence[SliceReversals]
+    ) -> PendingPoles:
+        """Return what `fields` needs to know about the poles of a block.
+
+        Parameters
+        ----------
+        motion
+            The configurations of the block.
+        rows
+            The same rows, with their certificates.
+        examined_slices
+            For each slice of rows, the rows between which the direction of a pole may
+            reverse, and the largest error bounds of poles.
+        """
+        uncertified = rows.uncertified
+        is_uncertified = np.zeros(len(motion), dtype=bool)
+        is_uncertified[uncertified] = True
+        # One row of samples for each assembly mode.
+        shape = (len(motion.assembly_modes), motion.samples)
+        is_assembled = ~rows.has_failed.reshape(shape)
         input_count = len(self.requests)
         compared_rows_by_input = []
         if motion.is_path:
             compared_rows_by_input = [
                 find_compared_rows(
-                    examined_slices, input_index, is_assembled, is_uncertified
+                    examined_slices,
+                    input_index,
+                    is_assembled,
+                    is_uncertified.reshape(shape),
                 )
                 for input_index in range(input_count)
             ]
-        self.pending_poles[id(motion)] = PendingPoles(
+        return PendingPoles(
             is_certified=rows.is_certified,
             is_assembled=is_assembled,
             uncertified=uncertified,
             compared_rows_by_input=compared_rows_by_input,
             error_maxima=_find_error_maxima(examined_slices, input_count),
         )
-        return motion
 
     def _predict_configurations(self, samples: Indices, rows: BlockRows) -> None:
         """Predict the pair variables of a block, unless there is a closed form.
@@ -845,13 +960,16 @@ class BatchRunner:
         They are predicted for each series of successive samples, because the prediction
         interpolates between neighbours. `samples` (n,) are their numbers, rising.
         """
-        if self.predict is None:
+        if self.predict is None or not len(samples):
             return
         # A view (variables, modes, samples), into which the function writes.
         values = rows.values.reshape(len(rows.values), -1, len(samples))
-        edges = np.flatnonzero(np.diff(samples, prepend=-2, append=-2) != 1)
-        for low, high in pairwise(edges):
-            self.predict(samples[low], samples[high - 1] + 1, values[:, :, low:high])
+        # A new series begins after each sample that is not followed by the next one.
+        series_starts = 1 + np.flatnonzero(np.diff(samples) != 1)
+        for first, end in pairwise([0, *series_starts, len(samples)]):
+            first_sample = samples[first]
+            end_sample = samples[end - 1] + 1
+            self.predict(first_sample, end_sample, values[:, :, first:end])
 
     def _make_motion(self, samples: Indices, q: Floats, rows: BlockRows) -> Motion:
         """Return the rows of a block as a motion.
@@ -875,7 +993,7 @@ class BatchRunner:
             inputs=q.T,
             values=rows.values.T,
             status=rows.status,
-            residual=rows.closure[0].copy(),
+            residual=rows.closure_residual,
             is_path=position_analysis.input_grid.is_path,
             timing=None if timing is None else timing.rows(samples).repeated(mode_count),
             singular_error=rows.singular_error,

@@ -3,11 +3,17 @@
 The results are added to the records of `mode_overview.py`.
 """
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Self
+
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.numerics.angles import wrap
+from spherekit.numerics.array_rows import ArrayRows
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.motion import Motion
 from spherekit.runs.mode_overview import (
@@ -36,6 +42,89 @@ nonlinearity is the error of the angle by the trapezoidal rule, divided by the c
 rate and by the step of the input or of the time. Larger: places between distant samples are
 less accurate; smaller: more of them are stored as an interval.
 """
+
+
+@dataclass(frozen=True)
+class OutputPath(ArrayRows):
+    """The motion of an output at m successive samples of a path.
+
+    Attributes
+    ----------
+    places
+        (m,) number that identifies each sample: its time (s), the first input (rad) or the
+        number of the sample.
+    angles
+        (m,) angle of the output, rad. It is NaN in rows without a configuration.
+    rates
+        (m,) rate of the angle, which is zero where the output rests. NaN if it is unknown.
+    inputs
+        (m, inputs) values of the inputs, rad.
+    ratios
+        (m, inputs) velocity ratios: rate of the angle per unit rate of each input.
+    """
+
+    places: Floats
+    angles: Floats
+    rates: Floats
+    inputs: Floats
+    ratios: Floats
+
+    @classmethod
+    def from_last_row(cls, numbers: Sequence[float | None]) -> Self:
+        """Return the single row that `OutputOverview.last_row` stores as a list.
+
+        The list has place, angle, rate, inputs and ratios. None stands for NaN.
+        """
+        row = np.array([np.nan if x is None else x for x in numbers])
+        place, angle, rate = row[:3, None]
+        inputs, ratios = row[3:].reshape(2, 1, -1)
+        return cls(place, angle, rate, inputs, ratios)
+
+    def last_row(self) -> list[float | None]:
+        """Return the last row as a list that the journal can store, without NaN.
+
+        The list has place, angle, rate, inputs and ratios. If the output rests in the last
+        row, place and rate are those of the last row in which it moves. The next block
+        needs them to find out whether the output turns back.
+        """
+        place, rate = self.places[-1], self.rates[-1]
+        moving = self.find_moving()
+        is_moving = abs(rate) > RESTING_RATIO
+        if not is_moving and len(moving):
+            place = self.places[moving[-1]]
+            rate = self.rates[moving[-1]]
+        numbers = [place, self.angles[-1], rate, *self.inputs[-1], *self.ratios[-1]]
+        return [float(x) if np.isfinite(x) else None for x in numbers]
+
+    def segments(self) -> Iterator[Self]:
+        """Yield the longest parts in which all rows have a configuration, or none has."""
+        has_angle = np.isfinite(self.angles)
+        starts = 1 + np.flatnonzero(has_angle[1:] != has_angle[:-1])
+        for start, end in pairwise([0, *starts, len(has_angle)]):
+            yield self.rows(slice(start, end))
+
+    def find_moving(self) -> Indices:
+        """Return the rows in which the rate is not zero up to rounding."""
+        return np.flatnonzero(np.abs(self.rates) > RESTING_RATIO)
+
+    def find_reversals(self) -> list[tuple[int, int]]:
+        """Return the rows before and after each change of the sign of the rate.
+
+        Rows in which the output rests are passed over, so that rows before and after need
+        not be neighbours. If the rate is unknown (NaN) in a row between them, there is a
+        singular configuration. The rate can jump there from one sign to the other without
+        being zero, so such changes are left out.
+        """
+        moving = self.find_moving()
+        rates = self.rates[moving]
+        changes = np.flatnonzero(rates[1:] * rates[:-1] < 0.0)
+        reversals = []
+        for before, after in zip(
+            moving[changes].tolist(), moving[changes + 1].tolist(), strict=True
+        ):
+            if not np.any(np.isnan(self.rates[before:after])):
+                reversals.append((before, after))
+        return reversals
 
 
 class ExaminedRows:
@@ -124,7 +213,15 @@ class ExaminedRows:
         rates = ratios[:, 0] if inputs.shape[1] == 1 else None
         if self.plan.moves_over_time and timing is not None:
             rates = speeds[:, 0]
-        self._add_path(overview, angles, ratios, rates, inputs, places)
+        has_rates = rates is not None
+        path = OutputPath(
+            places=places,
+            angles=angles,
+            rates=rates if rates is not None else np.full(len(angles), np.nan),
+            inputs=inputs,
+            ratios=ratios,
+        )
+        self._add_path(overview, path, has_rates)
 
     def _add_jacobians(
         self,
@@ -288,24 +385,16 @@ class ExaminedRows:
         valid = np.flatnonzero(closes & np.all(np.isfinite(relative), axis=(1, 2)))
         if not len(valid):
             return
-        relative = relative[valid]
-        if output.direction is not None:
-            pointing = relative @ np.array(output.direction)
-            if overview.first_pose is None:
-                overview.first_pose = pointing[0].tolist()
-            first = np.array(overview.first_pose)
-            sine = np.linalg.norm(np.cross(pointing, first), axis=1)
-            self._add_turned_angles(overview, np.arctan2(sine, pointing @ first))
-            return
+        # (k, 3) directions, or (k, 3, 3) rotations.
+        is_direction = output.direction is not None
+        poses = relative[valid]
+        if is_direction:
+            poses = poses @ np.array(output.direction)
         if overview.first_pose is None:
-            overview.first_pose = relative[0].ravel().tolist()
-        first = np.reshape(overview.first_pose, (3, 3))
-        difference = first.T @ relative
-        # The skew part has the length 2 sin(angle), the trace is 1 + 2 cos(angle).
-        skew = difference - difference.swapaxes(1, 2)
-        sine = np.linalg.norm(skew[:, [2, 0, 1], [1, 2, 0]], axis=1)
-        cosine = np.trace(difference, axis1=1, axis2=2) - 1.0
-        self._add_turned_angles(overview, np.arctan2(sine, cosine))
+            overview.first_pose = poses[0].ravel().tolist()
+        first_pose = np.reshape(overview.first_pose, poses.shape[1:])
+        find_angles = _angles_of_directions if is_direction else _angles_of_rotations
+        self._add_turned_angles(overview, find_angles(first_pose, poses))
 
     def _add_turned_angles(self, overview: OutputOverview, angles: Floats) -> None:
         """Extend the range of the angle by which an output has turned from its first pose.
@@ -332,143 +421,150 @@ class ExaminedRows:
         overview.widen_angle(first + wrap(finite - first))
 
     def _add_path(
-        self,
-        overview: OutputOverview,
-        angles: Floats,
-        ratios: Floats,
-        rates: Floats | None,
-        inputs: Floats,
-        places: Floats,
+        self, overview: OutputOverview, path: OutputPath, has_rates: bool
     ) -> None:
         """Extend the range of the angle of an output, and note where the output rests.
 
-        An output comes to rest where its angle turns back. A sample is identified by a
-        number, its place: the time (s), the first input (rad) or the number of the sample.
-
-        The rows are those of a block of samples. If some rows have no configuration, they
-        divide the others into segments. Within a segment, whole turns are added to the
-        angle so that it has no jumps. The first segment of a block continues the last
-        segment of the block before, through `overview.last_row`.
+        Rows without a configuration divide the path into segments. The first segment of a
+        block continues the last segment of the block before, through `overview.last_row`.
 
         Parameters
         ----------
         overview
             The overview, which is changed in place.
-        angles
-            (m,) angles of the output (rad), with jumps of whole turns.
-        ratios
-            (m, inputs) velocity ratios.
-        rates
-            (m,) rate of the angle, which is zero where the output rests. None for a path of
-            several inputs, where differences of successive angles are used instead.
-        inputs, places
-            (m, inputs) values of the inputs (rad), and (m,) places of the samples.
+        path
+            The rows of a block. Angles have jumps of whole turns.
+        has_rates
+            Whether the rates of the path are known. Otherwise differences of successive
+            angles are used instead, as on a path of several inputs.
         """
-        if rates is None:
-            rates_or_nan = np.full(len(angles), np.nan)
-        else:
-            rates_or_nan = rates
-        rows = np.column_stack([places, angles, rates_or_nan, inputs, ratios])
-        # Segments of rows with a configuration and segments of rows without alternate.
-        is_known = np.isfinite(angles)
-        ends = np.flatnonzero(is_known[1:] != is_known[:-1]) + 1
-        for segment in np.split(np.arange(len(angles)), ends):
-            if len(segment) and is_known[segment[0]]:
-                self._add_segment(overview, rows[segment], inputs.shape[1], rates is None)
+        for segment in path.segments():
+            if len(segment.angles) and np.isfinite(segment.angles[0]):
+                self._add_segment(overview, segment, has_rates)
             else:
                 # The next segment continues no row before it.
                 overview.last_row = None
-                overview.smooth_angle.add(np.full(len(segment), np.nan))
+                overview.smooth_angle.add(np.full(len(segment.angles), np.nan))
 
     def _add_segment(
-        self,
-        overview: OutputOverview,
-        rows: Floats,
-        input_count: int,
-        takes_rate_of_steps: bool,
+        self, overview: OutputOverview, segment: OutputPath, has_rates: bool
     ) -> None:
-        """Add neighbouring rows of a path, all of which have a configuration.
+        """Add successive rows of a path, all of which have a configuration.
 
         Parameters
         ----------
         overview
             The overview, which is changed in place.
-        rows
-            (m, 3 + 2 inputs) place, angle (rad) and rate of each row, its inputs (rad) and
-            its velocity ratios.
-        input_count
-            Number of inputs.
-        takes_rate_of_steps
-            Whether the rates are replaced by differences of successive angles.
+        segment
+            The rows. Angles have jumps of whole turns.
+        has_rates
+            Whether the rates are known. Otherwise differences of successive angles are used
+            instead.
         """
-        is_first_segment = overview.last_row is None
+        new_rows = slice(0, None)
         if overview.last_row is not None:
-            # NaN cannot be stored in the journal, so None stands for it.
-            last_row = [np.nan if x is None else x for x in overview.last_row]
-            rows = np.vstack([last_row, rows])
-        # These are views: a change of the angles or rates is one of the rows.
-        places, angles, rates = rows[:, :3].T
-        inputs = rows[:, 3 : 3 + input_count]
-        ratios = rows[:, 3 + input_count :]
-        expected_steps = np.sum(
-            0.5 * (ratios[1:] + ratios[:-1]) * np.diff(inputs, axis=0), axis=1
-        )
-        is_uncertain = ~np.isfinite(expected_steps)
-        if self.plan.moves_over_time:
-            is_uncertain[:] = True  # ratios are infinite at a dead centre of the input
-        expected_steps[is_uncertain] = 0.0
-        # Choose the whole turns so that each step is near the expected one.
-        turns = np.round((expected_steps - np.diff(angles)) / TURN)
-        angles[1:] += TURN * np.cumsum(turns)
-        if takes_rate_of_steps:
-            rates[1:] = np.diff(angles)
-        overview.widen_angle(angles)
-        if takes_rate_of_steps:
-            # Turning points of the angle are not computed with such rates.
-            overview.smooth_angle.add(angles if is_first_segment else angles[1:])
+            last_row = OutputPath.from_last_row(overview.last_row)
+            segment = OutputPath.concatenate([last_row, segment])
+            new_rows = slice(1, None)
+        segment = replace(segment, angles=self._remove_jumps(segment))
+        if not has_rates:
+            steps = np.diff(segment.angles)
+            segment = replace(segment, rates=np.append(segment.rates[0], steps))
+        overview.widen_angle(segment.angles)
+        if not has_rates:
+            # The angles at which the output turns back are then estimated by parabolas.
+            overview.smooth_angle.add(segment.angles[new_rows])
+        for before, after in segment.find_reversals():
+            if has_rates:
+                self._add_turning_point(overview, segment, before, after)
+            else:
+                overview.add_rest(_place_of_rest(segment, before, after))
+        overview.last_row = segment.last_row()
 
-        # The rate is nearly linear between neighbouring rows. Rows in which it is zero up
-        # to rounding are passed over.
-        moving = np.flatnonzero(np.abs(rates) > RESTING_RATIO)
-        reversals = np.flatnonzero(rates[moving][1:] * rates[moving][:-1] < 0.0)
-        for before, after in zip(
-            moving[reversals].tolist(), moving[reversals + 1].tolist(), strict=True
-        ):
-            if np.isnan(rates[before:after]).any():
-                # A singular configuration is between both rows. The rate can jump there
-                # from one sign to the other without being zero.
-                continue
-            share = rates[before] / (rates[before] - rates[after])
-            distance = places[after] - places[before]
-            place = float(places[before] + share * distance)
-            if takes_rate_of_steps:
-                overview.add_rest(place)
-                continue
-            # The step of the angle shows whether the rate is linear: the trapezoidal rule
-            # then gives this step.
-            path = places if self.plan.moves_over_time else inputs[:, 0]
-            step = path[after] - path[before]
-            error = 0.5 * (rates[before] + rates[after]) * step
-            error -= angles[after] - angles[before]
-            variation = abs((rates[after] - rates[before]) * step)
-            is_linear = abs(error) <= MAX_RATE_CURVATURE * variation
-            # The rates at both rows have opposite signs. If the rate was linear, the angle
-            # between them would exceed that of a row by at most an eighth of the variation.
-            # Twice as much is allowed for a rate that is not.
-            turning_error = float(abs(error) if is_linear else 0.25 * variation)
-            overview.turning_error_rad = max(overview.turning_error_rad, turning_error)
-            if not is_linear:
-                overview.add_uncertain_rest(float(places[before]), float(places[after]))
-                continue
-            overview.add_rest(place)
-            extreme = angles[before] + 0.5 * rates[before] * share * step
-            overview.widen_angle(np.array([extreme]))
-        last_row = rows[-1]
-        if not abs(last_row[2]) > RESTING_RATIO and len(moving):
-            # The next block needs the last rate that is not zero, and its place.
-            last_row = last_row.copy()
-            last_row[[0, 2]] = rows[moving[-1], [0, 2]]
-        overview.last_row = [float(x) if np.isfinite(x) else None for x in last_row]
+    def _remove_jumps(self, segment: OutputPath) -> Floats:
+        """Return the angles (m,) of successive rows without jumps of whole turns.
+
+        Whole turns are added such that each step of the angle is as near as possible to the
+        step that the velocity ratios predict by the trapezoidal rule.
+        """
+        mean_ratios = 0.5 * (segment.ratios[1:] + segment.ratios[:-1])
+        predicted_steps = np.sum(mean_ratios * np.diff(segment.inputs, axis=0), axis=1)
+        # If ratios are unknown, a step of less than half a turn is assumed. So it is in
+        # simulations, because ratios are infinite at a dead centre of the input.
+        is_uncertain = ~np.isfinite(predicted_steps)
+        if self.plan.moves_over_time:
+            is_uncertain[:] = True
+        predicted_steps[is_uncertain] = 0.0
+        turns = np.round((predicted_steps - np.diff(segment.angles)) / TURN)
+        angles = segment.angles.copy()
+        angles[1:] += TURN * np.cumsum(turns)
+        return angles
+
+    def _add_turning_point(
+        self, overview: OutputOverview, segment: OutputPath, before: int, after: int
+    ) -> None:
+        """Note that an output turns back between two rows, and extend its range to there.
+
+        If the rate is linear between both rows, place and angle of the turning point are
+        interpolated. Otherwise only the two rows are noted.
+
+        Parameters
+        ----------
+        overview
+            The overview, which is changed in place.
+        segment
+            Rows of a path, with angles without jumps.
+        before, after
+            The two rows, in which the rates have opposite signs.
+        """
+        rate_before = segment.rates[before]
+        rate_after = segment.rates[after]
+        path = segment.places if self.plan.moves_over_time else segment.inputs[:, 0]
+        step = path[after] - path[before]
+        # The step of the angle shows whether the rate is linear: the trapezoidal rule then
+        # gives this step.
+        error = 0.5 * (rate_before + rate_after) * step
+        error -= segment.angles[after] - segment.angles[before]
+        variation = abs((rate_after - rate_before) * step)
+        is_linear = abs(error) <= MAX_RATE_CURVATURE * variation
+        # If the rate was linear, the angle between the rows would exceed that of a row by
+        # at most an eighth of the variation. Twice as much is allowed for a rate that is
+        # not.
+        turning_error = float(abs(error) if is_linear else 0.25 * variation)
+        overview.turning_error_rad = max(overview.turning_error_rad, turning_error)
+        if not is_linear:
+            first_place = float(segment.places[before])
+            overview.add_uncertain_rest(first_place, float(segment.places[after]))
+            return
+        overview.add_rest(_place_of_rest(segment, before, after))
+        share = rate_before / (rate_before - rate_after)
+        extreme = segment.angles[before] + 0.5 * rate_before * share * step
+        overview.widen_angle(np.array([extreme]))
+
+
+def _place_of_rest(path: OutputPath, before: int, after: int) -> float:
+    """Return the place between two rows at which the rate is zero, if it is linear."""
+    share = path.rates[before] / (path.rates[before] - path.rates[after])
+    distance = path.places[after] - path.places[before]
+    return float(path.places[before] + share * distance)
+
+
+def _angles_of_directions(first: Floats, directions: Floats) -> Floats:
+    """Return the angles (k,) in rad between a unit vector (3,) and others (k, 3)."""
+    sine = np.linalg.norm(np.cross(directions, first), axis=1)
+    return np.arctan2(sine, directions @ first)
+
+
+def _angles_of_rotations(first: Floats, rotations: Floats) -> Floats:
+    """Return the angles (k,) in rad by which rotations (k, 3, 3) differ from the first."""
+    difference = first.T @ rotations
+    # For the angle a and the axis u of a rotation matrix R, the matrix R - R^T has the
+    # elements of the vector 2 sin(a) u, and the trace of R is 1 + 2 cos(a).
+    skew = difference - difference.swapaxes(1, 2)
+    vector = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    twice_sine = np.linalg.norm(vector, axis=1)
+    twice_cosine = np.trace(difference, axis1=1, axis2=2) - 1.0
+    return np.arctan2(twice_sine, twice_cosine)
 
 
 def _link_rates(motion: Motion) -> Floats:

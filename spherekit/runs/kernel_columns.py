@@ -6,7 +6,7 @@ evaluated by the ordinary functions, and their numbers replace those of the kern
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,12 +95,230 @@ def split_rows(mode_count: int, sample_count: int, size: int) -> list[RowSlice]:
     ]
 
 
+class UncertifiedPoles:
+    """The poles of a block in the rows that the kernel does not certify.
+
+    A pole is the axis about which one link rotates relative to another. The kernel, a set
+    of compiled functions for many rows, certifies a row if its error bounds are small
+    enough. In the other rows, slower functions evaluate the poles, and their results are
+    used in place of those of the kernel.
+
+    Attributes
+    ----------
+    rows
+        (u,) numbers of these rows in the block, rising.
+    fields
+        The poles in these rows, for each input that moves while the others are locked.
+        Empty if there are no such rows.
+    """
+
+    def __init__(
+        self,
+        kernel: RowKernel,
+        motion: Motion,
+        requests: Sequence[Request],
+        rows: Indices,
+    ) -> None:
+        """Evaluate the poles in the rows without the kernel.
+
+        Parameters
+        ----------
+        kernel
+            The kernel. It knows which poles have no fixed sense of direction (reversible).
+        motion
+            The configurations of the block. A row is one sample in one assembly mode.
+        requests
+            The poles to evaluate, for each input that moves while the others are locked.
+        rows
+            (u,) numbers of the rows that the kernel does not certify, rising.
+        """
+        self.rows = rows
+        self._reversible_poles = [
+            input_columns.reversible_poles for input_columns in kernel.input_columns
+        ]
+        self.fields: list[PoleField] = []
+        if len(rows):
+            configurations = motion.rows(rows)
+            for request, poles in zip(requests, self._reversible_poles, strict=True):
+                field = _evaluate_with_senses_of_kernel(configurations, request, poles)
+                self.fields.append(field)
+
+    def apply_signs(self, sign_functions: Sequence[SignFunction], samples: int) -> None:
+        """Give the pole directions in the uncertified rows their final senses, in place.
+
+        A pole is a line, so that its direction can have two senses. Poles that are the axis
+        of a pair have the sense of the mechanism file, and are left as they are.
+
+        Parameters
+        ----------
+        sign_functions
+            For each input that moves, a function of directions (3, poles, u), row numbers
+            (u,) and indices of assembly modes (u,). It returns signs +1 or -1 (poles, u).
+        samples
+            Number of samples, which is the number of rows of each assembly mode.
+        """
+        # The rows of the first mode come first, then those of the second, and so on.
+        mode_indices = self.rows // samples
+        for input_index, field in enumerate(self.fields):
+            poles = self._reversible_poles[input_index]
+            directions = np.empty((3, len(poles), len(self.rows)))
+            for pole_index, pole in enumerate(poles):
+                directions[:, pole_index] = field.direction[pole].T
+            find_signs = sign_functions[input_index]
+            signs = find_signs(directions, self.rows, mode_indices)
+            for pole, signs_of_pole in zip(poles, signs, strict=True):
+                apply_signs(field, pole, signs_of_pole)
+
+    def put_into_unsigned(
+        self, poles: UnsignedPoles, input_index: int, rows: Indices
+    ) -> None:
+        """Replace the numbers of the kernel in uncertified rows, in place.
+
+        Parameters
+        ----------
+        poles
+            The poles at k rows, as the kernel has computed them.
+        input_index
+            Index of the input that moves while the others are locked.
+        rows
+            (k,) numbers of these rows in the block. Those that are certified keep the
+            numbers of the kernel.
+        """
+        replaced = np.flatnonzero(np.isin(rows, self.rows))
+        if not len(replaced):
+            return
+        field = self.fields[input_index]
+        # The position of each replaced row among the rows of the field, which are rising.
+        field_rows = np.searchsorted(self.rows, rows[replaced])
+        for pole_index, (first_link, second_link) in enumerate(
+            self._reversible_poles[input_index]
+        ):
+            direction = field.direction[first_link, second_link]
+            # `w` has the angular velocity of each link, `dw` its derivative.
+            velocity = field.w[second_link] - field.w[first_link]
+            velocity_rate = field.dw[second_link] - field.dw[first_link]
+            poles.directions[:, pole_index, replaced] = direction[field_rows].T
+            poles.velocities[:, pole_index, replaced] = velocity[field_rows].T
+            poles.velocity_rates[:, pole_index, replaced] = velocity_rate[field_rows].T
+
+    def put_into_column(self, key: ColumnKey, column: Floats, rows: slice) -> None:
+        """Replace the numbers of a column of the kernel in uncertified rows, in place.
+
+        Parameters
+        ----------
+        key
+            Identifies the column: input that moves, quantity, pole or link, and component.
+        column
+            (k,) the column in k successive rows.
+        rows
+            These rows in the block.
+        """
+        # Positions among the uncertified rows: `first` to `end` are in the slice.
+        first, end = np.searchsorted(self.rows, [rows.start, rows.stop])
+        if first == end:
+            return
+        # The field has an attribute for each quantity, such as `direction`, with the
+        # numbers by pole or link (`subject`).
+        field = self.fields[key.input_index]
+        values = getattr(field, key.quantity)[key.subject]
+        components = values.reshape(len(self.rows), -1)  # (u, components)
+        positions_in_slice = self.rows[first:end] - rows.start
+        column[positions_in_slice] = components[first:end, key.component]
+
+
+def _evaluate_with_senses_of_kernel(
+    motion: Motion, request: Request, reversible_poles: Sequence[Pole]
+) -> PoleField:
+    """Evaluate poles without the kernel, but with the senses of direction that it uses.
+
+    A pole is a line, so that its direction can have two senses. The kernel chooses the one
+    in which the velocity coefficient is not negative.
+
+    Parameters
+    ----------
+    motion
+        The configurations.
+    request
+        The poles. Their great circles (planes) are left out, as the kernel has none. They
+        are computed for all rows together when they are read.
+    reversible_poles
+        The poles whose direction has no fixed sense.
+    """
+    field = evaluate_unsigned(motion, replace(request, planes=frozenset()))
+    for pole in reversible_poles:
+        signs = np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
+        apply_signs(field, pole, signs)
+    return field
+
+
+def evaluate_unsigned_poles(
+    kernel: RowKernel,
+    motion: Motion,
+    uncertified_poles: UncertifiedPoles,
+    input_index: int,
+    rows: Indices,
+) -> UnsignedPoles:
+    """Return the poles whose sense of direction is chosen later, in some rows.
+
+    A pole is the axis about which one link rotates relative to another: a line, with two
+    senses. The sense of poles that are the axis of a pair is fixed; they are left out.
+
+    Parameters
+    ----------
+    kernel
+        Computes the poles at all rows together.
+    motion
+        The configurations of the block.
+    uncertified_poles
+        The poles in the rows that the kernel does not certify. They replace its numbers.
+    input_index
+        Index of the input that moves while the others are locked.
+    rows
+        (k,) numbers of the rows in the block.
+    """
+    poles = _evaluate_unsigned_by_kernel(kernel, input_index, motion.values.T[:, rows])
+    uncertified_poles.put_into_unsigned(poles, input_index, rows)
+    return poles
+
+
+def _evaluate_unsigned_by_kernel(
+    kernel: RowKernel, input_index: int, values: Floats
+) -> UnsignedPoles:
+    """Return the poles without a fixed sense as the kernel computes them.
+
+    With the unit vector u and the velocity coefficient c of a pole, the relative angular
+    velocity is ``c u`` and its derivative by the input is ``c' u + c u'``. Both are the
+    same for the two senses of u.
+
+    Parameters
+    ----------
+    kernel
+        Evaluates the rows.
+    input_index
+        Index of the input that moves while the others are locked.
+    values
+        (variables, k) pair variables (rad) in k rows.
+    """
+    quantities = kernel.input_columns[input_index].reversible_quantities(
+        kernel.all_columns(values)
+    )
+    # (3, poles, k) u and u', and (poles, k) c and c'.
+    unit = quantities["direction"]
+    unit_rate = quantities["direction_dq"]
+    (coefficient,) = quantities["velocity_coefficient"]
+    (coefficient_rate,) = quantities["acceleration_coefficient"]
+    # Rows that the kernel does not certify can have NaN or huge numbers here.
+    with np.errstate(invalid="ignore", over="ignore"):
+        velocity = coefficient * unit
+        velocity_rate = coefficient_rate * unit + coefficient * unit_rate
+    return UnsignedPoles(unit, velocity, velocity_rate)
+
+
 class KernelColumns:
     """The columns of a block, which a kernel computes from the configurations of the block.
 
-    A kernel is a set of compiled functions that evaluate many rows at once. The direction
-    of a pole is that of the relative angular velocity, until `set_signs` chooses directions
-    that are continuous from row to row.
+    A kernel is a set of compiled functions that evaluate many rows at once. Columns are
+    computed when they are read.
 
     Parameters
     ----------
@@ -109,15 +327,16 @@ class KernelColumns:
     motion
         The configurations of the block.
     requests
-        The poles to evaluate, for each input that moves.
-    uncertified
-        (k,) numbers of the rows that the kernel does not certify.
+        The poles to evaluate, for each input that moves while the others are locked.
+    uncertified_poles
+        The poles in the rows that the kernel does not certify, with their final senses.
+    sign_functions
+        For each input that moves, a function of directions (3, poles, k) in k rows, a slice
+        of these rows, and the index of their assembly mode. It returns the signs +1 or -1
+        (poles, k) that give the directions of the kernel their final senses.
 
     Attributes
     ----------
-    uncertified_fields
-        The poles in the rows that are not certified, for each input. Empty if there are no
-        such rows.
     was_read
         Whether a column was read. Later blocks may be longer if it is False.
     """
@@ -127,29 +346,14 @@ class KernelColumns:
         kernel: RowKernel,
         motion: Motion,
         requests: Sequence[Request],
-        uncertified: Indices,
+        uncertified_poles: UncertifiedPoles,
+        sign_functions: Sequence[SignFunction],
     ) -> None:
-        """Evaluate the poles in the rows that are not certified, without the kernel.
-
-        A row is certified if the error bounds that the kernel computes are small enough.
-        The kernel computes the columns of the other rows later, when they are read.
-
-        Parameters
-        ----------
-        kernel
-            Compiled functions that evaluate all columns of many rows at once.
-        motion
-            The configurations of the block. A row is one sample in one assembly mode.
-        requests
-            The poles to evaluate, for each input that moves while the others are locked. A
-            pole is the axis about which one link rotates relative to another.
-        uncertified
-            (k,) numbers of the rows that the kernel does not certify.
-        """
+        """Store what the columns are computed from; see the class for the arguments."""
         self.kernel = kernel
-        self.uncertified = uncertified
         self.requests = requests
-        self.uncertified_fields: list[PoleField] = []
+        self.uncertified_poles = uncertified_poles
+        self._sign_functions = sign_functions
         # Whether a column was read. As long as no column is read, little memory is needed,
         # so the run makes the next blocks longer.
         self.was_read = False
@@ -160,115 +364,11 @@ class KernelColumns:
         # (n,) rows in which other numbers replace those of the kernel: NaN in failed rows,
         # and the results of ordinary functions in rows that are not certified.
         self._is_replaced = motion.failed.copy()
-        self._is_replaced[uncertified] = True
+        self._is_replaced[uncertified_poles.rows] = True
         # Columns are computed for one slice of rows after another, because the results of a
         # slice stay in the cache of the processor.
         mode_count = len(motion.assembly_modes)
         self._slices = split_rows(mode_count, motion.samples, SLICE_ROWS)
-        # One function for each input, which `set_signs` stores here. The function returns
-        # the sign (+1 or -1) of each pole direction in some rows.
-        self._sign_functions: Sequence[SignFunction] = ()
-
-        if len(uncertified):
-            rows = motion.rows(uncertified)
-            for request, input_columns in zip(requests, kernel.input_columns, strict=True):
-                # The great circles (planes) through poles are left out. They are computed
-                # for all rows together when they are read, as the kernel has none.
-                request_without_planes = replace(request, planes=frozenset())
-                field = evaluate_unsigned(rows, request_without_planes)
-                # A pole is a line with two senses. At first the sense is chosen so that no
-                # velocity coefficient is negative, as the kernel does. `set_signs` changes
-                # it so that directions are continuous along the samples.
-                for pole in input_columns.reversible_poles:
-                    signs = np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
-                    apply_signs(field, pole, signs)
-                self.uncertified_fields.append(field)
-
-    def unsigned_poles(self, input_index: int, rows: Indices) -> UnsignedPoles:
-        """Return the poles whose sense is chosen later, in some rows.
-
-        A pole is the axis about which one link rotates relative to another: a line, with
-        two senses. The sense of poles that are the axis of a pair is fixed; they are left
-        out. With the unit vector u and the velocity coefficient c of a pole, the relative
-        angular velocity is ``c u`` and its derivative is ``c' u + c u'``. Derivatives are
-        with respect to the input. Both do not depend on the choice of the sense.
-
-        Parameters
-        ----------
-        input_index
-            Index of the input that moves while the others are locked.
-        rows
-            (k,) numbers of the rows.
-
-        Returns
-        -------
-        Unit vectors u, relative angular velocities, and their derivatives.
-        """
-        # In the kernel, poles without a fixed sense are called reversible.
-        input_columns = self.kernel.input_columns[input_index]
-        quantities = input_columns.reversible_quantities(
-            self.kernel.all_columns(self._values[:, rows])
-        )
-        # (3, poles, k) u and u', and (poles, k) c and c'.
-        unit = quantities["direction"]
-        unit_rate = quantities["direction_dq"]
-        (coefficient,) = quantities["velocity_coefficient"]
-        (coefficient_rate,) = quantities["acceleration_coefficient"]
-        # A row is certified if the error bounds that the kernel computes are small enough.
-        # Other rows can have NaN or huge numbers here.
-        with np.errstate(invalid="ignore", over="ignore"):
-            velocity = coefficient * unit
-            velocity_rate = coefficient_rate * unit + coefficient * unit_rate
-        # In rows that are not certified, the numbers of the kernel are replaced by those
-        # that ordinary functions, without a kernel, have computed.
-        replaced = np.flatnonzero(np.isin(rows, self.uncertified))
-        if len(replaced):
-            field = self.uncertified_fields[input_index]
-            field_rows = np.searchsorted(self.uncertified, rows[replaced])
-            # `field.w` has the angular velocity of each link, `field.dw` its derivative.
-            for k, (i, j) in enumerate(input_columns.reversible_poles):
-                unit[:, k, replaced] = field.direction[i, j][field_rows].T
-                velocity[:, k, replaced] = (field.w[j] - field.w[i])[field_rows].T
-                velocity_rate[:, k, replaced] = (field.dw[j] - field.dw[i])[field_rows].T
-        return UnsignedPoles(unit, velocity, velocity_rate)
-
-    def set_signs(self, sign_functions: Sequence[SignFunction], samples: int) -> None:
-        """Choose the senses of all pole directions.
-
-        A pole is the axis about which one link rotates relative to another: a line, whose
-        direction has two possible signs. A row is one configuration, and the columns are
-        the numbers of all poles. There are two kinds of rows:
-
-        - In most rows compiled functions, the kernel, compute the columns as soon as they
-          are read. `read` will then apply the signs.
-        - In rows whose errors may be too large for the kernel (not certified), ordinary
-          functions have evaluated the poles already. Their signs are applied here.
-
-        Parameters
-        ----------
-        sign_functions
-            For each input that moves, a function of directions (3, poles, k), row numbers
-            (k,) and indices of assembly modes (k,). It returns signs +1 or -1 (poles, k).
-        samples
-            Number of samples of each assembly mode.
-        """
-        self._sign_functions = sign_functions
-        rows = self.uncertified
-        # The rows of a mode are successive, one for each sample.
-        mode_indices = rows // samples
-        # A field has the numbers of all poles in these rows, for one input that moves.
-        for input_index, field in enumerate(self.uncertified_fields):
-            # Poles that are the axis of a pair have the direction of the file. The others
-            # get a sign.
-            poles = self.kernel.input_columns[input_index].reversible_poles
-            directions = np.empty((len(poles), 3, len(rows)))
-            for pole_index, pole in enumerate(poles):
-                directions[pole_index] = field.direction[pole].T
-            signs = sign_functions[input_index](
-                directions.swapaxes(0, 1), rows, mode_indices
-            )
-            for pole, signs_of_pole in zip(poles, signs, strict=True):
-                apply_signs(field, pole, signs_of_pole)
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Compute some columns slice by slice, and pass them to a reader.
@@ -285,61 +385,78 @@ class KernelColumns:
             in these rows.
         """
         self.was_read = True
-        # The position of each column in the result of the kernel, the set of compiled
-        # functions that evaluates all columns of many rows at once. A key has the name of a
-        # quantity, its subject (a pole or a link), and the index of a component.
-        column_indices = []
-        for key in keys:
-            indices = self.kernel.input_columns[key.input_index].column_indices
-            column_indices.append(indices[key.quantity][key.subject][key.component])
-
-        def read_slice(row_slice: RowSlice) -> None:
-            """Compute the columns of one slice, and pass them to the reader.
-
-            They are the columns `keys` that `read` was asked for. `column_indices` has
-            their positions among all columns of the kernel.
-
-            Parameters
-            ----------
-            row_slice
-                The index of an assembly mode, and a slice of its successive rows.
-            """
-            mode, rows = row_slice
-            values = np.ascontiguousarray(self._values[:, rows])
-            all_columns = np.empty((self.kernel.all_columns.width, values.shape[1]))
-            self.kernel.all_columns(values, all_columns)
-            # The kernel gives directions in one of their two senses. The chosen signs
-            # change them in place. There is a sign function for each input. Before
-            # `set_signs` is called there are none, and the senses stay (strict=False).
-            for find_signs, input_columns in zip(
-                self._sign_functions, self.kernel.input_columns, strict=False
-            ):
-                # A view (components, poles, k) of the columns that change sign together.
-                # The first three components are the direction. The others are its
-                # derivative and the coefficients of velocity and acceleration.
-                reversible_columns = input_columns.reversible_columns(all_columns)
-                signs = find_signs(reversible_columns[:3], rows, mode)
-                # Most directions keep their sense in all rows of a slice.
-                for k in np.flatnonzero(np.any(signs < 0, axis=1)):
-                    reversible_columns[:, k] *= signs[k]
-            columns = [all_columns[index] for index in column_indices]
-            # In these rows other numbers replace those of the kernel: NaN in failed rows,
-            # and the numbers of ordinary functions where errors may be too large.
-            if np.any(self._is_replaced[rows]):
-                columns = [
-                    self._replace_uncertified(key, column, rows)
-                    for key, column in zip(keys, columns, strict=True)
-                ]
-            reader(rows, columns)
-
+        read_slice = partial(self._read_slice, keys, reader)
         thread_map(read_slice, self._slices, self.kernel.is_compiled)
 
-    def _replace_uncertified(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
-        """Return a column of some rows, with the right numbers in uncertified rows.
+    def _read_slice(
+        self, keys: Sequence[ColumnKey], reader: Reader, row_slice: RowSlice
+    ) -> None:
+        """Compute some columns of one slice of rows, and pass them to a reader.
 
-        The kernel, a compiled function, certifies a row if its error bounds are small
-        enough. Slower functions have computed the uncertified rows (`uncertified_fields`),
-        and their numbers replace those of the kernel. Failed rows become NaN.
+        Parameters
+        ----------
+        keys
+            The columns to compute.
+        reader
+            Function of the slice of rows and a list of the columns in these rows.
+        row_slice
+            The index of an assembly mode, and a slice of its successive rows.
+        """
+        mode, rows = row_slice
+        all_columns = self._evaluate_kernel(rows)
+        self._apply_signs(all_columns, mode, rows)
+        columns = [all_columns[self._find_column(key)] for key in keys]
+        if np.any(self._is_replaced[rows]):
+            columns = [
+                self._replace_numbers(key, column, rows)
+                for key, column in zip(keys, columns, strict=True)
+            ]
+        reader(rows, columns)
+
+    def _find_column(self, key: ColumnKey) -> int:
+        """Return the index of a column among all columns of the kernel."""
+        indices = self.kernel.input_columns[key.input_index].column_indices
+        return indices[key.quantity][key.subject][key.component]
+
+    def _evaluate_kernel(self, rows: slice) -> Floats:
+        """Return all columns (columns, k) of the kernel in k successive rows."""
+        values = np.ascontiguousarray(self._values[:, rows])
+        all_columns = np.empty((self.kernel.all_columns.width, values.shape[1]))
+        self.kernel.all_columns(values, all_columns)
+        return all_columns
+
+    def _apply_signs(self, all_columns: Floats, mode: int, rows: slice) -> None:
+        """Give the pole directions of the kernel their final senses, in place.
+
+        A pole is a line, so that its direction can have two senses. With the direction, its
+        derivative and the coefficients of velocity and acceleration change their signs.
+
+        Parameters
+        ----------
+        all_columns
+            (columns, k) all columns of the kernel in k successive rows. It is changed.
+        mode
+            Index of the assembly mode of the rows.
+        rows
+            The rows in the block.
+        """
+        for find_signs, input_columns in zip(
+            self._sign_functions, self.kernel.input_columns, strict=True
+        ):
+            # (components, poles, k). The first three components are the direction. This is
+            # a view, so that the product below changes `all_columns`.
+            reversible_columns = input_columns.reversible_columns(all_columns)
+            signs = find_signs(reversible_columns[:3], rows, mode)
+            # Most directions keep their sense in all rows of a slice.
+            reversed_poles = np.flatnonzero(np.any(signs < 0, axis=1))
+            for pole_index in reversed_poles:
+                reversible_columns[:, pole_index] *= signs[pole_index]
+
+    def _replace_numbers(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
+        """Return a column with the right numbers in failed and in uncertified rows.
+
+        Failed rows have no configuration, and become NaN. Uncertified rows are those in
+        which the errors of the kernel may be too large.
 
         Parameters
         ----------
@@ -351,18 +468,7 @@ class KernelColumns:
             The k successive rows of the block to which the numbers belong.
         """
         result = np.where(self._failed[rows], np.nan, column)
-        # `uncertified` are the numbers of all uncertified rows, rising. Those from `low` to
-        # `high` are among these rows.
-        low, high = np.searchsorted(self.uncertified, [rows.start, rows.stop])
-        if low < high:
-            # The field has an attribute for each quantity, such as `direction`, with the
-            # numbers by pole or link (`subject`).
-            field = self.uncertified_fields[key.input_index]
-            values = getattr(field, key.quantity)[key.subject]
-            # (uncertified rows, components)
-            values = values.reshape(len(self.uncertified), -1)
-            positions = self.uncertified[low:high] - rows.start
-            result[positions] = values[low:high, key.component]
+        self.uncertified_poles.put_into_column(key, result, rows)
         return result
 
 
@@ -436,7 +542,8 @@ class LazyField:
         # link.
         self._column_indices = source.kernel.input_columns[input_index].column_indices
         request = source.requests[input_index]
-        uncertified = source.uncertified
+        uncertified_poles = source.uncertified_poles
+        uncertified = uncertified_poles.rows
         n = len(motion)
         self.error_maxima = dict(zip(REPORTED_ERRORS, errors, strict=True))
         # Certified rows have the status of their configuration, and no relative error.
@@ -445,8 +552,8 @@ class LazyField:
         relative_error_bound = np.where(motion.failed, np.nan, 0.0)
         pole_status = dict.fromkeys(self._column_indices["direction"], status)
         # The other rows have the numbers of the ordinary functions.
-        if source.uncertified_fields:
-            field = source.uncertified_fields[input_index]
+        if uncertified_poles.fields:
+            field = uncertified_poles.fields[input_index]
             status = _replace_rows(status, uncertified, field.status)
             relative_error_bound[uncertified] = field.relative_error_bound
             is_quad_precision[uncertified] = field.is_quad_precision
@@ -479,32 +586,48 @@ class LazyField:
 
         The arrays are computed when this property is first read, and then stored.
         """
-        # `_field` has no columns of numbers yet. It gets them here.
+        columns = self._add_unfilled_arrays()
+        # Compute all columns together, which takes less time.
+        all_rows = Span(slice(0, len(self._field.status)), first_output_row=0)
+        copy_columns(columns, [all_rows])
+        self._add_planes()
+        return self._field
+
+    def _add_unfilled_arrays(self) -> list[tuple[LazyColumn, Floats]]:
+        """Add an array for each quantity of each pole or link to the field.
+
+        Returns
+        -------
+        For each component of a quantity: the column that computes its numbers when it is
+        read, and a view (n,) of the array to be filled with these numbers.
+        """
         n = len(self._field.status)
-        # Allocate an array (components, n) for each quantity of each subject (a pole or a
-        # link). The field gets views of these arrays, which are filled below.
         columns: list[tuple[LazyColumn, Floats]] = []
-        # `_column_indices` has, by quantity and by subject, the columns of the kernel with
-        # the components of the quantity.
+        # The indices of a quantity are those of its components among the kernel's columns.
         for quantity, indices_by_subject in self._column_indices.items():
             for subject, indices in indices_by_subject.items():
+                # Successive numbers of a component are adjacent in memory.
                 components = np.empty((len(indices), n))
-                for k, component in enumerate(components):
-                    # A lazy column is computed by its source, the kernel, when it is read.
-                    key = ColumnKey(self._input_index, quantity, subject, k)
-                    columns.append((LazyColumn(self._source, key, n), component))
-                values = components.T if len(components) > 1 else components[0]
+                for component_index, component_values in enumerate(components):
+                    key = ColumnKey(self._input_index, quantity, subject, component_index)
+                    column = LazyColumn(self._source, key, n)
+                    columns.append((column, component_values))
+                # The field has vectors as (n, components), and numbers as (n,).
+                is_vector = len(components) > 1
+                values = components.T if is_vector else components[0]
                 getattr(self._field, quantity)[subject] = values
-        # Compute all columns together, which takes less time.
-        all_rows = Span(slice(0, n), first_output_row=0)
-        copy_columns(columns, [all_rows])
-        # The kernel has no columns for the great circles (planes) in which poles are. They
-        # are computed by the plan, which constructs poles from others.
+        return columns
+
+    def _add_planes(self) -> None:
+        """Add the great circles (planes) of poles to the field.
+
+        The kernel has no columns for them. The plan of the poles computes them, which
+        constructs poles from others.
+        """
         request = self._source.requests[self._input_index]
         planned_poles = PlannedPoles(request.plan, self._motion)
         for pole in request.planes:
             self._field.planes[pole] = planned_poles.great_circles(pole)
-        return self._field
 
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
         """Return one component of a quantity of a pole, at all n rows.

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from spherekit.arrays import Floats, SmallIntegers
+from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.conventions import Facts
 from spherekit.runs.smooth_extremes import SmoothExtremes
 from spherekit.status import Status
@@ -229,9 +229,7 @@ class OutputOverview:
 
         The velocity ratio of an output without a fixed axis is the magnitude of a vector.
         If this vector passes through zero between two rows of a path, both magnitudes are
-        positive, and the least of all rows is too large. The vector is nearly linear
-        between neighbouring rows, so the least distance of the straight line between both
-        vectors from zero shows whether it passes through zero.
+        positive, and the least of all rows is too large.
 
         Parameters
         ----------
@@ -241,16 +239,10 @@ class OutputOverview:
         """
         if self.last_velocities is not None:
             velocities = np.concatenate([[self.last_velocities], velocities])
-        before = velocities[:-1]
-        change = velocities[1:] - before
-        with np.errstate(invalid="ignore", divide="ignore"):
-            # The point of the line that is nearest to zero, as a share of the change.
-            share = -np.sum(before * change, axis=2) / np.sum(change**2, axis=2)
-            nearest = np.linalg.norm(before + share[:, :, None] * change, axis=2)
-            limit = REVERSAL_SHARE * np.linalg.norm(change, axis=2)
-            passes_zero = (share > 0.0) & (share < 1.0) & (nearest <= limit)
-        for number in np.flatnonzero(np.any(passes_zero, axis=0)).tolist():
-            self.lowest_ratio[number] = 0.0
+        # (m - 1, inputs)
+        has_zero = _passes_zero(velocities[:-1], velocities[1:])
+        for input_index in np.flatnonzero(np.any(has_zero, axis=0)).tolist():
+            self.lowest_ratio[input_index] = 0.0
         is_known = len(velocities) > 0 and bool(np.all(np.isfinite(velocities[-1])))
         self.last_velocities = velocities[-1].tolist() if is_known else None
 
@@ -316,6 +308,24 @@ def find_zero_crossings(
         share = before / (before - after)
         crossings.append(float(places[row] + share * (places[row + 1] - places[row])))
     return crossings
+
+
+def _passes_zero(before: Floats, after: Floats) -> Bools:
+    """Return whether vectors (..., 3) pass through zero between two successive rows.
+
+    A vector is nearly linear between the rows. It counts as passing through zero if the
+    straight line from `before` to `after` comes so near to zero that the least distance is
+    at most `REVERSAL_SHARE` times the length of the line.
+    """
+    change = after - before
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # The point of the line that is nearest to zero, as a share of the change.
+        share = -np.sum(before * change, axis=-1) / np.sum(change**2, axis=-1)
+        is_between_rows = (share > 0.0) & (share < 1.0)
+        nearest_point = before + share[..., None] * change
+        least_distance = np.linalg.norm(nearest_point, axis=-1)
+        is_near = least_distance <= REVERSAL_SHARE * np.linalg.norm(change, axis=-1)
+    return is_between_rows & is_near
 
 
 @dataclass

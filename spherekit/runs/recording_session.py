@@ -171,7 +171,7 @@ class RecordingSession:
             # `MOTION` says that the run itself shows these scenes, and no analysis.
             self.record_scenes(scenes, motion, MOTION)
 
-    def use_final_sampling(self, sampling: Sampling) -> None:
+    def use_final_sampling(self, final_sampling: Sampling) -> None:
         """Record the samples of a finished simulation from now on.
 
         While a simulation is solved, its links are shown at samples up to the requested end
@@ -180,18 +180,22 @@ class RecordingSession:
         simulation is at its end, which can be another time than that of the shown sample
         with the same number. This shown sample is hidden too.
         """
-        # Numbers of the samples to hide. Those below `_shown_count` have been shown.
-        first_hidden = len(sampling) - 1
-        hidden_samples = np.arange(len(self._sampling))[first_hidden : self._shown_count]
+        # The samples that are hidden: from the last one of the finished simulation to the
+        # last one that has been shown. `_shown_count` counts whole steps of `_every`
+        # samples, so it can exceed the number of samples.
+        shown_sampling = self._sampling
+        first_hidden = len(final_sampling) - 1
+        shown_end = min(self._shown_count, len(shown_sampling))
+        hidden_samples = np.arange(first_hidden, shown_end)
         if hidden_samples.size:
-            motion = self._sampling.motion_at(hidden_samples)
+            motion = shown_sampling.motion_at(hidden_samples)
             # Links without a rotation (NaN) are not drawn. To record them again, without
             # rotations, hides them.
             motion = replace(motion, placed=np.full_like(motion.placed, np.nan))
             scenes = moving_link_scenes(motion, self._link_shapes)
             # `MOTION` says that the run itself shows these scenes, and no analysis.
             self.record_scenes(scenes, motion, MOTION)
-        self._sampling = sampling
+        self._sampling = final_sampling
 
     def record_motion(self, motion: Motion) -> None:
         """Record the links of a block, and the plots that every recording has."""

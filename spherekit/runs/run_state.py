@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats, Indices, SmallIntegers
+from spherekit.arrays import Array, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import Facts, Names
 from spherekit.numerics.lazy_columns import Interleaved
 from spherekit.positions.angle_unwrapping import LastAngles
@@ -21,7 +21,14 @@ from spherekit.runs.kernel_columns import LazyField, largest_errors
 from spherekit.runs.motion_overview import MotionOverview
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.storage.json_data import as_json
-from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, Table, TableData, row_count
+from spherekit.tables.table import (
+    ASSEMBLY_MODE,
+    SAMPLE,
+    Column,
+    Table,
+    TableData,
+    row_count,
+)
 from spherekit.velocities.direction_signs import SignContinuation
 
 StatusCounts = dict[str, int]
@@ -316,27 +323,16 @@ class RunState:
         ignored = [Status.OK]
         if needs.directions | needs.rates | needs.planes:
             ignored += [Status.NO_POLE, Status.ILL_CONDITIONED]
-        # Whether the table has rows for each sample and assembly mode.
-        has_sample_rows = has_rows_of_batch and table.in_assembly_modes
-        for column in table.columns:
-            if column.kind != "status":
-                continue
-            # A table may have a row for each of several poles, for example. Its columns are
-            # then `Interleaved`: they store one array of status codes for each pole. Poles
-            # without codes of their own share one array, which is counted once and
-            # multiplied by the number of these poles.
-            values = data[column.name]
-            is_interleaved = isinstance(values, Interleaved)
-            parts = values.parts if isinstance(values, Interleaved) else (values,)
-            arrays = (np.asarray(part) for part in parts)
-            for codes, part_count in _count_shared_arrays(arrays):
-                if has_sample_rows:
-                    if is_interleaved:
-                        codes = _select_pole_failures(codes, batch)
-                    else:
-                        codes = _select_table_failures(codes, data, batch)
-                key = (FAILED, analysis_name, table.name)
-                self._count_statuses(key, codes, part_count, ignored)
+        # Rows of these tables belong to configurations, which may have failed themselves.
+        has_configurations = has_rows_of_batch and table.in_assembly_modes
+        key = (FAILED, analysis_name, table.name)
+        status_columns = [column for column in table.columns if column.kind == "status"]
+        for column in status_columns:
+            for codes, part_count in _status_arrays(data[column.name]):
+                failures = codes
+                if has_configurations:
+                    failures = _select_failures(codes, data, column, batch)
+                self._count_statuses(key, failures, part_count, ignored)
 
     @property
     def configurations(self) -> int:
@@ -397,6 +393,38 @@ class RunState:
             fractions["fraction_by_velocity_equations"] = by_equations / evaluated
             fractions["fraction_by_kernel"] = self.counts[BY_KERNEL,] / evaluated
         return errors | fractions
+
+
+def _status_arrays(column_values: Any) -> list[tuple[Array, int]]:
+    """Return the different arrays of status codes of a column, and how often each occurs.
+
+    A table may have a row for each of several poles at a sample. Its columns are then
+    `Interleaved`: they store an array for each pole. Poles without a status of their own
+    share one array, which need not be counted more than once.
+    """
+    is_interleaved = isinstance(column_values, Interleaved)
+    parts = column_values.parts if is_interleaved else (column_values,)
+    return _count_shared_arrays(np.asarray(part) for part in parts)
+
+
+def _select_failures(codes: Array, data: TableData, column: Column, batch: Batch) -> Array:
+    """Return the status codes of failed rows, except those whose configuration failed.
+
+    Parameters
+    ----------
+    codes
+        (n,) status codes of all rows of the table or, if its columns are `Interleaved`, of
+        the rows of one pole.
+    data
+        Columns of the table.
+    column
+        The column of the codes.
+    batch
+        The configurations to which the rows belong.
+    """
+    if isinstance(data[column.name], Interleaved):
+        return _select_pole_failures(codes, batch)
+    return _select_table_failures(codes, data, batch)
 
 
 def _select_pole_failures(codes: Array, batch: Batch) -> Array:
@@ -460,14 +488,25 @@ def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallInt
     modes = np.asarray(data[ASSEMBLY_MODE.name])[rows]
     # Each pair of a sample and an assembly mode becomes one number.
     mode_count = 1 + max(np.max(modes), np.max(batch.assembly_mode))
-    wanted = samples * mode_count + modes
-    numbers = batch.sample * mode_count + batch.assembly_mode
-    order = np.argsort(numbers)
-    places = np.minimum(np.searchsorted(numbers[order], wanted), len(batch) - 1)
-    positions = order[places]
-    is_in_batch = numbers[positions] == wanted
+    positions = _find_positions(
+        samples * mode_count + modes, batch.sample * mode_count + batch.assembly_mode
+    )
+    is_in_batch = positions >= 0
     status[is_in_batch] = batch.status[positions[is_in_batch]]
     return status
+
+
+def _find_positions(wanted: Integers, numbers: Integers) -> Indices:
+    """Return the position of each wanted number (k,) among other numbers, -1 if missing.
+
+    The other numbers (n,) are all different, in any order, and there is at least one.
+    """
+    order = np.argsort(numbers)
+    positions_when_sorted = np.searchsorted(numbers[order], wanted)
+    # A number above all others has no position. Any other position will do for it, as the
+    # comparison below finds it missing.
+    candidates = order[np.minimum(positions_when_sorted, len(numbers) - 1)]
+    return np.where(numbers[candidates] == wanted, candidates, -1)
 
 
 def _count_shared_arrays(arrays: Iterable[Array]) -> list[tuple[Array, int]]:

@@ -111,6 +111,33 @@ class _BlockRows(ArrayRows):
         selected = list(dict.fromkeys(candidates))[:count]
         return self.rows(np.array(selected)[np.argsort(row_numbers[selected])])
 
+    def replace_rows(
+        self, rows: Indices, source: "_BlockRows", source_rows: Indices
+    ) -> "_BlockRows":
+        """Return all rows, some of which are replaced by rows of another object.
+
+        Parameters
+        ----------
+        rows
+            (k,) numbers of the rows to replace.
+        source
+            The object with the new rows.
+        source_rows
+            (k,) number in `source` of the row that replaces each of them.
+        """
+        # Rotations that are computed from the values when they are read cannot be joined
+        # with those of `source`, which are stored. So they are stored here, too.
+        motion = replace(self.motion, placed=self.motion.rotations)
+        joined = _BlockRows.concatenate([replace(self, motion=motion), source])
+        # In the joined rows, the n rows of this object are followed by those of `source`.
+        n = len(motion)
+        row_numbers = np.arange(n)
+        row_numbers[rows] = n + source_rows
+        result = joined.rows(row_numbers)
+        # `rows` returns a motion of one mode, in which each row is a sample. Here the rows
+        # are those of all modes as before, so the number of samples of a mode is restored.
+        return replace(result, motion=replace(result.motion, samples=self.motion.samples))
+
     def _find_worst_rows(self) -> list[np.intp]:
         """Return the rows with the largest residual, error bound and condition number.
 
@@ -458,20 +485,12 @@ class Verifier:
         reference_rows
             The verified rows, computed in many digits.
         """
-        # Rotations are computed on request from the values; joined rows need them stored.
-        motion = replace(whole.motion, placed=whole.motion.rotations)
-        verified_row = self._find_verified_rows(motion.assembly_mode, motion.sample)
-        replaced = np.flatnonzero((verified_row >= 0) & self._has_reference[verified_row])
-        # The n rows of the run are followed by the reference rows, which therefore have the
-        # numbers n, n + 1, ... The replaced rows are taken from these.
-        row_count = len(motion)
-        joined = _BlockRows.concatenate([replace(whole, motion=motion), reference_rows])
-        row_numbers = np.arange(row_count)
-        row_numbers[replaced] = row_count + verified_row[replaced]
-        rows = joined.rows(row_numbers)
-        # `rows` returns a motion of one mode, in which each row is a sample. Here the rows
-        # are those of all modes as before, so the number of samples of a mode is restored.
-        return replace(rows, motion=replace(rows.motion, samples=motion.samples))
+        motion = whole.motion
+        # The number of the verified row that belongs to each row of the run, else -1.
+        verified_rows = self._find_verified_rows(motion.assembly_mode, motion.sample)
+        replaced = np.flatnonzero(verified_rows >= 0)
+        replaced = replaced[self._has_reference[verified_rows[replaced]]]
+        return whole.replace_rows(replaced, reference_rows, verified_rows[replaced])
 
     def _compare_table(self, pair: _TablePair) -> Iterator[Facts]:
         """Yield the largest deviation of each column of numbers of a table.
