@@ -238,22 +238,31 @@ def _bound_relative_velocities(
 def _keeps_all_directions(bounds: VelocityBounds) -> bool:
     """Return whether no velocity within some bounds is opposite to another one.
 
-    Two velocities are not opposite if their scalar product is positive. If a component is
-    between a and b, the product of two of its values is at least min(a^2, b^2), or a b if a
-    and b have different signs. The sum of these bounds over the three components, divided
-    by the square of the largest possible length, is a lower bound of the cosine between two
-    velocities. Because of rounding it has to be at least `MIN_DIRECTION_COSINE`.
+    Two velocities are not opposite if their scalar product is positive. Because of rounding
+    the cosine between them has to be at least `MIN_DIRECTION_COSINE`. The least possible
+    scalar product, divided by the square of the greatest possible length, is a lower bound
+    of this cosine.
     """
-    least_squared = bounds.least * bounds.least
-    greatest_squared = bounds.greatest * bounds.greatest
-    product = bounds.least * bounds.greatest
-    least_product = np.where(
-        product > 0.0, np.minimum(least_squared, greatest_squared), product
+    # Sums over the components x, y and z, for each pole.
+    least_products = _least_products(bounds.least, bounds.greatest)
+    least_scalar_product = np.sum(least_products, axis=1)
+    greatest_squares = np.maximum(
+        bounds.least * bounds.least, bounds.greatest * bounds.greatest
     )
-    # The square of the largest possible length.
-    largest_square = np.sum(np.maximum(least_squared, greatest_squared), axis=1)
-    least_scalar_product = np.sum(least_product, axis=1)
-    return bool(np.all(least_scalar_product >= MIN_DIRECTION_COSINE * largest_square))
+    greatest_squared_length = np.sum(greatest_squares, axis=1)
+    least_allowed = MIN_DIRECTION_COSINE * greatest_squared_length
+    return bool(np.all(least_scalar_product >= least_allowed))
+
+
+def _least_products(low: Floats, high: Floats) -> Floats:
+    """Return the least product of two numbers that are both between `low` and `high`.
+
+    If both bounds have the same sign, both numbers are the bound that is nearer to zero.
+    Otherwise one number is the lower bound and the other is the upper bound.
+    """
+    product = low * high
+    has_same_sign = product > 0.0
+    return np.where(has_same_sign, np.minimum(low * low, high * high), product)
 
 
 def find_compared_rows(

@@ -84,35 +84,44 @@ class RunFolder:
             summary or a work folder with files that no run has written.
         """
         run_folder = cls(make_folder(path))
-        # Refuse a work folder with files that are not from a run. This comes before the
-        # lock, which is a file in the work folder, so that nothing is changed there.
-        foreign_files = find_foreign_files(
-            run_folder.work, WORK_FILES, re.compile(FINISHED)
-        )
+        # The lock is a file in the work folder. This test comes before it, so that nothing
+        # is changed in a folder that is not from a run.
+        run_folder._refuse_foreign_work()
+        with run_folder._lock():
+            run_folder.refuse_foreign_results([SUMMARY])
+            run_folder._finish_interrupted_publication()
+            yield run_folder
+
+    def _refuse_foreign_work(self) -> None:
+        """Raise `OutputError` if the work folder has files that are not from a run."""
+        foreign_files = find_foreign_files(self.work, WORK_FILES, re.compile(FINISHED))
         if foreign_files:
             raise OutputError(
-                f"{str(run_folder.work)!r}: contains {listing(foreign_files, 4)}, which no "
+                f"{str(self.work)!r}: contains {listing(foreign_files, 4)}, which no "
                 "run of spherekit creates there, so nothing was changed; choose another "
                 "folder for the results, or move these files away"
             )
+
+    @contextmanager
+    def _lock(self) -> Iterator[None]:
+        """Lock the folder during a `with` statement, and close it at the end.
+
+        Raises
+        ------
+        OutputError
+            If another program has locked the folder.
+        """
         # If the folder is locked already, the result is a text about the other program.
-        lock = acquire_lock(run_folder.work / LOCK)
+        lock = acquire_lock(self.work / LOCK)
         if isinstance(lock, str):
             raise OutputError(
-                f"{str(run_folder.path)!r}: {lock} is writing there; wait until it ends, "
+                f"{str(self.path)!r}: {lock} is writing there; wait until it ends, "
                 "or choose another folder"
             )
         try:
-            # Refuse a folder with a summary that no run has written.
-            run_folder.refuse_foreign_results([SUMMARY])
-            if run_folder._has_finished_results:
-                # An earlier run was stopped while its complete results were moved from the
-                # work folder to the folder of the run. Move the rest (`publish`).
-                run_folder.publish()
-                run_folder.discard_work()
-            yield run_folder
+            yield
         finally:
-            run_folder._close(lock)
+            self._close(lock)
 
     def _close(self, lock: BaseFileLock) -> None:
         """Release the lock of the folder, and remove the work folder if nobody needs it.
@@ -130,6 +139,12 @@ class RunFolder:
         lock.release()
         with suppress(OSError):
             self.work.rmdir()
+
+    def _finish_interrupted_publication(self) -> None:
+        """Move the results of an earlier run that was stopped while it moved them."""
+        if self._has_finished_results:
+            self.publish()
+            self.discard_work()
 
     @property
     def has_unfinished_work(self) -> bool:

@@ -163,15 +163,6 @@ class Sampling:
         values = states.values
         values[:, solver.angles] = wrap(values[:, solver.angles])
         values[:, list(simulation.driven)] = states.inputs
-
-        # At a dead centre the input turns back while the mechanism moves on. After an odd
-        # number of dead centres the input moves against the sense of the motion.
-        reversal_times = [
-            event.t
-            for event in simulation.events
-            if event.kind == "dead_centre" and event.pair == position_analysis.inputs[0]
-        ]
-        reversals_before = np.searchsorted(reversal_times, t)
         return Motion(
             mechanism=position_analysis.mechanism,
             joints=solver.joints,
@@ -186,7 +177,7 @@ class Sampling:
             status=np.full(len(t), Status.OK, dtype=np.int8),
             residual=states.residual,
             timing=Timing(t, states.input_rates, states.input_accelerations),
-            sense=np.where(reversals_before % 2 == 1, -1.0, 1.0),
+            sense=_find_input_sense(simulation, position_analysis.inputs[0], t),
         )
 
     def continue_angles(
@@ -210,23 +201,28 @@ class Sampling:
         -------
         (n,) variables in rad, by pair.
         """
-        solver = self.position_analysis.solver
+        # The inputs of a motion contain their revolutions already.
         passive_names = set(names) - set(self.position_analysis.inputs)
         if self.simulation is not None and passive_names:
-            # A simulation has counted the revolutions of all variables already. They are
-            # added to the variables that are angles. For inputs they are zero, because the
-            # inputs of the motion contain their revolutions. `continue_angles` below then
-            # finds no jumps.
-            assert motion.timing is not None  # a simulation always has times
-            simulated_values = self.simulation.at(motion.timing.t).values
-            revolutions = np.round((simulated_values - motion.values) / TURN)
-            angle_indices = solver.angles
-            values = motion.values.copy()
-            values[:, angle_indices] += TURN * revolutions[:, angle_indices]
-            motion = replace(motion, values=values)
-        # Without a simulation, revolutions are counted from sample to sample.
+            # The function below then finds no jumps.
+            motion = self._add_simulated_revolutions(self.simulation, motion)
+        # Revolutions are counted from sample to sample.
         angle_unwrapping = self.position_analysis.angle_unwrapping
         return continue_angles(motion, names, angle_unwrapping, last_angles)
+
+    def _add_simulated_revolutions(self, simulation: Simulation, motion: Motion) -> Motion:
+        """Return a motion whose angles contain the revolutions of a simulation.
+
+        A simulation counts the revolutions of all variables while it is solved. Its motion
+        has angles in (-pi, pi], except for the inputs, which contain their revolutions.
+        """
+        assert motion.timing is not None  # a simulation always has times
+        simulated_values = simulation.at(motion.timing.t).values
+        revolutions = np.round((simulated_values - motion.values) / TURN)
+        angle_indices = self.position_analysis.solver.angles
+        values = motion.values.copy()
+        values[:, angle_indices] += TURN * revolutions[:, angle_indices]
+        return replace(motion, values=values)
 
     @property
     def mode_titles(self) -> dict[int, str]:
@@ -345,6 +341,22 @@ class Sampling:
             },
         }
         return {"simulation": facts}
+
+
+def _find_input_sense(simulation: Simulation, input_pair: str, t: Floats) -> Floats:
+    """Return the sense (n,) in which an input moves at times t (n,) of a simulation.
+
+    At a dead centre the input turns back while the mechanism moves on. The sense is -1
+    after an odd number of dead centres, otherwise 1.
+    """
+    reversal_times = [
+        event.t
+        for event in simulation.events
+        if event.kind == "dead_centre" and event.pair == input_pair
+    ]
+    # The number of dead centres before each time.
+    reversal_counts = np.searchsorted(reversal_times, t)
+    return np.where(reversal_counts % 2 == 1, -1.0, 1.0)
 
 
 def make_sampling(

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from spherekit.arrays import Integers
+from spherekit.arrays import Indices, Integers
 from spherekit.runs.batch import Batch
 from spherekit.scenes.scene import Primitive, Scene, Series
 from spherekit.tables.table import (
@@ -81,21 +81,14 @@ def _column_series(
         (k,) numbers of the samples.
     """
     mode_rows = np.flatnonzero(data[ASSEMBLY_MODE.name] == mode)
-    text_columns = [
-        data[column.name][mode_rows] for column in table.columns if column.kind == "text"
-    ]
-    # The texts of each row, after an empty one. A table without text columns therefore has
-    # one subject, with an empty name.
-    texts_by_row = zip(np.full(len(mode_rows), ""), *text_columns, strict=True)
-    subjects = np.array(
-        [", ".join(filter(None, row_texts)) for row_texts in texts_by_row], dtype=str
-    )
+    subjects = np.array(_name_subjects(table, data, mode_rows), dtype=str)
     # A dictionary keeps the order of the subjects.
     distinct_subjects = dict.fromkeys(subjects.tolist())
     if len(distinct_subjects) > MAX_SUBJECTS:
         return
     for subject in distinct_subjects:
         subject_rows = mode_rows[subjects == subject]
+        # The rows of a table are in the order of the samples.
         if not np.array_equal(data[SAMPLE.name][subject_rows], samples):
             continue
         for column in filter(_is_result, table.columns):
@@ -106,6 +99,19 @@ def _column_series(
                 values=data[column.name][subject_rows],
                 unit=column.unit,
             )
+
+
+def _name_subjects(table: Table, data: TableArrays, rows: Indices) -> list[str]:
+    """Return the name of the subject of each row (k,): its texts, joined by commas.
+
+    It is empty if the table has no column of texts.
+    """
+    text_columns = [column.name for column in table.columns if column.kind == "text"]
+    subjects = []
+    for row in rows:
+        texts = [str(data[name][row]) for name in text_columns]
+        subjects.append(", ".join(text for text in texts if text))
+    return subjects
 
 
 def _is_result(column: Column) -> bool:
