@@ -45,7 +45,7 @@ less accurate; smaller: more of them are stored as an interval.
 
 
 @dataclass(frozen=True)
-class OutputPath(ArrayRows):
+class OutputRows(ArrayRows):
     """The motion of an output at m successive samples of a path.
 
     Attributes
@@ -214,7 +214,7 @@ class ExaminedRows:
         if self.plan.moves_over_time and timing is not None:
             rates = speeds[:, 0]
         has_rates = rates is not None
-        path = OutputPath(
+        path = OutputRows(
             places=places,
             angles=angles,
             rates=rates if rates is not None else np.full(len(angles), np.nan),
@@ -421,7 +421,7 @@ class ExaminedRows:
         overview.widen_angle(first + wrap(finite - first))
 
     def _add_path(
-        self, overview: OutputOverview, path: OutputPath, has_rates: bool
+        self, overview: OutputOverview, path: OutputRows, has_rates: bool
     ) -> None:
         """Extend the range of the angle of an output, and note where the output rests.
 
@@ -447,7 +447,7 @@ class ExaminedRows:
                 overview.smooth_angle.add(np.full(len(segment.angles), np.nan))
 
     def _add_segment(
-        self, overview: OutputOverview, segment: OutputPath, has_rates: bool
+        self, overview: OutputOverview, segment: OutputRows, has_rates: bool
     ) -> None:
         """Add successive rows of a path, all of which have a configuration.
 
@@ -463,8 +463,8 @@ class ExaminedRows:
         """
         new_rows = slice(0, None)
         if overview.last_row is not None:
-            last_row = OutputPath.from_last_row(overview.last_row)
-            segment = OutputPath.concatenate([last_row, segment])
+            last_row = OutputRows.from_last_row(overview.last_row)
+            segment = OutputRows.concatenate([last_row, segment])
             new_rows = slice(1, None)
         segment = replace(segment, angles=self._remove_jumps(segment))
         if not has_rates:
@@ -481,7 +481,7 @@ class ExaminedRows:
                 overview.add_rest(_place_of_rest(segment, before, after))
         overview.last_row = segment.last_row()
 
-    def _remove_jumps(self, segment: OutputPath) -> Floats:
+    def _remove_jumps(self, segment: OutputRows) -> Floats:
         """Return the angles (m,) of successive rows without jumps of whole turns.
 
         Whole turns are added such that each step of the angle is as near as possible to the
@@ -501,7 +501,7 @@ class ExaminedRows:
         return angles
 
     def _add_turning_point(
-        self, overview: OutputOverview, segment: OutputPath, before: int, after: int
+        self, overview: OutputOverview, segment: OutputRows, before: int, after: int
     ) -> None:
         """Note that an output turns back between two rows, and extend its range to there.
 
@@ -542,7 +542,7 @@ class ExaminedRows:
         overview.widen_angle(np.array([extreme]))
 
 
-def _place_of_rest(path: OutputPath, before: int, after: int) -> float:
+def _place_of_rest(path: OutputRows, before: int, after: int) -> float:
     """Return the place between two rows at which the rate is zero, if it is linear."""
     share = path.rates[before] / (path.rates[before] - path.rates[after])
     distance = path.places[after] - path.places[before]
