@@ -48,9 +48,11 @@ visible at first. Larger: drawings of large mechanisms are crowded."""
 
 CHART_MEANINGS = {
     "xi": "coordinate of the pole in the gnomonic chart (a projection of the sphere onto a "
-    "plane): arctan(y/x), with the components of the pole in the axes of the chart",
+    "plane): arctan(y/x), where x, y and z are the components of the pole in the axes "
+    "of the chart",
     "zeta": "coordinate of the pole in the gnomonic chart (a projection of the sphere onto "
-    "a plane): arctan(z/x), with the components of the pole in the axes of the chart",
+    "a plane): arctan(z/x), where x, y and z are the components of the pole in the axes "
+    "of the chart",
     "circle_1_epsilon": "slope, in the gnomonic chart, of the first of the two great "
     "circles that determine the pole",
     "circle_1_theta": "angle that distinguishes the first great circle of the pole from "

@@ -150,10 +150,10 @@ class StateDynamics:
     Attributes
     ----------
     motion
-        Configurations with derivatives by m coordinates. Angles include whole turns, on
-        which loads may depend. Second derivatives are computed with several coordinates,
-        with friction of bearings, or on request. The status is NOT_CONVERGED where bearings
-        lock.
+        Configurations and their derivatives with respect to the m coordinates. Angles
+        include whole turns, on which loads may depend. Second derivatives are computed if
+        there are several coordinates or friction in bearings, or on request. The status is
+        NOT_CONVERGED where bearings lock.
     masses
         Inertia with its derivatives; None if `motion` has no second derivatives.
     roots

@@ -259,13 +259,13 @@ class CoaxialEquation:
     idler_axis: Floats
 
     def construct_gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
-        """Return the gears of first link and idler, and those of idler and second link.
+        """Return the gears of the first link and the idler, and of the idler and the second.
 
         Let x, z and y be the angular velocities of the first link, the idler and the second
         link relative to the carrier. The equation u x + v y = 0 gives the ratio y / x. It
-        is the product of the ratios z / x and y / z of the two meshes. Both get the same
-        size, sqrt(abs(y / x)), so that no wheel is very small. The sense of z is free; it
-        is opposite to that of x.
+        is the product of the ratios z / x and y / z of the two meshes. These two ratios get
+        the same magnitude, sqrt(abs(y / x)), so that no wheel is very small. The ratio
+        z / x is chosen negative: the idler turns in the opposite sense to the first link.
 
         Parameters
         ----------

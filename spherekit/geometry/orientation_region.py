@@ -483,7 +483,8 @@ class _OrientationCells:
 def _sample_points(boxes: _Boxes) -> Indices:
     """Return the points (31, n, 3) of n boxes at which margins are evaluated.
 
-    They have integer coordinates in the cube of their box, like its corner.
+    Boxes are parts of a cube with integer coordinates. The points have such coordinates,
+    too.
     """
     quarter_width = boxes.width // 4
     offsets = _SAMPLE_QUARTERS[:, None, :] * quarter_width[:, None]  # (31, n, 3)

@@ -49,9 +49,12 @@ def pair_frames(mechanism: Mechanism) -> tuple[PairFrames, PairFrames]:
     """Return the frames of all R pairs in their first and in their second link.
 
     A frame F (3, 3) has the x, y and z axis of the pair in its columns, in link axes. The z
-    axis is the axis of the pair. If v is the pair variable (rad), Z(v) the rotation matrix
-    about z and R the rotation from link axes to ground axes, R_second = R_first F_first
-    Z(v) F_second^T. At v = 0 both frames coincide in space.
+    axis is the axis of the pair. Let v be the pair variable (rad), Z(v) the rotation matrix
+    about z, and A the rotation of a link from its own axes to ground axes. Then
+
+        A_second = A_first F_first Z(v) F_second^T.
+
+    At v = 0 both frames coincide in space.
 
     Returns
     -------

@@ -94,10 +94,11 @@ class SolutionNumbers:
         self._solution_of_node[is_solution] = np.arange(self.count)
 
     def number_sheet(self, node_count: int) -> None:
-        """Make a sheet a solution, after its nodes were added to the graph.
+        """Give the nodes of a new sheet the number of its solution.
 
-        Its nodes are those that have no entry yet. A node that an earlier sheet has reached
-        belongs to that sheet. `node_count` is the number of all nodes.
+        The nodes of the sheet were added to the graph before, so they are the ones without
+        a number. A node that an earlier sheet has reached belongs to that sheet.
+        `node_count` is the number of all nodes of the graph.
         """
         new_count = node_count - len(self._solution_of_node)
         self._solution_of_node = np.append(

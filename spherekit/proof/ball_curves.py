@@ -203,7 +203,7 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
 
     The curve is divided into panels. In each panel the arc length is computed as a power
     series of the path's parameter. The reversed series gives the parameter as a function of
-    the arc length. Panels are so short that both series have all digits.
+    the arc length. The panels are so short that both series are accurate to all digits.
 
     Parameters
     ----------

@@ -459,11 +459,11 @@ def _velocity_rounding(reference: ExactRows) -> Floats:
 
 
 def _derivative_rounding(reference: ExactRows) -> Floats:
-    """Return the rounding errors (n,) of derivatives of angular velocities by the input.
+    """Return the rounding errors (n,) of input derivatives of angular velocities.
 
     The derivatives solve equations with the same matrix as the angular velocities. The
-    right sides contain these velocities, so the condition number multiplies their rounding
-    once more. The unit is that of `_relative_size`.
+    right-hand sides contain these velocities, so the condition number multiplies their
+    rounding once more. The unit is that of `_relative_size`.
     """
     return _velocity_rounding(reference) * reference.condition
 

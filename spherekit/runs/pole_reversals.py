@@ -236,12 +236,12 @@ def _bound_relative_velocities(
 
 
 def _keeps_all_directions(bounds: VelocityBounds) -> bool:
-    """Return whether no velocity within some bounds is opposite to another one.
+    """Return whether any two velocities within the same bounds have a positive product.
 
-    Two velocities are not opposite if their scalar product is positive. Because of rounding
-    the cosine between them has to be at least `MIN_DIRECTION_COSINE`. The least possible
-    scalar product, divided by the square of the greatest possible length, is a lower bound
-    of this cosine.
+    Two velocities are certainly not opposite if their scalar product is positive. Because
+    of rounding, the cosine of the angle between them has to be at least
+    `MIN_DIRECTION_COSINE`. The least possible scalar product, divided by the square of the
+    greatest possible length, is a lower bound on this cosine.
     """
     # Sums over the components x, y and z, for each pole.
     least_products = _least_products(bounds.least, bounds.greatest)
