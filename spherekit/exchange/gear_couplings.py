@@ -259,7 +259,7 @@ class CoaxialEquation:
     idler_axis: Floats
 
     def construct_gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
-        """Return the gears of the first link and the idler, and of the idler and the second.
+        """Return the gears of first link and idler, and the gears of idler and second link.
 
         Let x, z and y be the angular velocities of the first link, the idler and the second
         link relative to the carrier. The equation u x + v y = 0 gives the ratio y / x. It
