@@ -1,10 +1,11 @@
 """How far an angle swings over successive samples, with full revolutions counted."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.numerics.angles import SAME_ANGLE_RAD, wrap
 
 
@@ -54,14 +55,18 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     # angles is unknown.
     changes = np.full(path.shape, np.nan)
     changes[1:] = wrap(path[1:] - path[:-1])
+    # The angles relative to the first sample. NaN counts as no change.
+    growth = np.cumsum(np.nan_to_num(changes), axis=0)
+    begins_piece = np.isnan(changes)
+    has_angles = np.any(np.isfinite(angles), axis=0)  # (n,)
 
     mode_count = angles.shape[1]
     swings = np.full(mode_count, np.nan)
     low_samples = np.zeros(mode_count, np.intp)
     high_samples = np.zeros(mode_count, np.intp)
     for mode in range(mode_count):
-        path_swing = _find_widest_swing(changes[:, mode])
-        if np.any(np.isfinite(angles[:, mode])):
+        path_swing = _find_widest_swing(growth[:, mode], begins_piece[:, mode])
+        if has_angles[mode]:
             swings[mode] = path_swing.swing
         # Samples that were appended are counted as the samples that they repeat.
         low_samples[mode] = path_swing.low_sample % len(angles)
@@ -91,8 +96,7 @@ def _repeat_closed_paths(angles: Floats) -> Floats:
     return np.concatenate([angles, repetition])
 
 
-@dataclass(frozen=True)
-class PathSwing:
+class PathSwing(NamedTuple):
     """The widest swing of an angle along a path, and the samples at its ends.
 
     Attributes
@@ -108,16 +112,21 @@ class PathSwing:
     high_sample: int
 
 
-def _find_widest_swing(changes: Floats) -> PathSwing:
+def _find_widest_swing(growth: Floats, begins_piece: Bools) -> PathSwing:
     """Return the widest swing of an angle within a piece of a path.
 
-    `changes` (k,) are the changes of the angle (rad) since the sample before. A change is
-    NaN at each sample that begins a piece, such as the first sample.
+    Sweeps call this function for each design, so all that can be computed for many designs
+    at once is computed by the caller.
+
+    Parameters
+    ----------
+    growth
+        (k,) angles (rad) relative to the first sample, with full revolutions counted.
+    begins_piece
+        (k,) whether a piece of the path begins at a sample, as it does at the first one.
     """
-    # The angle relative to the first sample. NaN counts as no change.
-    growth = np.cumsum(np.nan_to_num(changes))
-    piece_starts = np.flatnonzero(np.isnan(changes))
-    piece_stops = np.append(piece_starts[1:], len(changes))
+    piece_starts = np.flatnonzero(begins_piece)
+    piece_stops = np.append(piece_starts[1:], len(growth))
     # The least and the greatest angle of each piece.
     lowest = np.minimum.reduceat(growth, piece_starts)
     highest = np.maximum.reduceat(growth, piece_starts)
@@ -125,7 +134,7 @@ def _find_widest_swing(changes: Floats) -> PathSwing:
     start = piece_starts[widest]
     angles_of_piece = growth[start : piece_stops[widest]]
     return PathSwing(
-        swing=float(highest[widest] - lowest[widest]),
-        low_sample=int(start + np.argmin(angles_of_piece)),
-        high_sample=int(start + np.argmax(angles_of_piece)),
+        swing=highest[widest] - lowest[widest],
+        low_sample=start + np.argmin(angles_of_piece),
+        high_sample=start + np.argmax(angles_of_piece),
     )
