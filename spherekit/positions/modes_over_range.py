@@ -42,7 +42,6 @@ from spherekit.positions.group_solutions import (
     least_complete,
 )
 from spherekit.positions.input_grid import InputGrid
-from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.input_turning_points import (
     RUN_COST_S,
     RUN_TIME_S,
@@ -226,7 +225,7 @@ class ModesOverRange:
         solver = self.solver
         if solver.reference is None:
             return
-        values = self._move_into_range(solver.reference)
+        values = solver.shift_near_samples(solver.reference, self.input_grid.q)
         (curve,) = self._follow_configurations(values)
         self._add_mode(curve)
         # If the input is still not in the range, the mode may end before the range begins.
@@ -240,31 +239,6 @@ class ModesOverRange:
         # group has redundant constraints. `check_mobility` raises the error.
         if self._mobilities and self._mobilities[0] < 1:
             check_mobility(solver, self._mobilities[0])
-
-    def _move_into_range(self, values: Floats) -> Floats:
-        """Return a configuration with its input moved by whole periods into the range.
-
-        After whole periods of the input the configurations are the same. An input outside
-        of the range is moved as near to the middle of the range as possible. It may still
-        be outside, if the range is shorter than a period.
-
-        Parameters
-        ----------
-        values
-            (variables,) the configuration (rad).
-
-        Returns
-        -------
-        (1, variables) the same configuration at the moved input.
-        """
-        solver = self.solver
-        inputs = values[list(solver.driven)]
-        low, high = self.input_grid.range
-        distance_to_middle = 0.5 * (low + high) - inputs
-        half_range = 0.5 * np.ptp(self.input_grid.q, axis=0)
-        is_outside = np.abs(distance_to_middle) > half_range
-        shift = np.where(is_outside, whole_laps(distance_to_middle, solver.periods), 0.0)
-        return solver.shift_inputs(values[None], inputs + shift)
 
     def _follow_configurations(self, values: Floats) -> list[ModeCurve | None]:
         """Close configurations and follow them over the range.

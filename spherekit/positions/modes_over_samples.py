@@ -32,7 +32,6 @@ from spherekit.positions.group_solutions import (
     least_complete,
 )
 from spherekit.positions.input_grid import InputGrid, spread_rows
-from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.mode_predictor import ModeOverGrid, sheets_through
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import SearchStatistics
@@ -305,40 +304,16 @@ class SampledModes:
         has another mobility than there are inputs (`_follow_sheet` tests this), or if no
         configuration reached is a node.
         """
-        if self.solver.reference is None:
+        solver = self.solver
+        if solver.reference is None:
             return None
-        sheet = self._follow_sheet(self._move_near_samples(self.solver.reference))
+        start = solver.shift_near_samples(solver.reference, self.input_grid.q)
+        sheet = self._follow_sheet(start)
         if sheet is None:
             return None
         if not is_enumerated:
             self._add_sheet(sheet)
         return self._find_first_node(sheet)
-
-    def _move_near_samples(self, values: Floats) -> Floats:
-        """Return a configuration with inputs that are near the range of the samples.
-
-        After whole periods of the inputs the configuration is the same. An input is outside
-        the range if it is farther from the middle than half the range. It is then moved as
-        near to the middle as whole periods allow.
-
-        Parameters
-        ----------
-        values
-            (variables,) the configuration (rad).
-
-        Returns
-        -------
-        (1, variables) the same configuration at the moved inputs.
-        """
-        solver = self.solver
-        q = self.input_grid.q
-        inputs = values[list(solver.driven)]
-        range_middle = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0))
-        distance_to_middle = range_middle - inputs
-        is_outside = np.abs(distance_to_middle) > 0.5 * np.ptp(q, axis=0)
-        whole_periods = whole_laps(distance_to_middle, solver.periods)
-        input_shift = np.where(is_outside, whole_periods, 0.0)
-        return solver.shift_inputs(values[None], inputs + input_shift)
 
     def _find_first_node(self, sheet: ModeOverGrid) -> int | None:
         """Return the first configuration of a sheet that is a node of the graph, or None.

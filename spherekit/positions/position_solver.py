@@ -33,6 +33,7 @@ from spherekit.positions.group_assembly import (
 )
 from spherekit.positions.group_conditioning import group_reciprocal_condition
 from spherekit.positions.input_paths import determinant_sign
+from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.loop_tree import RANK_TOLERANCE, rank_mobility
@@ -207,6 +208,33 @@ class PositionSolver:
             variables = list(self.gear_phases.variables)
             shifted[:, variables] += input_growth @ self.gear_phases.ratios.T
         return shifted
+
+    def shift_near_samples(self, values: Floats, sampled_inputs: Floats) -> Floats:
+        """Return the same configuration with inputs that are near the sampled ones.
+
+        After whole periods of the inputs the configuration is the same. An input outside of
+        the range of the samples is moved by whole periods, as near to the middle of the
+        range as possible. It may still be outside, if the range is shorter than a period.
+
+        Parameters
+        ----------
+        values
+            (variables,) the configuration (rad).
+        sampled_inputs
+            (n, inputs) the samples of the inputs (rad).
+
+        Returns
+        -------
+        (1, variables) the configuration at the moved inputs.
+        """
+        inputs = values[list(self.driven)]
+        lowest = np.min(sampled_inputs, axis=0)
+        highest = np.max(sampled_inputs, axis=0)
+        distance_to_middle = 0.5 * (lowest + highest) - inputs
+        is_outside = np.abs(distance_to_middle) > 0.5 * (highest - lowest)
+        whole_periods = whole_laps(distance_to_middle, self.periods)
+        shift = np.where(is_outside, whole_periods, 0.0)
+        return self.shift_inputs(values[None], inputs + shift)
 
     @cached_property
     def wheel_trains(self) -> frozenset[int]:
