@@ -374,17 +374,40 @@ def _open_parquet_writer(
             writer.is_open = False
 
 
+def _check_headings(file: "pq.ParquetFile") -> None:
+    """Compare the column names and the notes of a Parquet file with their checksum.
+
+    A file has them twice, once for Arrow and once for all programs. Files of other programs
+    have no checksum and are accepted.
+
+    Raises
+    ------
+    pyarrow.ArrowInvalid
+        If the checksum differs.
+    """
+    import pyarrow as pa
+
+    for schema, metadata in (
+        (file.schema_arrow, file.schema_arrow.metadata),
+        (file.schema, file.metadata.metadata),
+    ):
+        stored = metadata or {}
+        checksum = _compute_checksum(schema.names, stored.get(NOTES_KEY, b""))
+        if stored.get(CHECKSUM_KEY, checksum) != checksum:
+            raise pa.ArrowInvalid("its headings have changed")
+
+
 @contextmanager
 def _open_parquet_file(path: Path) -> Iterator[Any]:
     """Open a Parquet file for reading in a ``with`` block, and check that it is undamaged.
 
-    The headings and notes are compared with a checksum. The pages have checksums too, which
-    are verified when they are read.
+    The column names and notes are checked at once. The pages of data have checksums of
+    their own, which pyarrow verifies when it reads them.
 
     Raises
     ------
     FileError
-        If the file cannot be read, is no Parquet file, or is damaged.
+        If the file cannot be read, is not a Parquet file, or is damaged.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -392,16 +415,7 @@ def _open_parquet_file(path: Path) -> Iterator[Any]:
     try:
         with path.open("rb") as stream:
             file = pq.ParquetFile(stream, page_checksum_verification=True, pre_buffer=False)
-            # The headings are stored twice: for Arrow and for all programs. Files of other
-            # programs have no checksum of the headings and are accepted.
-            for schema, metadata in (
-                (file.schema_arrow, file.schema_arrow.metadata),
-                (file.schema, file.metadata.metadata),
-            ):
-                stored = metadata or {}
-                checksum = _compute_checksum(schema.names, stored.get(NOTES_KEY, b""))
-                if stored.get(CHECKSUM_KEY, checksum) != checksum:
-                    raise pa.ArrowInvalid("its headings have changed")
+            _check_headings(file)
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         reason = (
