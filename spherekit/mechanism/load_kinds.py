@@ -189,8 +189,8 @@ class PointForce(Load):
 class Moment(Load):
     """A moment on a link.
 
-    The reaction acts on the ground. `field_kinds` says what the fields contain, which
-    readers of files need.
+    The reaction acts on the ground. `field_kinds` declares what each field contains, so
+    that the reader of mechanism files can check and convert it.
 
     Attributes
     ----------
