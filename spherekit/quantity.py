@@ -241,7 +241,7 @@ def read_quantity(
     Raises
     ------
     QuantityError
-        If the text is no number, its unit is not one of the dimension, or the angle is
+        If the text is not a number, its unit is not one of the dimension, or the angle is
         implausible.
     """
     if isinstance(source, str):

@@ -288,7 +288,7 @@ class MujocoModel:
         for position, note in enumerate((*citation, *self.notes)):
             root.insert(position, ElementTree.Comment(f" {xml_comment(note)} "))
         # The template has one part of each kind (``worldbody``, ``actuator``, ...), and
-        # comments, whose tag is no text.
+        # comments, whose tag is not a text.
         part_by_tag = {child.tag: child for child in root if isinstance(child.tag, str)}
         self._add_custom_numbers(part_by_tag["custom"])
         # Lights and the drawn sphere come before the body of the ground, which is last.

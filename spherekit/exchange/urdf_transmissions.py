@@ -109,7 +109,7 @@ def read_transmissions(
     FileError
         If a transmission has too few actuators or joints, or if it drives two joints of
         which neither carries the other. Also if a reduction (a ratio of angles) is zero or
-        is no number.
+        is not a number.
     """
     links_by_joint = _find_joined_links(root)
     driven: list[DrivenJoint | DrivenWheel] = []

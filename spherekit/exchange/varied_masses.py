@@ -160,7 +160,7 @@ def arc_inertia(first: Exprs, second: Exprs, mass: Expr, radius: Expr) -> ArcIne
     across = second - first
     length = function("atan2", root(dot(normal, normal)), dot(first, second))
     spread = function("sin", length) / (2.0 * length)
-    middle_square = dot(middle, middle)  # `middle` and `across` are no unit vectors
+    middle_square = dot(middle, middle)  # `middle` and `across` are not unit vectors
     mean_square = np.outer(middle, middle) * ((0.5 + spread) / middle_square)
     mean_square = mean_square + np.outer(across, across) * (
         (0.5 - spread) / dot(across, across)

@@ -94,7 +94,7 @@ class Start:
         Raises
         ------
         ModelError
-            If a key is unknown, a value is no number, or q is missing.
+            If a key is unknown, a value is not a number, or q is missing.
         """
         if isinstance(given, Start):
             return given

@@ -54,7 +54,7 @@ class _KeyScanner:
     key_parts
         Parts of a dotted key, or of a header, read so far.
     is_value
-        True between ``=`` and the end of a value, where words are no keys.
+        True between ``=`` and the end of a value, where words are not keys.
     header_depth
         Number of brackets that opened a header: 1 for a table, 2 for an array of tables.
     line

@@ -142,7 +142,7 @@ def convert_to_model(
     ------
     FileError
         If an angle in rad looks like degrees, the unit of a text is wrong, or a direction
-        is no unit vector. For data without a text it is a `ModelError`.
+        is not a unit vector. For data without a text it is a `ModelError`.
     """
     unit: AngleUnit = document.data.get("angle_unit", angle_unit)
 

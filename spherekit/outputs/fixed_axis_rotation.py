@@ -86,7 +86,7 @@ mode. Smaller: values that were rounded in a table are refused.
 UNIT_ORIENTATION_TOLERANCE = 1e-9
 """Largest element of R R^T - 1 with which a matrix R counts as a rotation matrix.
 
-Larger: matrices that are no rotations are accepted. Smaller: rounded ones are refused.
+Larger: matrices that are not rotations are accepted. Smaller: rounded ones are refused.
 """
 
 RANGE_TOLERANCE = 1e-12

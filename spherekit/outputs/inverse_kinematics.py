@@ -718,7 +718,7 @@ class InverseKinematics:
         Raises
         ------
         SolveError
-            If the shape is wrong, or a pose is no rotation matrix or unit vector.
+            If the shape is wrong, or a pose is not a rotation matrix or unit vector.
         """
         array = np.asarray(poses, dtype=float)
         is_direction = self.wrist.points  # otherwise the output is an orientation

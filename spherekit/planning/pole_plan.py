@@ -372,7 +372,7 @@ def ordered_pole(
     """
     names = mechanism.links
     if not isinstance(pole, str):
-        # Two numbers or names become a text. Numbers that are no links stay in it, and are
+        # Two numbers or names become a text. Numbers that are not links stay in it, and are
         # reported by `parse_pole`.
         words = [
             names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole

@@ -42,7 +42,7 @@ def plan(
         contains only these poles and the poles from which they follow.
     input_pair
         Name of the pair that moves, by default the first input. If it is one of several
-        inputs, the other inputs are locked. If it is no input, it replaces the declared
+        inputs, the other inputs are locked. If it is not an input, it replaces the declared
         inputs.
     by_rank
         Whether the rank of the velocity equations has shown that there is one degree of

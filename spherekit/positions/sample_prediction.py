@@ -141,7 +141,7 @@ def _fit_splines(
     samples_per_node
         Number of samples from one node to the next. The last sample is a node too.
     passive
-        Numbers of the variables that are no inputs.
+        Numbers of the variables that are not inputs.
     is_angle
         (passive,) whether a variable is an angle, which has to be made continuous.
     """

@@ -314,7 +314,7 @@ def _classify_boxes(
             elif is_finest[row]:
                 counts.add(-1)
             # A cell with two numbers of modes contains a singular configuration, so its
-            # other parts need not be halved. -1 is no number of modes.
+            # other parts need not be halved. -1 is not a number of modes.
             mode_counts = counts - {-1}
             needs_halving[row] &= len(mode_counts) < 2
         # Halve the longest side of each remaining box. Sides that are still longer than

@@ -94,7 +94,7 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
     # The shape is (0, columns) if there are no rows.
     values = np.array(rows).reshape(-1, len(names))
     places = [f"{row_word} {index + first_number}" for index in cells.index]
-    # A cell that is no number has become NaN.
+    # A cell that is not a number has become NaN.
     bad_cells = [
         f"{places[row]}, column {names[k]}: {_describe_bad_cell(cells.iat[row, k])}"
         for row, k in np.argwhere(~np.isfinite(values)).tolist()
