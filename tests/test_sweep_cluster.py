@@ -47,7 +47,9 @@ sweep.Sweep.write_part = write_slowly
 """
 
 ENDING = """
-import os, signal
+# Code by which a worker ends while it computes part 1, once part 0 is in the result folder.
+import os, signal, time
+from pathlib import Path
 from spherekit.designs import sweep
 
 write = sweep.Sweep.write_part
@@ -55,6 +57,13 @@ write = sweep.Sweep.write_part
 
 def write_or_end(self, folder, part):
     if part == 1:
+        # `folder` is RESULT_FOLDER/.sweep-work/NAME, where parts are written at first.
+        result_folder = Path(folder).parents[1]
+        deadline = time.monotonic() + 60.0
+        while time.monotonic() < deadline:
+            if list(result_folder.glob("designs/part-*")):
+                break
+            time.sleep(0.02)
         os.kill(os.getpid(), signal.SIGKILL)
     return write(self, folder, part)
 
