@@ -41,15 +41,19 @@ Smaller: rounding errors of a constant function become minima.
 def find_local_minima(
     function: Function, grid: Floats, limit: float = np.inf
 ) -> tuple[Floats, Floats]:
-    """Return the local minima of a function inside a range.
+    """Return the local minima of a function inside a range, from its values alone.
+
+    The function is sampled finely. Each sample that is smaller than both neighbours
+    brackets a minimum, which is then refined.
 
     Parameters
     ----------
     function
-        A smooth function that is never negative; NaN where it has no value.
+        A smooth function that is never negative; NaN where it has no value. It takes
+        positions (n,) and returns values (n,).
     grid
-        (n,) rising positions. The cells between them must be so small that the function
-        has a simple shape in each.
+        (n,) rising positions from one end of the range to the other. The cells between them
+        must be so small that the function has a simple shape in each.
     limit
         A minimum is left out if the smallest sample near it is above this value.
 
@@ -70,13 +74,12 @@ def find_local_minima(
     # Three successive samples with the smallest in the middle are a bracket of a minimum.
     # Comparisons with NaN are false.
     is_minimum = (center < before) & (center <= after) & (center <= limit)
-    # Rounding errors of a constant function are no minima. They are relative to its value,
-    # and a minimum must be deeper.
+    # Rounding errors of a constant function must not count as minima, so a minimum has to
+    # be deeper than they are.
     is_minimum &= np.minimum(before, after) - center > MIN_DEPTH_RATIO * center
     (index,) = np.nonzero(is_minimum)
-    # `index` counts `before`, so the neighbours of a minimum are the samples at `index` and
-    # `index + 2`. Brackets narrower than `width` would only show rounding errors, because
-    # the value changes with the square of the distance from a minimum.
+    # `index` counts `before`, so the two neighbours of a minimum are the samples at `index`
+    # and `index + 2`. They are the ends of its bracket.
     positions = minimize_in_brackets(
         function,
         low=x[index],
@@ -91,8 +94,9 @@ def minimize_in_brackets(
 ) -> Floats:
     """Return the position (n,) of the smallest value in each of n brackets.
 
-    Each bracket is sampled and replaced by the neighbourhood of its smallest sample, until
-    all are narrow enough.
+    A bracket is an interval that contains one local minimum. All brackets are sampled. Each
+    is then narrowed to the samples next to its smallest sample, until all are narrow
+    enough.
 
     Parameters
     ----------
@@ -101,9 +105,9 @@ def minimize_in_brackets(
     low, high
         (n,) ends of the brackets.
     width
-        The brackets are narrowed until none is wider. Far from zero, floating-point numbers
-        have distances above the default. A bracket of `LEAST_BRACKET_SPACINGS` of these
-        distances is narrow enough, whatever `width` is.
+        The brackets are narrowed until none is wider. Far from zero, neighbouring
+        floating-point numbers are further apart than the default. There a bracket as wide
+        as `LEAST_BRACKET_SPACINGS` of their distances is narrow enough.
     """
     brackets = np.arange(len(low))
     # The spacing of the floating-point numbers is largest at the end with the larger size.
@@ -115,6 +119,8 @@ def minimize_in_brackets(
         positions = low + (high - low) * FRACTIONS
         values = function(positions.ravel()).reshape(positions.shape)
         smallest = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0)
+        # The new bracket ends at the neighbours of the smallest sample, or at this sample
+        # itself if it is an end of the bracket.
         low = positions[np.maximum(smallest - 1, 0), brackets]
         high = positions[np.minimum(smallest + 1, len(FRACTIONS) - 1), brackets]
     return 0.5 * (low + high)

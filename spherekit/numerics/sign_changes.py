@@ -208,22 +208,23 @@ def find_sign_changes(
 class _CellContent:
     """Zeros and doubtful intervals of a function in one cell of its range.
 
-    The function is replaced by a polynomial in the cell. Positions are reduced to the
-    interval from -1 to 1.
+    A cell is an interval in which the function is replaced by a polynomial. Positions are
+    scaled so that the cell extends from -1 to 1. A doubtful interval is one in which the
+    function may have two close zeros, or none.
 
     Attributes
     ----------
     zeros, slopes
         (k,) positions of sign changes of the polynomial, and its derivatives at them.
     doubtful
-        (d, 2) intervals about extrema that may be zero; the whole cell if the polynomial
-        does not fit.
+        (d, 2) ends of intervals about extrema that may be zero; the whole cell if the
+        polynomial does not fit the function.
     needs_halving
-        Whether the cell is to be halved, because the polynomial does not fit or its error
-        hides whether an extremum is zero.
+        Whether the cell should be halved. This is so if the polynomial does not fit, or if
+        its error hides whether an extremum is zero.
     rounding_error
-        Error of the polynomial if it is so small that it is rounding, otherwise 0. Rounding
-        errors do not decrease in the halves of the cell, so these inherit it.
+        Error of the polynomial if it consists of rounding errors only, otherwise 0. It is
+        passed on to the halves of the cell, since rounding errors do not decrease there.
     """
 
     zeros: Floats
@@ -315,20 +316,21 @@ def _examine_cell(
 def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) -> Floats:
     """Return intervals (k, 2) about k extrema in which a polynomial may be zero.
 
-    An interval ends at the first of `HALF_WIDTHS` at which the polynomial is clearly
-    nonzero on both sides. Near a zero of higher order the polynomial is flat, and the
-    interval is therefore wider.
+    At these extrema the polynomial is zero up to its error, so the number of zeros near
+    them is uncertain. An interval is widened until the polynomial is clearly nonzero at
+    both ends.
 
     Parameters
     ----------
     series
-        Chebyshev coefficients of the polynomial.
+        Chebyshev coefficients of the polynomial on [-1, 1].
     touching
         (k,) positions of extrema that are zero up to the error, from -1 to 1.
     error
         Bound of the error of the polynomial.
     """
-    # (half widths, k) values of the polynomial at both ends of each interval.
+    # `HALF_WIDTHS` are the widths that are tried, in rising order. The values at both ends
+    # of each interval have the shape (half widths, k).
     widths_in_rows = HALF_WIDTHS[:, None]
     lower_values = chebyshev.chebval(touching - widths_in_rows, series)
     upper_values = chebyshev.chebval(touching + widths_in_rows, series)
@@ -337,17 +339,17 @@ def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) ->
         np.abs(upper_values) <= clear_size
     )
     has_clear_ends = ~may_be_zero
-    has_clear_ends[-1] = True  # the widest interval is taken if none is clear of zero
-    # `argmax` is the first width with clear ends.
+    has_clear_ends[-1] = True  # without clear ends, the widest interval is taken
+    # `argmax` returns the first, and so the smallest, width with clear ends.
     half_widths = HALF_WIDTHS[np.argmax(has_clear_ends, axis=0)]
     return np.stack([touching - half_widths, touching + half_widths], axis=1)
 
 
 def _merge_intervals(intervals: Floats) -> Floats:
-    """Return intervals (d, 2) in rising order, with those that touch merged.
+    """Return intervals (d, 2) in rising order, after merging those that overlap or touch.
 
-    The ends of intervals that touch can differ by rounding. A gap therefore counts as
-    touching if it is at most `MERGE_RATIO` times the length of the interval after it.
+    The common end of two intervals can differ by rounding. A gap of at most `MERGE_RATIO`
+    times the length of the second interval is therefore ignored.
     """
     merged: list[tuple[float, float]] = []
     # The largest end of all intervals so far.

@@ -154,11 +154,13 @@ class TensorChebyshev:
     def find_cell(self, x: Sequence[float]) -> int:
         """Return the index of the cell that contains a position (m,), -1 if none does.
 
-        The position must be in the box. The cells are the leaves of a binary tree. Each row
-        of `splits` is an inner node. It has the axis along which a cell is halved, the
-        coordinate at which it is halved, and the links to its lower and upper half. A
-        positive link is the row of a further split, a link of -1 - k is cell k, and 0 is no
-        cell.
+        The box of all positions was halved again and again. This gives a binary tree, which
+        ends in the cells. The search goes down this tree. The position must be in the box.
+
+        Each row of `splits` is one halving. It has the axis along which a box is halved,
+        the coordinate of the cut, and the links to its lower and upper half. A positive
+        link is the row of a further split. A link of -1 - k is cell k. A link of 0 means
+        that there is no cell.
         """
         # Without a split, the box is the only cell (0), or there is none (-1).
         if not self._python_splits:
@@ -168,6 +170,7 @@ class TensorChebyshev:
             axis, middle, lower_link, upper_link = self._python_splits[link]
             link = upper_link if x[axis] >= middle else lower_link
             if link <= 0:
+                # This is k for a link of -1 - k, and -1 for a link of 0.
                 return -1 - link
 
     def find_cells(self, x: Floats) -> Indices:
@@ -198,21 +201,23 @@ class TensorChebyshev:
 
 @dataclass(frozen=True)
 class _PendingCell:
-    """A cell that has not been fitted yet, and the link of the tree that leads to it.
+    """A part of a box that still has to be approximated or halved.
 
-    The box is halved into cells, which are the leaves of a binary tree. The tree consists
-    of splits (cells that are halved), each with links to its two halves.
+    A box is halved again and again into cells. The halvings form a binary tree of splits.
+    Each split has links to its two halves. The link to this cell is set when it is known
+    whether the cell is halved again.
 
     Attributes
     ----------
     bounds
         (2, m) lower and upper corner.
     parent_split
-        The split that made this cell, which is shared with the list of all splits. It has
-        four numbers: the axis across which a cell is halved, the position, and the links to
-        the lower and the upper half.
+        The split that produced this cell, the same list as in the table of all splits. It
+        has four numbers: the axis across which a cell is halved, the position of the cut,
+        and the links to the lower and the upper half.
     link_index
-        Index of the link to this cell in the split: 2 for a lower half, 3 for an upper one.
+        Index of the link to this cell in `parent_split`: 2 for a lower half, 3 for an upper
+        one.
     """
 
     bounds: Floats
@@ -220,32 +225,41 @@ class _PendingCell:
     link_index: int
 
     def set_link(self, link: int) -> None:
-        """Set the link that leads from the parent to this cell.
+        """Set the link that leads from the parent split to this cell.
 
-        The link is the number of a split if this cell is halved, -1 - k if it is cell k of
-        the series, and 0 if it is not part of the domain.
+        The link is the number of a split if this cell is halved, -1 - k if it is the
+        finished cell k, and 0 if it is not part of the domain.
         """
         self.parent_split[self.link_index] = link
 
 
 class CellSums:
-    """Weighted sums of the functions of a `TensorChebyshev`, evaluated at single positions.
+    """Fast evaluation of weighted sums of the functions of a `TensorChebyshev`.
 
-    A sum at a position is the sum of its coefficients times products of Chebyshev
-    polynomials T_k, one for each of the m variables. Only small arrays are used and nothing
-    is checked, because most of the time of a single value is the overhead of NumPy calls.
+    The box of m variables is divided into cells. In each cell, a sum is a polynomial: its
+    coefficients times products of Chebyshev polynomials T_k, one for each variable. One
+    position is evaluated at a time. Only small arrays are used and nothing is checked,
+    because the overhead of NumPy calls takes most of the time of a single value.
     """
 
     def __init__(self, series: TensorChebyshev, weights: Floats) -> None:
-        """Prepare K sums of the F functions, with weights (F, K)."""
-        # (cells, degree + 1, ..., degree + 1, K) coefficients of the sums, with one axis of
-        # orders k for each variable.
+        """Prepare K weighted sums of F functions.
+
+        Parameters
+        ----------
+        series
+            Chebyshev series of the functions in the cells of a box of m variables.
+        weights
+            (F, K) weight of each function (first axis) in each sum (second axis).
+        """
+        # (cells, degree + 1, ..., degree + 1, K) coefficients of the sums. For each
+        # variable there is one axis, the order k of its Chebyshev polynomial T_k.
         coefficients = series.coefficients @ weights
         self._coefficients_by_cell = [*coefficients]
         self._order_count = coefficients.shape[1]
         self._orders = np.arange(self._order_count, dtype=float)
-        # (cells, m) numbers that turn a position into a reduced position, from -1 to 1,
-        # which is (position - middle) * scale.
+        # Chebyshev polynomials are defined from -1 to 1. A position in a cell is scaled to
+        # this range as (position - middle) * scale.
         low = series.bounds[:, 0]
         high = series.bounds[:, 1]
         middles = 0.5 * (low + high)
@@ -253,10 +267,15 @@ class CellSums:
         self._middles_and_scales = np.stack([middles, scales], axis=2).tolist()
 
     def evaluate(self, cell: int, x: Sequence[float]) -> Floats:
-        """Return the sums (K,) at a position (m,) in a cell.
+        """Return the weighted sums (K,) at a position (m,) in a cell.
 
-        `cell` is its number, as `TensorChebyshev.find_cell` returns it. A position outside
-        the cell gets the value at its edge, and so does NaN.
+        Parameters
+        ----------
+        cell
+            Number of the cell, as `TensorChebyshev.find_cell` returns it.
+        x
+            (m,) position. If a coordinate is outside the cell, or NaN, the nearest edge of
+            the cell is taken (for NaN the upper or the lower edge).
         """
         # Each pass sums over the first remaining axis of orders. With two variables, n
         # orders and K sums, `remaining` has these shapes:
@@ -281,38 +300,46 @@ class CellSums:
 def _spread_positions(count: int, variables: int) -> Floats:
     """Return evenly spread positions in the cube from -1 to 1, and its corners.
 
-    The positions are multiples of (1/g, 1/g^2, ...) modulo 1, where g is the real root of
-    g^(m + 1) = g + 1. This generalises the golden ratio to m variables.
+    The error of an approximation is measured at these positions. They are a sequence
+    without randomness: multiples of (1/g, 1/g^2, ...) modulo 1, scaled to the cube. Here g
+    is the real root of g^(m + 1) = g + 1. For one variable it is the golden ratio.
+
+    Parameters
+    ----------
+    count
+        Number of positions besides the corners.
+    variables
+        Number m of variables, the dimension of the cube.
 
     Returns
     -------
     (count + 2^m, m) positions, the corners last.
     """
-    # The iteration g = (1 + g)^(1 / (m + 1)) is a contraction, which converges to rounding
-    # in fewer than 40 steps.
+    # Fixed-point iteration g = (1 + g)^(1 / (m + 1)). It converges in fewer than 40 steps.
     root = 1.5
     for _ in range(40):
         root = (1.0 + root) ** (1.0 / (variables + 1))
     steps = root ** -np.arange(1.0, variables + 1)
-    # Half a step from 0, so that no position is at an edge.
+    # The start at 0.5 avoids positions on the faces of the cube.
     fractions = (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
     corners = grid_points([np.array([-1.0, 1.0])] * variables)
     return np.concatenate([2.0 * fractions - 1.0, corners])
 
 
 def _worst_direction(series: Floats, width_fractions: Floats) -> int:
-    """Return the direction in which a series has the largest coefficients of high order.
+    """Return the variable in which a Chebyshev series converges worst, by its number.
 
-    The direction is the number of a variable. Large last coefficients (of the two highest
-    orders) mean that the series converges badly in this variable.
+    The cell of the series is then halved across this direction. Slow convergence in a
+    variable is seen by large coefficients of its two highest orders.
 
     Parameters
     ----------
     series
-        (degree + 1, ..., F) coefficients, relative to the scale of each function.
+        (degree + 1, ..., F) coefficients of F functions, with one axis of orders for each
+        variable. They are relative to the scale of each function.
     width_fractions
-        (m,) widths of the cell. The widest direction is returned if a coefficient is not
-        finite.
+        (m,) widths of the cell, as fractions of the whole box. If a coefficient is not
+        finite, the widest direction is returned.
     """
     if not np.all(np.isfinite(series)):
         return int(np.argmax(width_fractions))

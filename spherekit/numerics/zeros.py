@@ -50,12 +50,20 @@ class Zeros:
 
     @staticmethod
     def merge(places: Floats, double: Bools, gap: float) -> "Zeros":
-        """Return zeros in rising order, each only once.
+        """Return zeros in rising order, but only the first one of close zeros.
 
-        A zero is left out if its distance to the zero before it is less than `gap`, also if
-        that one is left out itself. For example, of the zeros 1.0, 1.1, 1.2 and 1.5 with
-        the gap 0.15, the zeros 1.0 and 1.5 remain. Simple and double zeros are treated
-        alike.
+        A zero is left out if it is at most `gap` above the previous one, even if that one
+        is left out too. For example, with the gap 0.15, the zeros 1.0, 1.1, 1.2 and 1.5
+        become 1.0 and 1.5. Simple and double zeros are treated alike.
+
+        Parameters
+        ----------
+        places
+            (k,) positions of the zeros in any order.
+        double
+            (k,) whether the function only touches zero there.
+        gap
+            Largest distance of neighbouring zeros that count as one.
         """
         order = np.argsort(places, kind="stable")
         places = places[order]
@@ -64,15 +72,14 @@ class Zeros:
         return Zeros(places[is_new], double[is_new])
 
     def merge_seam(self, period: float) -> "Zeros":
-        """Return the zeros of a periodic function in [0, period).
+        """Return the zeros of a periodic function in [0, period), each only once.
 
-        Both ends of the range, the seam, are the same point. A zero there may have been
-        found near 0, near the period, or near both, but is reported only once. It keeps its
-        position if it was found near 0, and is moved to 0 otherwise.
+        Both ends of the range are the same point, the seam. A zero there may have been
+        found near 0, near the period, or near both, but is reported only once. If it was
+        found near 0, it keeps this position. Otherwise it is moved to 0.
 
         For example, with the period 360 and zeros at 1e-9, 90 and 360, those at 1e-9 and 90
-        remain. It is a double zero if the one found near 0 is, which comes first in the
-        list.
+        remain.
         """
         seam_width = SAME_ZERO_RATIO * period
         first_place = np.min(self.places, initial=seam_width)
@@ -89,12 +96,15 @@ class Zeros:
 class _EndZero:
     """A zero at an end of the range of a function.
 
+    If the function only touches zero at the end, rounding errors can produce false zeros
+    near it, which are removed.
+
     Attributes
     ----------
     position
         The end of the range.
     is_double
-        Whether the function only touches zero at the end.
+        Whether the function only touches zero at the end, with a slope of about zero.
     spurious_distance
         Zeros within this distance from a double zero are due to rounding. It is 0 for a
         simple zero.
@@ -187,28 +197,29 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
 def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
     """Return which of n cells contain no zero, and in which ones the function is monotone.
 
-    In each cell the function is approximated by a cubic polynomial. The values of a cubic
-    polynomial are between its smallest and its largest Bernstein coefficient. Its
-    derivative has one sign if the differences of successive coefficients have this sign.
-
-    A cell contains no zero if all coefficients have one sign and exceed the margin. The
-    differences are changes of the value, so they are compared with the same margin: the
-    function counts as monotone if all differences have one sign and exceed it.
+    Both cases end the subdivision of a cell: there is no zero, or at most one. In each cell
+    the function is approximated by a cubic polynomial in Bernstein form, with four
+    coefficients. The values of the polynomial are between the smallest and the largest
+    coefficient. The polynomial is monotone if the coefficients rise or fall throughout.
 
     Parameters
     ----------
     cells
-        (6, n) the two ends of each cell, the values at the ends, and the slopes at the
-        ends.
+        (6, n) rows: the two ends of each cell, the values at both ends, and the slopes at
+        both ends.
     margin
-        (n,) bound of the difference between polynomial and function.
+        (n,) bound of the difference between polynomial and function. Coefficients, and
+        steps from one to the next, must exceed it to prove a sign.
 
     Returns
     -------
-    is_empty, is_monotone
-        (n,) each.
+    is_empty
+        (n,) whether the cell contains no zero.
+    is_monotone
+        (n,) whether the function rises or falls throughout the cell.
     """
-    # The outer Bernstein coefficients are the values at the ends.
+    # The outer Bernstein coefficients are the values at the ends. The inner ones follow
+    # from the slopes.
     a, b, value_a, value_b, slope_a, slope_b = cells
     third = (b - a) / 3.0
     coefficients = np.stack(
@@ -235,8 +246,8 @@ def _add_end_zeros(
     """Return the zeros inside a range together with those at its two ends.
 
     If the function only touches zero at an end, it resembles a parabola there. Rounding may
-    have produced spurious zeros of this parabola inside the range. They are replaced by one
-    double zero (a zero without a change of sign) at the end.
+    have produced false zeros of this parabola near the end. They are replaced by one double
+    zero (a zero without a change of sign) at the end.
 
     Parameters
     ----------
@@ -244,10 +255,11 @@ def _add_end_zeros(
         (k,) positions of the zeros inside the range, in any order, and whether they are
         double.
     grid, values, slopes
-        (n,) positions, values and derivatives of the function.
+        (n,) positions at which the function was evaluated, its values and its derivatives.
     floor
-        A value at an end, or at an extremum near it, counts as zero up to this size.
+        Values up to this size count as zero.
     """
+    # Second derivatives at both ends, from differences of the slopes.
     first_curvature = (slopes[1] - slopes[0]) / (grid[1] - grid[0])
     last_curvature = (slopes[-1] - slopes[-2]) / (grid[-1] - grid[-2])
     possible_zeros = (
@@ -261,7 +273,7 @@ def _add_end_zeros(
             distance = np.abs(places - zero.position)
             is_spurious |= distance <= zero.spurious_distance
     is_double_end_zero = np.array([zero.is_double for zero in end_zeros], dtype=bool)
-    # Zeros that are closer than this part of the range are one zero, reported once.
+    # A zero found both inside and at an end is reported once.
     return Zeros.merge(
         np.append(places[~is_spurious], [zero.position for zero in end_zeros]),
         np.append(double[~is_spurious], is_double_end_zero),
@@ -274,6 +286,9 @@ def _find_end_zero(
 ) -> _EndZero | None:
     """Return the zero of a function at an end of its range, None if there is none.
 
+    Near the end the function is approximated by a parabola. This shows whether the function
+    crosses zero there or only touches it (double zero).
+
     Parameters
     ----------
     position
@@ -281,7 +296,7 @@ def _find_end_zero(
     value, slope, curvature
         The function and its first and second derivative at the end.
     floor
-        A value counts as zero up to this size.
+        Values up to this size count as zero.
     """
     is_zero = np.abs(value) <= floor
     if not is_zero:
@@ -295,10 +310,11 @@ def _find_end_zero(
 
 @dataclass(frozen=True)
 class EndParabola:
-    """A parabola that approximates a function near an end of its range.
+    """A parabola that approximates a function near an end of its range where it is zero.
 
-    Its value at the end counts as zero. Values count as zero up to a size that the methods
-    call `floor`.
+    It shows whether the function only touches zero there (double zero). Rounding errors can
+    then produce false zeros near the end. Values count as zero up to a size that the
+    methods call `floor`.
 
     Attributes
     ----------
@@ -313,46 +329,48 @@ class EndParabola:
         """Return whether the parabola only touches zero near the end.
 
         Its value at the extremum differs from that at the end by slope^2 / (2 curvature).
-        It touches zero if this difference counts as zero.
+        If this difference is at most `floor`, both values count as zero.
         """
         return bool(self.slope * self.slope <= 2.0 * floor * self.curvature)
 
     def max_distance_of_spurious_zeros(self, floor: float) -> float:
-        """Return the distance from the end up to which values can count as zero.
+        """Return the distance from the end within which values can count as zero.
 
-        The distance is largest if the parabola first falls below the value at the end and
-        then rises: with the slope s and the curvature c, its value at the distance t is
-        c t^2 / 2 - s t. It rises to `floor` at t = (s + sqrt(s^2 + 2 floor c)) / c.
+        The parabola is c t^2 / 2 - s t at the distance t, with the curvature c and the
+        slope s. This is the case with the largest distance: the parabola first falls and
+        then rises. It rises to `floor` at t = (s + sqrt(s^2 + 2 floor c)) / c.
         """
         root = np.sqrt(self.slope * self.slope + 2.0 * floor * self.curvature)
-        # The divisor is not zero, also for a straight line.
+        # The smallest positive number avoids a division by 0 for a straight line.
         return float((self.slope + root) / max(self.curvature, np.finfo(float).tiny))
 
 
 def _halve_cells(function: DifferentiableFunction, cells: Floats) -> tuple[Floats, Floats]:
-    """Return the halves of cells, and the error of their cubic Hermite polynomials.
+    """Return the halves of cells, and the error of the cubic polynomial in each cell.
 
-    The Hermite polynomial of a cell has the values and slopes of the function at both ends.
-    In the middle of a cell of width h it is (f_a + f_b) / 2 + h (f_a' - f_b') / 8.
+    In each cell the function is approximated by its Hermite polynomial, the cubic with the
+    values and slopes of the function at both ends. The function is evaluated in the middle,
+    which also shows the error of the polynomial.
 
     Parameters
     ----------
     function
-        Values and derivatives at positions.
+        Returns the values and derivatives at positions.
     cells
-        (6, n) ends a and b, values at a and b, slopes at a and b.
+        (6, n) rows: ends a and b, values at a and b, slopes at a and b.
 
     Returns
     -------
     halves
         (6, 2 n) the left halves of all cells, then the right halves.
     error
-        (2 n,) difference between the function and the Hermite polynomial at the middle of
-        the cell to which a half belonged.
+        (2 n,) for each half, the error at the middle of the cell from which it comes.
     """
     a, b, value_a, value_b, slope_a, slope_b = cells
     middle = 0.5 * (a + b)
     value, slope = function(middle)
+    # In the middle of a cell of width h the polynomial is (f_a + f_b) / 2 + h (f_a' - f_b')
+    # / 8.
     hermite_value = 0.5 * (value_a + value_b) + (b - a) * (slope_a - slope_b) / 8.0
     error = np.abs(hermite_value - value)
     left = np.stack([a, middle, value_a, value, slope_a, slope])

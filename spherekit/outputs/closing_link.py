@@ -66,18 +66,18 @@ two.
 
 @dataclass(frozen=True)
 class TurnSolutions:
-    """k solutions of a pointing mechanism at given directions of its output.
+    """Solutions of a mechanism whose output points in given directions.
 
-    The turn is the angle of the output link about the direction at which it points. One
-    link, the closing link, fits only at certain turns. At a turn, the other links determine
-    the angle d between the axes of its two pairs. The link has the arc a between them, so
-    it fits where the residual f = cos(d) - cos(a) is 0. Solutions are ordered by direction
-    and turn.
+    The output link can still turn about the direction in which it points. This angle is the
+    turn. One link of the mechanism, the closing link, fits only at certain turns: the angle
+    between its two pair axes must be the arc a of the link. At a turn, the other links
+    determine the actual angle d between these axes. The link fits where the residual f =
+    cos(d) - cos(a) is 0. Solutions are ordered by direction and turn.
 
     Attributes
     ----------
     row
-        (k,) number of the direction to which the solution belongs.
+        (k,) number of the direction to which each of the k solutions belongs.
     turn
         (k,) turn (rad) in (-pi, pi].
     sense
@@ -153,13 +153,13 @@ class DyadsWithClosingLink:
     pointer_frame: Floats
 
     def place_dyads(self, directions: Floats, turns: Floats, signs: Signs) -> WorkingMode:
-        """Place all links but one, for given poses of the output link.
+        """Place all links but the closing link, for poses of a pointing output link.
 
-        A pose is the direction in which the output link points, and its turn about this
-        direction. It places the output link. Other links follow two at a time. Such two
-        links, a dyad, are hinged to each other and to two links that are placed already, so
-        they have only two possible positions. One link is left out here, the closing link,
-        because it fits at certain turns only.
+        A pose is the direction in which the output link points, and its turn (angle) about
+        this direction. It places the output link. Other links follow two at a time. Such
+        two links, a dyad, are hinged to each other and to two links that are placed
+        already. So they have only two possible positions. One link is left out here, the
+        closing link, because it fits at certain turns only.
 
         Parameters
         ----------
@@ -169,9 +169,12 @@ class DyadsWithClosingLink:
             (n,) angles (rad) of the output link about these directions.
         signs
             1 or -1 for each dyad, which chooses one of its two positions.
+
+        Returns
+        -------
+        The placed links. Their orientations are computed when they are read.
         """
         output_orientation = self.orient_output(directions, turns)
-        # The result computes the position of a dyad when it is asked for.
         return WorkingMode(self.chain, signs, posed_rotation=output_orientation)
 
     def orient_output(self, directions: Floats, turns: Floats) -> Floats:
@@ -201,23 +204,24 @@ class DyadsWithClosingLink:
         return np.array(link_axes)
 
     def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
-        """Return the turns about directions that come nearest to given orientations.
+        """Return the angles of the output link about its direction, in given orientations.
 
-        The turn is the angle of the output link about the direction at which it points. It
-        is measured from two axes of the output link at right angles to its pointing axis,
-        the first two rows of `frame`.
+        They are starts from which the exact turns are searched. The output points in a
+        direction, and the turn is its angle about this direction. The pointing axis of a
+        given orientation may deviate from the direction. The turn then fits the orientation
+        best.
 
         Parameters
         ----------
         directions
             (3, n) unit vectors in the axes of the base.
         rotations
-            (n, 3, 3) orientations of the output link in the axes of the base. The pointing
-            axis of the link may deviate from the directions.
+            (n, 3, 3) orientations of the output link in the axes of the base.
 
         Returns
         -------
-        (n,) turns (rad).
+        (n,) turns (rad). They are measured from two axes of the output link at right angles
+        to its pointing axis, the first two rows of `pointer_frame`.
         """
         # The images of these two axes in the given orientations, (3, n) each in the axes of
         # the base. The transpose of the product (n, 3, 2) has the shape (2, 3, n).
@@ -230,18 +234,18 @@ class DyadsWithClosingLink:
         return np.arctan2(sine, dot_columns(x_axis, x_image) + dot_columns(y_axis, y_image))
 
     def link_orientations(self, mode: WorkingMode, count: int) -> Floats:
-        """Return the orientations of the links of the mechanism, with the closing link.
+        """Return the orientations of all links of the mechanism.
 
-        All links but one are placed as dyads (two links and three R pairs). The remaining
-        one, the closing link, has two pairs and fits between two of them.
+        All links but one were placed as dyads (two links and three R pairs). Here the
+        remaining one, the closing link, is added. It fits between two of them.
 
         Parameters
         ----------
         mode
             The dyads at n poses, as `place_dyads` returns them.
         count
-            Number of links of the mechanism. The output is held in its pose by added
-            (virtual) links, which have later numbers and are left out.
+            Number of links of the mechanism. Virtual links that hold the output in its pose
+            have later numbers and are left out.
 
         Returns
         -------
@@ -257,8 +261,8 @@ class DyadsWithClosingLink:
             # The columns of a rotation are the images of the three axes of the link.
             for column, unit_vector in enumerate(np.eye(3)):
                 rotations[:, link, :, column] = mode.vector(link, unit_vector).T
-        # The closing link is placed by the axes of its two pairs, as its neighbours carry
-        # them (outer) and in its own axes (inner).
+        # The closing link is placed by the axes of its two pairs. They are known in its
+        # neighbours (outer) and in its own axes (inner).
         first_outer, second_outer = (
             np.broadcast_to(axis, (3, n)).T for axis in self._end_axes(mode)
         )
@@ -307,11 +311,12 @@ class DyadsWithClosingLink:
         return dot_columns(rate.numerator, directions) / rate.denominator
 
     def solve_turn(self, directions: Floats, turn: Floats, signs: Signs) -> Floats:
-        """Return turns at which the closing link fits, by Newton's method.
+        """Return turns of the output at which the closing link fits, by Newton's method.
 
-        The turn is the angle of the output link about its direction. The equation is f = 0
-        with the residual f = cos(d) - cos(a). Here a is the arc of the closing link, and d
-        is the angle between the axes of its two pairs, which the other links determine.
+        The turn is the angle of the output link about its direction. The closing link has
+        the arc a between its two pair axes. At a turn, the other links determine the actual
+        angle d between these axes. The link fits where the residual f = cos(d) - cos(a) is
+        0.
 
         Parameters
         ----------
@@ -320,7 +325,7 @@ class DyadsWithClosingLink:
         turn
             (n,) turns (rad) from which the method starts.
         signs
-            The sign of each dyad, 1 or -1.
+            1 or -1 for each dyad (two links placed together), for one of its two positions.
 
         Returns
         -------
@@ -351,25 +356,26 @@ class DyadsWithClosingLink:
         return values[:, 0]
 
     def find_turns(self, directions: Floats, signs: Signs) -> TurnSolutions:
-        """Return the turns of the output at which the closing link closes (f = 0).
+        """Return all turns of the output at which the closing link fits in.
 
-        The turn is the angle of the output link about its direction. It determines all
-        other links, and thereby the angle d between the axes of the two pairs of the
-        closing link. This link has the arc a, so it closes if f = cos(d) - cos(a) is 0.
-        Close pairs of roots of f can be missed.
+        The turn is the angle of the output link about its direction. It places all other
+        links, and so determines the angle d between the two pair axes of the closing link.
+        The arc of this link is a, so it fits if the residual f = cos(d) - cos(a) is 0. Two
+        roots of f that are very close together can be missed.
 
         Parameters
         ----------
         directions
             (3, n) directions of the output.
         signs
-            The sign of each dyad, 1 or -1.
+            1 or -1 for each dyad (two links placed together), for one of its two positions.
 
         Returns
         -------
         The turns in (-pi, pi] with their directions, and for each the sign of the slope of
         f by the turn. The sign is 1 if the slope is 0.
         """
+        # Intervals of the turn in which f changes its sign. A jump of f is no root.
         brackets = self._bracket_roots(directions, signs)
         refined_turn, is_root = self._refine_brackets(brackets, directions, signs)
         row, turn = _merge_equal_turns(brackets.row[is_root], wrap(refined_turn[is_root]))
@@ -383,6 +389,9 @@ class DyadsWithClosingLink:
     ) -> tuple[Floats, Bools]:
         """Return the turn in each bracket at which the residual f changes its sign.
 
+        The turn is the angle of the output link about its direction. f is zero where the
+        closing link fits between the links that are placed as dyads (pairs of links).
+
         Parameters
         ----------
         brackets
@@ -390,7 +399,7 @@ class DyadsWithClosingLink:
         directions
             (3, n) directions of the output.
         signs
-            The sign of each dyad, 1 or -1.
+            1 or -1 for each dyad, for one of its two positions.
 
         Returns
         -------
@@ -572,7 +581,8 @@ def find_closing_link(
 def _merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     """Return the different turns of each direction, ordered by direction and turn.
 
-    The same turn occurs twice if a root was bracketed twice.
+    A turn is a solution: the angle of the output link about the direction at which it
+    points. The search can find a solution twice.
 
     Parameters
     ----------
@@ -584,7 +594,8 @@ def _merge_equal_turns(row: Indices, turn: Floats) -> tuple[Indices, Floats]:
     order = np.lexsort((turn, row))
     row = row[order]
     turn = turn[order]
-    # A turn is kept if it differs from the one before. The first one has none before.
+    # A turn remains if its direction or its angle differs from the previous one. The first
+    # turn always remains.
     is_kept = np.ones(len(turn), dtype=bool)
     has_next_direction = row[1:] > row[:-1]
     is_next_turn = turn[1:] - turn[:-1] > SAME_TURN_RAD
@@ -617,12 +628,15 @@ def _axes_around(directions: Floats) -> tuple[Floats, Floats]:
 def _turned_axes(directions: Floats, turns: Floats) -> tuple[Floats, Floats]:
     """Return two axes at right angles to each direction, turned about it by an angle.
 
+    With the direction as the third axis, they are the frame of an output link that points
+    in this direction.
+
     Parameters
     ----------
     directions
         (3, n) unit vectors.
     turns
-        (n,) angles (rad), counted from the axes of `_axes_around`.
+        (n,) angles (rad), counted from the axes that `_axes_around` chooses.
 
     Returns
     -------

@@ -93,21 +93,21 @@ class ChainDyad:
 
 @dataclass(frozen=True)
 class AxisSource:
-    """The pair and the link by which the axis of a requested pair is known earliest.
+    """The pair and link from which the axis of a wanted pair is known earliest.
 
-    Links are placed one after another. Pairs on one axis line share their axis, so it is
-    known when the first link with one of these pairs is placed. Example: a link hangs on an
-    earlier link, its support, by pair 1, and its pair 2 is coaxial with pair 1. The axis of
-    pair 2 is then known from the support, by pair 1.
+    Links are placed one after another. If several pairs have their axes on one line, this
+    line is known when the first link with one of these pairs is placed. Example: a link is
+    hinged by pair 1 to an earlier link, its support. Its pair 2 is coaxial with pair 1. The
+    axis of pair 2 is then known from the support, by pair 1.
 
     Attributes
     ----------
     pair
-        Number of the requested pair, or of one on the same axis line.
+        Number of the wanted pair, or of another pair on the same axis line.
     link
         Number of the link with this pair that is placed first.
     sense
-        1 if the axis of `pair` has the direction of the requested axis, -1 if it has the
+        1 if the axis of `pair` has the direction of the wanted axis, -1 if it has the
         opposite direction.
     """
 
@@ -164,7 +164,8 @@ class DyadChain:
         """Collect the dyads, and note to which dyad each link and pair belongs.
 
         A dyad is two links, joined by the middle one of three R pairs. The outer pairs join
-        it to links that were placed before.
+        it to links that are placed before. Each dyad has two possible positions, which its
+        sign, 1 or -1, distinguishes.
 
         Parameters
         ----------
@@ -177,9 +178,8 @@ class DyadChain:
         base
             Number of the link that is fixed. Vectors are in its axes.
         posed_link
-            Number of the link that is placed by the given poses. A pose gives its
-            orientation. If all dyads at this link need only the axes of its pairs, a pose
-            may give these axes instead.
+            Number of the link whose orientation is known in each pose. If the dyads need
+            only the axes of its pairs, a pose may state these axes instead.
         """
         # Numbers of the first and second link of each pair.
         self.ends = mechanism.ends
@@ -192,14 +192,12 @@ class DyadChain:
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
         self.dyad_of_link: dict[int, int] = {}
         self.dyad_of_pair: dict[int, int] = {}
-        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has. A
-        # quantity may depend on the signs of some dyads only. It is then computed once for
-        # all combinations of the other signs. This mapping has, for each quantity, the
-        # numbers of the dyads on whose signs it depends. A key is the name of a method of
-        # `WorkingMode` with its arguments. `WorkingMode` adds a key when it computes the
-        # quantity for the first time.
+        # Results that do not depend on the signs of all dyads can be shared by several
+        # modes. For each computed quantity, this has the numbers of the dyads on whose
+        # signs it depends. `WorkingMode` fills it. Its keys are names of methods of
+        # `WorkingMode`, with their arguments.
         self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
-        # The words near and far only distinguish the two ends of a dyad.
+        # Near and far are the two ends of a dyad.
         for number, dyad in enumerate(self.dyads):
             for link in (dyad.near_link, dyad.far_link):
                 self.dyad_of_link[link] = number
@@ -236,7 +234,7 @@ class DyadChain:
         )
 
     def _make_dyad(self, group: Group) -> ChainDyad:
-        """Return a dyad with its pairs, links and arcs, from a group of the assembly.
+        """Return a dyad with the numbers of its pairs and links, and the arcs of its links.
 
         A dyad is two links that three pairs join to each other and to two supports, links
         placed before. The chain is: near support, near pair, near link, middle pair, far
@@ -255,8 +253,9 @@ class DyadChain:
             # The sum of both ends less one of them is the other one.
             near_support=sum(self.ends[near_pair]) - near_link,
             far_support=sum(self.ends[far_pair]) - far_link,
-            # The sign in a mode is that of the triple product of the axes in the order of
-            # the group's pairs. In another order the product can have the opposite sign.
+            # A dyad has two positions, with the middle axis on one or the other side of the
+            # plane of the outer axes. This factor, 1 or -1, corrects the side for the order
+            # of the pairs here.
             positive_mode_side=group.dyad_parity,
             # The angles between the axes at both ends of the near link, and at both ends of
             # the far link.
@@ -274,19 +273,21 @@ class DyadChain:
         return dyad.far_pair, dyad.far_support
 
     def _find_axis_source(self, pair: int, link: int) -> AxisSource:
-        """Return the pair and link by which the axis of a pair is known earliest.
+        """Return the pair and link from which the axis of a wanted pair is known earliest.
 
-        Links are placed one after another. The search goes back from the given link to its
-        support, the link that it hangs on, and from there to earlier supports. It goes back
-        as long as the pair at the support has the same axis line.
+        Links are placed one after another, each hinged to an earlier link, its support. An
+        axis that is known early does not depend on later links, so that its results can be
+        shared. The search goes back from the wanted link to its support, from there to the
+        support of that one, and so on. It ends where the pair at the support has another
+        axis line.
 
         Parameters
         ----------
         pair, link
-            Numbers of the pair and of one of its links.
+            Numbers of the wanted pair and of one of its links.
         """
-        # In each pass, the axis of `source_pair` in `source_link`, times `sense`, is the
-        # axis that is asked for.
+        # At all times, the wanted axis is `sense` times the axis of `source_pair` in
+        # `source_link`.
         source_pair = pair
         source_link = link
         sense = 1.0
@@ -317,22 +318,24 @@ class DyadChain:
         return float(arc(self.axis_in(pair, link), self.axis_in(other_pair, link)))
 
     def _compute_vector_weights(self, link: int, *vector: float) -> Floats:
-        """Return weights that express a vector of a dyad's link by the axes of its pairs.
+        """Return weights that express a vector of a dyad's link by its two pair axes.
 
-        With the axis p of the outer pair and the axis q of the middle pair the vector is
+        A dyad is two links joined by the middle one of three pairs. Each link has an outer
+        pair with the axis p, and the middle pair with the axis q. A vector fixed in the
+        link is then
 
             w[0] p + w[1] q + w[2] (p x q).
 
-        The weights w are constant, so in any pose the vector follows from p and q without a
-        rotation matrix.
+        The weights w are constant. In any pose the vector follows from p and q, without the
+        rotation matrix of the link.
 
         Parameters
         ----------
         link
             Number of a link of a dyad.
         vector
-            The three components in the axes of the link, as separate numbers so that the
-            result can be cached.
+            The three components in the axes of the link. They are separate numbers so that
+            the result can be cached.
 
         Returns
         -------
@@ -344,9 +347,8 @@ class DyadChain:
         p = self.axis_in(outer_pair, link)
         q = self.axis_in(middle_pair, link)
         basis = np.stack([p, q, np.cross(p, q)], axis=1)
-        # p and q of a link without an arc are parallel. They then do not determine the
-        # rotation of the link about them, and only the part of the vector along p follows
-        # from them. Least squares give the weights of this part.
+        # If p and q are parallel, the basis is singular. Least squares then return the
+        # weights of the part of the vector along p.
         return np.linalg.lstsq(basis, np.array(vector))[0]
 
     def is_coaxial(self, pair: int, other_pair: int, link: int) -> bool:
@@ -359,15 +361,16 @@ class InputRates:
     """How fast the inputs must move for any angular velocity of the output.
 
     For the angular velocity w of the output, the rate of an input is the fraction
-    ``numerator . w / denominator``. At a singularity of type I the denominator is 0 and the
-    rate infinite. Numerator and denominator are stored, since both are finite there.
+    ``numerator . w / denominator``. At a singularity of type I (the input can move while
+    the output rests) the denominator is 0 and the rate infinite. Numerator and denominator
+    are stored separately, since both are finite there.
 
     Attributes
     ----------
     numerators
         (n, inputs, 3) vectors for n configurations, in the axes of w.
     denominators
-        (n, inputs) numbers, or (n, 1) if all inputs have the same.
+        (n, inputs) numbers, or (n, 1) if they are equal for all inputs.
     """
 
     numerators: Floats
@@ -396,9 +399,9 @@ class InputRates:
 def invert_jacobian(jacobian: Floats, directions: Floats | None) -> InputRates:
     """Return how fast the inputs must move, from how fast each input turns the output.
 
-    The Jacobian gives the angular velocity of the output for given rates of the inputs. It
-    is inverted by Cramer's rule: each row of the inverse is a cross product of two columns,
-    divided by the determinant. Both are finite at singularities too.
+    The Jacobian has the angular velocity of the output for each input. It is inverted by
+    Cramer's rule: each row of the inverse is a cross product of two columns, divided by the
+    determinant. Both are finite even at singularities, so they are returned separately.
 
     Parameters
     ----------

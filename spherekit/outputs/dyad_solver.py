@@ -50,17 +50,16 @@ class DyadKinematics(ClosedKinematics):
     def __init__(self, kinematics: InverseKinematics) -> None:
         """Store the inverse kinematics, and name the leg of each dyad by its three pairs.
 
-        An output is a link as it is seen from another one. The inverse kinematics joins
-        these two links by a virtual chain of two links and three R pairs, which holds the
-        output in its pose. A dyad of the mechanism can end at a pair of this chain, which
-        users do not know. The leg then has the name of a real pair with the same axis, if
-        there is one.
+        A dyad is two links with three R pairs. To hold the output in a pose, the inverse
+        kinematics adds virtual links and pairs between the output link and its reference
+        link. A dyad of the mechanism can end at such a virtual pair, which users do not
+        know. The leg then gets the name of a real pair with the same axis, if there is one.
 
         Parameters
         ----------
         kinematics
             Inverse kinematics of an output whose mechanism consists of dyads when it is
-            held: groups of two links and three R pairs.
+            held.
         """
         assert kinematics.dyads is not None
         virtual_chain = kinematics.wrist
@@ -82,14 +81,11 @@ class DyadKinematics(ClosedKinematics):
     def _find_real_pair(self, pair: int) -> int:
         """Return the real pair whose name is reported in place of a virtual pair.
 
-        The output is the pose of the output link relative to a reference link. To hold it,
-        the inverse kinematics adds a chain between these links: reference link, virtual
-        pair, virtual link, virtual pair, virtual link, virtual pair, output link. Users do
-        not know these pairs.
-
-        A leg of the mechanism can end at the last virtual pair. If a real pair of the
-        output link has the same axis, the number of this real pair is returned. Otherwise,
-        and for every other pair, the result is `pair` itself.
+        To hold the output, the inverse kinematics adds a chain of two virtual links and
+        three virtual pairs between the reference link and the output link. A leg of the
+        mechanism can end at the last virtual pair, which users do not know. If a real pair
+        of the output link has the same axis, its number is returned. Every other number is
+        returned unchanged.
         """
         virtual_chain = self.kinematics.wrist
         if pair != virtual_chain.pairs[-1]:
@@ -110,14 +106,14 @@ class DyadKinematics(ClosedKinematics):
 
     @property
     def spans(self) -> tuple[LegSpan, ...]:
-        """The reach of every leg: the smallest and the largest angle of its outer axes.
+        """The smallest and the largest angle between the outer axes of every leg.
 
-        A leg is here a dyad: two links that a middle pair joins. The near and the far pair
-        join them to other links. The outer axes are those of the near and the far pair.
+        They limit the reach of the leg. A leg is here a dyad: two links that a middle pair
+        joins. Its near and its far pair join them to other links. The outer axes are those
+        of these two pairs.
 
-        For a given pose, virtual links and pairs hold the output in this pose. A leg can
-        end at a virtual pair. If a real pair of the output link has the same axis, its
-        number is given instead, because users know its name.
+        A leg can end at a virtual pair, which was added to hold the output. If a real pair
+        has the same axis, its number is reported instead, because users know its name.
         """
         return tuple(
             LegSpan(
@@ -125,8 +121,8 @@ class DyadKinematics(ClosedKinematics):
                 second_pair=self._find_real_pair(dyad.far_pair),
                 shortest=dyad.shortest,
                 longest=dyad.longest,
-                # `shortest` is for links without width: the leg is folded, one link over
-                # the other. If the user states a width, the limit is a larger angle.
+                # `shortest` is for links without width, folded over each other. Links of
+                # some width cannot be folded so far.
                 is_limited_by_width=True,
             )
             for dyad in self.dyads
@@ -149,9 +145,8 @@ class DyadKinematics(ClosedKinematics):
 class EntryAngle:
     """The angle of an entry pair as a linear function of the inputs: ratios . q + offset.
 
-    A mechanism with toothed wheels is divided into the wheels and the linkage that carries
-    the output. At an entry pair the linkage is driven: by the wheels, or by an input
-    directly. The inputs have the angles q.
+    An entry pair is a pair at which the linkage that carries the output is driven. It is an
+    input itself, or toothed wheels turn it. The inputs have the angles q.
 
     Attributes
     ----------
@@ -211,10 +206,10 @@ class GearedKinematics(ClosedKinematics):
     ) -> None:
         """Store the parts, and invert the matrix of the ratios of the entry pairs.
 
-        Entry pairs are the pairs at which the inputs, through wheels or directly, drive the
-        mechanism without wheels. Their angles are linear functions of the inputs. They were
-        chosen with linearly independent ratios, as many as inputs, so the matrix is
-        regular.
+        The mechanism without wheels is driven at its entry pairs: pairs that are inputs, or
+        that the wheels turn. Their angles are linear functions of the inputs. The inverse
+        matrix gives the inputs from these angles. There are as many entry pairs as inputs,
+        with linearly independent ratios, so the matrix is regular.
 
         Parameters
         ----------
@@ -299,12 +294,12 @@ class _GearedMode:
 
     @cached_property
     def inputs(self) -> Floats:
-        """(n, inputs) values of the inputs (rad).
+        """(n, inputs) values of the inputs (rad) at n poses of the output.
 
-        Without its wheels, the mechanism is solved at the poses first (`wheelless_mode`).
-        Some of its pairs, the entry pairs, are driven by the wheels or are inputs
-        themselves. Their angles are linear functions of the inputs, ratios @ inputs +
-        offsets, from which the inputs follow.
+        The mechanism without its wheels (`wheelless_mode`) gives the angles of all its
+        pairs at the poses. Some of them, the entry pairs, are inputs or are turned by the
+        wheels. Their angles are linear functions of the inputs, ratios @ inputs + offsets.
+        The inputs follow from them.
         """
         kinematics = self.kinematics
         # `wheelless_number` is the number of a pair in the mechanism without wheels, by its
@@ -318,23 +313,23 @@ class _GearedMode:
 
     @cached_property
     def _values(self) -> Floats:
-        """(n, pairs) variables of all pairs (rad).
+        """(n, pairs) variables of all pairs at n poses of the output.
 
-        The variable of an R pair is its angle in (-pi, pi]. That of a contact of two wheels
-        is the arc length by which they have rolled on each other. There are three sources:
-        the inputs, the ratios of the wheels for pairs that follow the inputs, and for all
-        other R pairs the mechanism without wheels (`wheelless_mode`).
+        The variable of an R pair is its angle in (-pi, pi] (rad). That of a contact of two
+        wheels is the arc length (rad) by which they have rolled on each other. There are
+        three sources: the inputs, the wheels for pairs that follow the inputs, and the
+        mechanism without wheels (`wheelless_mode`) for all other R pairs.
         """
         kinematics = self.kinematics
         train = kinematics.train
         mechanism = kinematics.mechanism
         values = np.empty((len(self.inputs), len(mechanism.pairs)))
         # A pair can have several sources, which agree up to rounding. The last assignment
-        # counts, so that all pairs without wheels are from one source.
+        # counts.
         values[:, driven_pairs(mechanism)] = wrap(self.inputs)
-        # Wheels make angles and rolled arc lengths linear functions of the inputs. Their
-        # slopes are the ratios; `offsets` and `lengths` are their values at inputs of zero.
-        # `followers` are R pairs, `contacts` those of two wheels.
+        # Through the wheels, angles and rolled arc lengths are linear functions of the
+        # inputs. `followers` are the R pairs that the wheels turn, `contacts` the pairs of
+        # two wheels.
         follower_angles = self.inputs @ train.ratios.T + train.offsets
         values[:, train.followers] = wrap(follower_angles)
         values[:, train.contacts] = self.inputs @ train.length_ratios.T + train.lengths
@@ -375,14 +370,17 @@ class _GearedMode:
         return np.where(is_out_of_reach, self._continue_type_1_square(), square)
 
     def _continue_type_1_square(self) -> Floats:
-        """Return numbers (n, inputs), at most 0, for the squares of `type_1` out of reach.
+        """Return squared measures of type I (n, inputs) for poses out of reach, at most 0.
 
-        The mechanism without wheels has a squared measure of type I for each entry pair (a
-        pair at which the wheels or the inputs drive it). It is negative out of reach. If a
-        single entry pair moves, an input moves r times as fast, where r is the derivative
-        of the input by the angle of that pair. The squared measure of the input is then
-        that of the entry pair, divided by r^2. The result is the least quotient of all
-        entry pairs on which the input depends.
+        The measure is 0 where an input can move while the output rests, at the limit of the
+        reach. Beyond it the square becomes negative, so that the limit can be searched from
+        both sides.
+
+        The mechanism without wheels has such a square for each entry pair (a pair at which
+        the wheels or the inputs drive it). An input moves r times as fast as an entry pair,
+        where r is the derivative of the input by the angle of that pair. The square of the
+        entry pair is therefore divided by r^2. The least quotient of all entry pairs
+        counts.
         """
         entry_squares = self.wheelless_mode.type_1_square  # (n, entry pairs)
         continuation = np.zeros(entry_squares.shape)  # (n, inputs), as many as entry pairs
@@ -402,17 +400,15 @@ class _GearedMode:
 def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
     """Return the closed form of an output that wheels drive, None if it has none.
 
-    The wheels and the links that only support wheels are removed. Among the remaining pairs
-    are *entry pairs*: they are inputs, or the wheels drive them. The closed form gives the
-    angles of the entry pairs from the pose of the output, and the wheels give the inputs
-    from these angles. There are four conditions:
+    The wheels and the links that only support wheels are removed. Some of the remaining
+    pairs are *entry pairs*: they are inputs, or the wheels turn them. The linkage gives the
+    angles of the entry pairs from the pose of the output. The wheels give the inputs from
+    these angles. There are four conditions:
 
-    1. All pairs are R pairs or contacts of wheels.
-    2. There are as many entry pairs as inputs, and their angles are independent linear
-       functions of the inputs.
-    3. No pair that was removed with the wheels has joint limits.
-    4. If the output is held in a pose, the mechanism without the wheels consists of dyads
-       (two links and three R pairs).
+    1. All pairs are R pairs or contacts of wheels. 2. There are as many entry pairs as
+    inputs, and their angles are independent linear functions of the inputs. 3. No pair that
+    was removed with the wheels has joint limits. 4. If the output is held in a pose, the
+    mechanism without the wheels consists of dyads (two links and three R pairs).
     """
     driven = list(driven_pairs(mechanism))
     r_pairs = {mechanism.pair_number[name] for name in mechanism.angles}
@@ -425,7 +421,7 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
     entry_pairs = _choose_entry_pairs(train, driven, pairs_without_wheels)
     if entry_pairs is None:
         return None
-    # 3. Joint limits of removed pairs would not be taken into account.
+    # 3. Joint limits of removed pairs could not be checked later.
     limited_pairs = {mechanism.pair_number[limit.pair] for limit in mechanism.joint_limits}
     if not limited_pairs <= pairs_without_wheels:
         return None
@@ -445,6 +441,9 @@ def _solve_without_wheels(
 ) -> DyadKinematics | None:
     """Return the closed form of a mechanism without its wheels, None if it has none.
 
+    It is driven at its entry pairs: pairs that are inputs of the whole mechanism, or that
+    the wheels turn.
+
     Parameters
     ----------
     mechanism
@@ -452,16 +451,16 @@ def _solve_without_wheels(
     output
         The output.
     carrying_pairs
-        Numbers of the pairs of the mechanism without wheels.
+        Numbers of the pairs that remain without the wheels.
     entry_pairs
-        Numbers of those of them that become its inputs.
+        Numbers of the entry pairs, which become the inputs.
     """
     # The names of assembly modes are those of the whole mechanism, so they are left out.
     entry_inputs = tuple(
         Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in entry_pairs
     )
-    # An error means that the mechanism without the wheels is not valid, or that links can
-    # still move, or hinder each other, if its output is held.
+    # An error means that the mechanism without wheels is not valid, or that holding its
+    # output leaves links that can move or that hinder each other.
     try:
         driven_at_entry_pairs = replace(mechanism, inputs=entry_inputs, modes={})
         part = of_pairs(driven_at_entry_pairs, carrying_pairs)
@@ -474,9 +473,10 @@ def _solve_without_wheels(
 def _choose_least_inputs(entry_angles: Floats, inverse_ratios: Floats) -> Floats:
     """Return the inputs with the smallest sum of absolute values at each of n poses.
 
-    The angle of an entry pair is known up to whole revolutions. With wheels, a revolution
-    of it changes the inputs by an angle that is no whole revolution, while the pose remains
-    the same. One revolution less, none, and one more are tried for each entry pair.
+    The inputs follow from the angles of entry pairs, which the wheels turn. These angles
+    are known up to whole revolutions. A revolution of an entry pair changes the inputs by
+    other angles, depending on the ratios, while the pose remains the same. For each entry
+    pair, one revolution less, none, and one more are tried.
 
     Parameters
     ----------
@@ -505,8 +505,8 @@ def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) 
     """Return the pairs of the links through which the output is joined to the ground.
 
     Wheels and their supports are left out. Without the contacts between wheels, a wheel has
-    a single pair, so it joins nothing. Links with a single pair are therefore removed with
-    this pair, again and again, until none remains.
+    a single pair and so joins nothing. Such links are removed with their pair, again and
+    again, until all links have at least two pairs.
 
     Parameters
     ----------
@@ -533,12 +533,12 @@ def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) 
 def _choose_entry_pairs(
     train: GearTrain, driven: list[int], carrying_pairs: set[int]
 ) -> dict[int, EntryAngle] | None:
-    """Return entry pairs: as many pairs as there are inputs, whose angles give the inputs.
+    """Return as many pairs as there are inputs, so that their angles give the inputs.
 
-    Candidates are the driven pairs themselves, and the pairs whose angles follow from the
-    inputs q through the wheels as ratios . q + offset. They are examined in the order of
-    their numbers. A pair is chosen if its ratios are linearly independent of those of the
-    pairs chosen before.
+    The mechanism without wheels gives the angles of its pairs. Candidates are the driven
+    pairs, and the pairs that the wheels turn: their angles are ratios . q + offset with the
+    inputs q. Candidates are examined in the order of their numbers. A pair is chosen if its
+    ratios are linearly independent of those of the pairs chosen before.
 
     Parameters
     ----------
@@ -547,13 +547,12 @@ def _choose_entry_pairs(
     driven
         Numbers of the driven pairs.
     carrying_pairs
-        Numbers of the pairs among which entry pairs are chosen: those of the mechanism
-        without wheels, because its solution gives the angles of the entry pairs.
+        Numbers of the pairs of the mechanism without wheels. Only they are chosen.
 
     Returns
     -------
-    The angles of the chosen entry pairs as linear functions of the inputs, by the
-    number of the pair. None if there are too few.
+    The angles of the chosen entry pairs as linear functions of the inputs, by the number of
+    the pair. None if there are too few.
     """
     # 1. The candidates. The angle of driven pair k is input k itself, so its ratios are a
     # row of the identity matrix. `train.followers` are the pairs that follow the inputs.

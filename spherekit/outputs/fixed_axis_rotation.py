@@ -100,7 +100,8 @@ Larger: values outside are accepted and moved to the end. Smaller: rounded ends 
 class RotationSamples:
     """n configurations of a mechanism whose output link turns about a fixed axis.
 
-    Vectors and orientations are in the axes of the base.
+    Vectors and orientations are in the axes of the base, the link that the output is
+    relative to.
 
     Attributes
     ----------
@@ -110,12 +111,12 @@ class RotationSamples:
         (n, inputs): the driven variables (rad) and their first and second derivatives by
         theta.
     values
-        (n, variables) rad, of all pairs.
+        (n, variables) rad, the variables of all pairs.
     orientation
         (n, 3, 3) from the axes of the output link to those of the base.
     orientation_error
-        (n,) rad, the angle between this orientation and the one turned exactly about
-        the axis.
+        (n,) rad, the angle between this orientation and the one turned exactly about the
+        axis.
     drift
         (n,) rad, the angle between the momentary axis of the link (the direction of its
         angular velocity) and the fixed axis.
@@ -123,9 +124,9 @@ class RotationSamples:
         (n,) transmission measure of the inputs, 0 at a singularity of type II, see
         `spherekit.velocities.transmission_measure`.
     status
-        (n,) codes of `Status`. A row that is not OK is NaN, except at AT_SINGULARITY:
-        there the inputs do not determine the configuration, but the rotation continues.
-        Rates that are not finite are NaN.
+        (n,) codes of `Status`. A row that is not OK is NaN, except at AT_SINGULARITY: there
+        the inputs do not determine the configuration, but the rotation continues. Rates
+        that are not finite are NaN.
     """
 
     theta: Floats
@@ -183,15 +184,13 @@ class FollowedRotation(RotationPath):
     def crossings(self) -> tuple[float, ...]:
         """Angles (rad) at which the inputs do not determine the output (type II).
 
-        There are two sources: the leaps, which are singular configurations that the
-        tracking stepped over, and the angles at which the transmission measure falls to 0.
-        This measure says how surely locked inputs hold the output. All angles are between 0
-        and `reached`, up to which the rotation was tracked.
+        They come from two sources. At the leaps, the tracking of the rotation stepped over
+        a singular configuration. The others are found where the transmission measure falls
+        to 0. This measure says how surely locked inputs hold the output. All angles are
+        between 0 and `reached`, up to which the rotation was tracked.
         """
-        # First the measure is evaluated on a grid of angles. A value that is not larger
-        # than its two neighbours has a minimum between these. (Beyond the ends of the grid
-        # the measure counts as infinite.) Each minimum is then searched between the
-        # neighbours.
+        # Evaluate the measure on a grid. A value that is not larger than its two neighbours
+        # brackets a minimum. Beyond the ends of the grid the measure counts as infinite.
         grid = np.linspace(0.0, self.reached, CROSSING_GRID_SIZE)
         measure = np.nan_to_num(self._measure_transmission(grid), nan=np.inf)
         padded = np.pad(measure, 1, constant_values=np.inf)
@@ -200,12 +199,11 @@ class FollowedRotation(RotationPath):
         (lowest,) = np.nonzero((measure <= before) & (measure < after))
         low, high = grid[np.clip([lowest - 1, lowest + 1], 0, CROSSING_GRID_SIZE - 1)]
         minima = minimize_in_brackets(self._measure_transmission, low, high)
-        # The measure can be NaN at a singular configuration, where it is not determined.
-        # The negated comparison counts such a minimum as singular.
+        # The measure can be NaN exactly at a singular configuration. The negated comparison
+        # includes NaN.
         singular = minima[~(self._measure_transmission(minima) > SINGULAR_RATIO)]
-        # The tracking tries leaps of several lengths, the longest last. A minimum whose
-        # distance from a leap is at most the longest length is the configuration that was
-        # stepped over. It is among the leaps already.
+        # A minimum near a leap is the singular configuration of this leap, which is listed
+        # already.
         distances = np.abs(singular[:, None] - np.array(self.leaps))
         is_apart = np.all(distances > LEAP_LENGTHS_RAD[-1], axis=1)
         crossings = np.concatenate([self.leaps, singular[is_apart]])
@@ -313,21 +311,20 @@ class FollowedRotation(RotationPath):
     ) -> tuple[Floats, Floats]:
         """Return the first and second derivatives of the variables by theta.
 
-        The output link turns by the angle theta about a fixed axis. Derivatives are those
-        of the configurations that follow a target, which turns exactly about this axis.
+        theta is the angle by which the output link turns about a fixed axis.
 
         At a leap the tracking stepped over a singular configuration. The path is smooth
-        there, but the rounding errors of derivatives grow without bound. Derivatives within
-        `LEAP_NEIGHBOURHOOD_RAD` of a leap are therefore interpolated: they are those of a
-        polynomial through the derivatives at Chebyshev points around it.
+        there, but derivatives have large rounding errors. Within `LEAP_NEIGHBOURHOOD_RAD`
+        of a leap, they are therefore replaced by a polynomial through derivatives at
+        Chebyshev points around the leap.
 
         Parameters
         ----------
         theta
             (n,) angles (rad).
         deviation
-            The configurations at these angles, in which the output link is as near to the
-            target as the loops allow. From them it computes the derivatives.
+            The configurations at these angles. The output link is as near as possible to
+            the target, an orientation that turns exactly about the axis.
 
         Returns
         -------
@@ -370,12 +367,12 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
     Parameters
     ----------
     first, second
-        (3, 3) rotation matrices.
+        (3, 3) rotation matrices, both from the axes of a link to the axes of a base.
 
     Returns
     -------
     axis
-        (3,) unit vector in the axes to which the matrices lead.
+        (3,) unit vector in the axes of the base.
     angle
         Angle (rad) between 0 and pi.
 
@@ -388,9 +385,8 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
     xyzw = quaternion((second @ first.T)[None])[0]
     sine = float(np.linalg.norm(xyzw[:3]))
     angle = 2.0 * math.atan2(sine, abs(xyzw[3]))
-    # The error (rad) of the axis is the rounding error divided by the angle. If it is not
-    # below `USABLE_DIRECTION`, the axis is not returned. The product avoids a division by
-    # 0.
+    # The error (rad) of the axis is the rounding error divided by the angle. An axis with
+    # an error above `USABLE_DIRECTION` is refused.
     if angle * USABLE_DIRECTION <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
             "the orientations coincide: no rotation is needed, and every axis would do; "
@@ -419,6 +415,8 @@ def unit(axis: ArrayLike) -> Floats:
 
 def check_range(values: ArrayLike, maximum: float, name: str, unit: str) -> Floats:
     """Return angles or times of a rotation as an array, clipped to their range.
+
+    Values outside the range by a rounding error are moved to its end.
 
     Parameters
     ----------
@@ -559,7 +557,8 @@ def follow_to(
     mechanism = mechanism_of(mechanism)
     output_link = OutputLink.from_output(mechanism, chosen_output(mechanism, output))
     start_values = _check_values(output_link, values, mechanism.name)
-    # (1, links, 3, 3) orientations of all links at the start.
+    # (1, links, 3, 3) orientations of all links at the start, relative to the base. The
+    # base is the link that the output is relative to.
     start_rotations = output_link.closure.linearise(start_values[None]).rotations
     target = np.asarray(orientation, dtype=float)
     is_right_handed = target.shape == (3, 3) and np.linalg.det(target) > 0.0
@@ -575,12 +574,21 @@ def follow_to(
 def _check_values(
     output_link: OutputLink, values: ArrayLike, mechanism_name: str
 ) -> Floats:
-    """Return the variables (variables,) of a configuration as an array.
+    """Return the pair variables from which a rotation starts, as an array.
+
+    Parameters
+    ----------
+    output_link
+        The output link, with the closure equations of its mechanism.
+    values
+        (variables,) the argument of the user (rad).
+    mechanism_name
+        Name for the message.
 
     Raises
     ------
     SolveError
-        If their number is wrong or one of them is not finite.
+        If the number of values is wrong or one of them is not finite.
     """
     array = np.asarray(values, dtype=float)
     variable_count = len(output_link.closure.tree.pair_of_variable)
