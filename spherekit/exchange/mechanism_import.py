@@ -20,16 +20,16 @@ from spherekit.storage.atomic_write import write_text
 
 
 class Imported(NamedTuple):
-    """A mechanism from the file of another program.
+    """A mechanism that was read from the file of another program (MJCF or URDF).
 
     Attributes
     ----------
     mechanism
         The mechanism.
     text
-        Its mechanism file, with comments.
+        The same mechanism as the text of a spherekit file (TOML), with comments.
     notes
-        Sentences on everything that was left out or changed.
+        Sentences for the user on everything that was left out or changed.
     """
 
     mechanism: Mechanism
@@ -51,18 +51,18 @@ class Imported(NamedTuple):
 def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     """Return the spherical mechanism that an MJCF or URDF file describes.
 
-    Hinges become pairs, and so does each point at which a loop is closed. Bodies that are
-    welded become one link, and actuated joints become inputs. Springs, dampers, dry
-    friction, gravity and constant actuators become loads, and limits become joint limits.
+    Hinges become pairs (joints), and so does each point at which a loop is closed. Welded
+    bodies become one link, and actuated joints become inputs. Springs, dampers, dry
+    friction, gravity and constant actuators become loads. Limits become joint limits.
 
     Parameters
     ----------
     path
-        The file, ``*.xml`` or ``*.urdf``; a URDF may close loops by ``<loop_joint>`` or
-        ``<loop>``.
+        The file, ``*.xml`` (MJCF) or ``*.urdf``. A URDF may close loops by ``<loop_joint>``
+        or ``<loop>``.
     within
-        Distance (m) by which axes may miss their common point, by default 1e-6 of the
-        size of the model.
+        Distance (m) by which axes may miss the centre of the sphere, in which all of them
+        should meet. By default 1e-6 of the size of the model.
 
     Raises
     ------
@@ -95,9 +95,10 @@ def _format_lines(name: str, imported_file: ImportedFile) -> Iterator[str]:
     Parameters
     ----------
     name
-        Name of the mechanism.
+        Name of the mechanism that is written.
     imported_file
-        Content of the file.
+        The content of an MJCF or URDF file, sorted into the tables of a mechanism file, and
+        the comments on these tables.
     """
     for comment in imported_file.heading:
         yield f"# {toml_comment(comment)}"

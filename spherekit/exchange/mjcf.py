@@ -140,18 +140,21 @@ class MujocoModel:
     def __init__(
         self, mechanism: Mechanism, values: Floats, timestep: float = 1e-3
     ) -> None:
-        """Choose the bodies and names of the model; `text` writes it.
+        """Choose the bodies and names of the model. The property `text` writes the model.
 
         MuJoCo moves bodies on the joints of a tree, and closes loops by constraints. A pair
-        that closes a loop is therefore no joint. If a load acts at it, it has to be one:
-        the link gets a second body (twin) on this joint, which is welded to the first body.
+        (joint of the mechanism) that closes a loop is therefore a constraint. Loads act
+        only at joints of the tree. If a load acts at such a pair, the link gets a second
+        body (twin). The pair is then the joint of the twin, and a weld joins both bodies of
+        the link.
 
         Parameters
         ----------
         mechanism
             The mechanism.
         values
-            (variables,) pair variables (rad) of a closed configuration.
+            (variables,) pair variables (rad) of a configuration in which all loops are
+            closed.
         timestep
             Time step (s) of MuJoCo's integrator.
         """
@@ -169,17 +172,16 @@ class MujocoModel:
             if hinge.pair not in loaded_pairs:
                 self._unloaded_loop_hinges.append(hinge)
             elif hinge.child == mechanism.ground:
-                # The child of a hinge gets a second body (twin). The ground can have none,
-                # so the ends of the hinge are exchanged.
+                # The child of a hinge gets the twin. The ground cannot have a twin, so
+                # parent and child change places.
                 reversed_hinge = hinge._replace(
                     parent=hinge.child, child=hinge.parent, axis=-hinge.axis
                 )
                 self._loaded_loop_hinges.append(reversed_hinge)
             else:
                 self._loaded_loop_hinges.append(hinge)
-        # Most children of hinges are links. The others are bodies that replace contacts.
-        # All names follow from those of links and bodies. The dictionary has the link of
-        # each twin, by the pair that moves the twin.
+        # Each hinge has a child: a link, or a body that replaces a contact. The last
+        # argument is the link of each twin, by the pair that moves the twin.
         added_bodies = [hinge.child for hinge in self._rigid_bodies.hinges]
         self._names = name_elements(
             mechanism,
@@ -192,14 +194,15 @@ class MujocoModel:
     def _choose_radius(self) -> float:
         """Return the radius (m) of the sphere on which links are drawn.
 
-        Axes and arcs of a spherical mechanism have no size in metres. Centres of mass have,
-        so the sphere gets the distance of the farthest one that the mechanism file states.
-        It is 1 m if the file states none.
+        Axes and arcs of a spherical mechanism are angles, so they have no size in metres.
+        Centres of mass have. The radius is therefore the distance of the farthest stated
+        centre of mass from the centre of the sphere. It is 1 m if the file states none.
         """
-        # MuJoCo moves no body without mass. If the file has no masses, they are made up.
+        # MuJoCo needs masses. If the file has none, the export has invented them, so the
+        # centres of mass mean nothing.
         if self._rigid_bodies.has_made_up_masses:
             return 1.0
-        # In other files, some bodies can still lack a mass or a centre.
+        # In other files, some bodies can still lack a mass or a centre of mass.
         centre_distances = [
             np.linalg.norm(body.centre)
             for body in self._rigid_bodies.bodies
@@ -341,16 +344,16 @@ class MujocoModel:
         """Return the root element of a model whose only body is the ground.
 
         The template has options of the simulation, the looks of links and pins, two lights
-        and the sphere. Sizes are in proportion to the radius of the sphere (m). Empty
-        elements are filled for each mechanism later. Numbers of the simulation have all
-        their digits, those of the looks only five.
+        and the sphere. Drawn sizes are in proportion to the radius of the sphere (m). Empty
+        elements, such as the one for actuators, are filled later. Numbers of the simulation
+        are written with all digits, drawn sizes with five.
         """
         radius = self._radius
         light_distance = LIGHT_DISTANCE_RATIO * radius
         gravity = self._loads.gravity
         if self._rigid_bodies.has_made_up_masses:
-            # The file has no masses. Links are then wires of 1 kg/m, because MuJoCo moves
-            # no body without mass, and forces such as their weights have no meaning.
+            # The file has no masses. Links then are wires of 1 kg/m, because MuJoCo needs
+            # masses. Their weights have no meaning, so gravity is zero.
             gravity = np.zeros(3)
         text = MODEL_TEMPLATE.format(
             name=self._mechanism.name,
@@ -368,10 +371,11 @@ class MujocoModel:
         return ElementTree.fromstring("".join(text.splitlines()))
 
     def _add_custom_numbers(self, custom: Element) -> None:
-        """Add numbers that MuJoCo ignores and `spherekit import` reads.
+        """Add numbers that only a later import by `spherekit import` reads.
 
-        They are the ranges of inputs (rad), the values (rad) of pairs that close loops, and
-        whether masses were made up.
+        They are the ranges of inputs (rad) and the values (rad) of pairs (joints) that
+        close loops. MuJoCo has no place for either. A text says whether the export has
+        invented the masses.
 
         Parameters
         ----------
@@ -391,20 +395,21 @@ class MujocoModel:
             _add(custom, "text", name="masses", data="made up")
 
     def _add_bodies(self, parent_element: Element, parent: str) -> None:
-        """Add the bodies that hinges join to a body, and then the bodies on these bodies.
+        """Add all bodies that hang on a body by hinges, and then the bodies on these.
 
-        A pair that closes a loop is a constraint of MuJoCo, not a joint. Springs and
-        torques act only at joints. So if such a load acts at the pair, the link gets a
-        second body (twin), of which the pair is the joint. `_add_loops` welds both bodies
-        of the link together. Each of them gets a part of the inertia (`_add_inertia`).
-        Twins are not drawn.
+        The method calls itself for each new body, so it builds the whole tree of bodies.
+
+        A pair (joint) that closes a loop is a constraint of MuJoCo. Springs and torques act
+        only at joints. If such a load acts at the pair, its link gets a second body (twin)
+        on a joint. `_add_loops` welds both bodies of the link together. Each of them gets a
+        part of the inertia (`_add_inertia`). Twins are not drawn.
 
         Parameters
         ----------
         parent_element
-            Element of the body that carries the hinges.
+            Element of the body on which the new bodies hang.
         parent
-            Name of its link.
+            Name of the link of this body.
         """
         inertia_by_link = {body.link: body for body in self._rigid_bodies.bodies}
         for hinge in [*self._rigid_bodies.hinges, *self._loaded_loop_hinges]:
@@ -462,10 +467,10 @@ class MujocoModel:
         share = 1.0 / (1 + twin_count)
         rotation = self._rotation_of(inertia.link)
         tensor = share * (rotation.T @ inertia.tensor @ rotation)
-        # A body has no principal moment larger than the sum of the other two. The excess is
-        # the largest moment m less that sum: m - (trace - m). If the same amount is added
-        # to all moments, m grows once and the sum twice, so the excess falls by the amount.
-        # The amount (`thickness`) is the excess and a share of the trace for rounding.
+        # No principal moment of a body exceeds the sum of the other two. The excess of the
+        # largest moment m is m - (trace - m). Adding an amount to all three moments reduces
+        # the excess by this amount. `thickness` is the excess plus a small share of the
+        # trace.
         excess = 2.0 * np.linalg.eigvalsh(tensor)[-1] - np.trace(tensor)
         thickness = TENSOR_THICKNESS * np.trace(tensor) + max(excess, 0.0)
         tensor = tensor + thickness * np.eye(3)
@@ -479,25 +484,25 @@ class MujocoModel:
             fullinertia=elements,
         )
         if not inertia.is_stated:
-            # The file states only the tensor of this link, or no mass. Mass and centre were
-            # chosen so that the tensor about the centre of the sphere is right. Their
-            # weight would be a load that the mechanism does not have, so MuJoCo compensates
-            # gravity at this body.
+            # The file states no mass or only the tensor of this link. Mass and centre were
+            # chosen to match the tensor about the centre of the sphere. Their weight is not
+            # a load of the mechanism, so MuJoCo cancels gravity at this body.
             body.set("gravcomp", "1")
 
     def _add_appearance(self, body: Element, link: str) -> None:
-        """Add the shapes of a link, and the sites (points) of its outputs and loads.
+        """Add the drawn shapes of a link, and the sites (points) of its outputs and loads.
 
-        A link is drawn as capsules along its arcs. The first link of each pair also has a
-        pin at the pair.
+        An output is a link whose motion is of interest. Its site marks the observed
+        direction. A link is drawn as capsules along its arcs. The first link of each pair
+        (joint) also has a pin along the axis of the pair.
 
         Parameters
         ----------
         body
             Element of the body.
         link
-            Name of the link. A body that replaces the contact of two sliding circles is no
-            link, and has no shapes.
+            Name of the link. Nothing is drawn for a body that is not a link of the
+            mechanism: it replaces the contact of two circles that slide on each other.
         """
         mechanism = self._mechanism
         radius = self._radius
@@ -518,6 +523,7 @@ class MujocoModel:
                 half_length = 0.5 * PIN_LENGTH_RATIO
                 ends = np.outer([1 - half_length, 1 + half_length], radius * axis)  # (2, 3)
                 _add(body, "geom", fromto=_format_drawn(ends), **{"class": "pin"})
+        # Yellow points in the direction that an output observes.
         for output in mechanism.outputs:
             if output.link == link and output.direction is not None:
                 _add(
@@ -543,21 +549,21 @@ class MujocoModel:
     def _add_loops(self, tendons: Element, equalities: Element) -> None:
         """Add the constraints that close loops, and those of rolling contacts.
 
-        - A pair that closes a loop is a constraint: one point of its axis coincides in both
-          links, parent and child. With the centre of the sphere, which all links share,
-          this fixes the axis.
+        - A pair (joint) that closes a loop is a constraint: one point of its axis is the
+        same in both links, parent and child. All links share the centre of the sphere too,
+        so the whole axis coincides.
         - In MuJoCo, springs and torques act only at joints. If such a load acts at the
-          pair, the child is divided into two bodies. One of them, the twin, hangs on the
-          parent by a joint, the pair. The constraint welds the twin to the other body.
-        - In a rolling contact a sum of joint angles is constant.
+        pair, the child has a second body (twin), which hangs on the parent by this joint.
+        The constraint welds the twin to the child.
+        - In a rolling contact a sum of joint angles with factors is constant.
 
         Parameters
         ----------
         tendons, equalities
             Elements of the model to which they are added.
         """
-        # Negative numbers of `solref` are stiffness and damping. A correction that is
-        # critically damped, with the rate r, has r^2 and 2 r. `LOOP_IMPEDANCE` is the
+        # MuJoCo reads negative numbers of `solref` as stiffness and damping. A critically
+        # damped correction with the rate r (1/s) has r^2 and 2 r. `LOOP_IMPEDANCE` is the
         # largest impedance that MuJoCo accepts.
         rate = CORRECTION_PER_STEP / self._timestep
         stiffness: Attributes = {
@@ -595,9 +601,9 @@ class MujocoModel:
     def _add_actuators(self, actuators: Element) -> None:
         """Add motors or servos of the inputs, and the loads that are actuators.
 
-        Inputs have motors. If the file has no masses, `find_link_inertias` made some up,
-        since MuJoCo moves no body without mass. Torques then mean nothing: inputs have
-        servos for their angles instead of motors, and there are no loads.
+        Inputs (driven pairs) have motors. If the file has no masses, `find_link_inertias`
+        has invented some, because MuJoCo needs masses. Torques then mean nothing. Inputs
+        get servos for their angles in place of motors, and loads are left out.
 
         Parameters
         ----------
@@ -606,10 +612,10 @@ class MujocoModel:
         """
         rigid_bodies = self._rigid_bodies
         has_made_up_masses = rigid_bodies.has_made_up_masses
-        # The inertia that a servo moves is estimated by the sum of the traces of all
-        # tensors.
+        # Estimate of the inertia that a servo moves: the sum of the traces of all tensors.
         total_inertia = sum(np.trace(body.tensor) for body in rigid_bodies.bodies)
-        # The rate of a servo is the root of stiffness over inertia. Two digits are enough.
+        # A servo with this stiffness follows its angle at the rate `SERVO_RATE_PER_S`,
+        # which is the root of stiffness over inertia. Two digits are enough.
         servo_stiffness = float(f"{total_inertia * SERVO_RATE_PER_S**2:.2g}")
         for driven in self._mechanism.inputs:
             if has_made_up_masses:
@@ -627,15 +633,15 @@ class MujocoModel:
         if has_made_up_masses:
             return
         for load, attributes in self._loads.actuator_loads:
-            # A force or moment acts at a site, a marked point of a body. Its vector may be
-            # given in the axes of another site, "refsite". Here both get the names that
-            # they have in the model.
+            # A force or moment acts at a site, a marked point of a body. Its components can
+            # be in the axes of another site, "refsite". The attributes get the final names
+            # of both sites here.
             named_attributes = dict(attributes)
             if "site" in attributes:
                 named_attributes["site"] = self._names.load_sites[load.name]
             if "refsite" in attributes:
                 named_attributes["refsite"] = self._names.axes_sites[load.name]
-            # Without gain the force does not depend on a control.
+            # With the gain zero, the force does not depend on a control signal.
             _add(
                 actuators,
                 "general",

@@ -43,14 +43,14 @@ class MujocoLoads:
     gravity
         (3,) acceleration (m/s2) in ground axes.
     hinge_attributes
-        Springs, dampers, dry friction and limits as attributes of joints, by pair. Pairs
-        without any are missing.
+        Springs, dampers, dry friction and limits as attributes of joints, by name of the
+        pair (joint). Pairs without any are missing.
     actuator_loads
-        Loads that are actuators without control, with the attributes of the actuators.
-        Among them are only torques at a pair that are affine in its variable and rate, and
-        forces and moments on a link that are constant in the axes of the ground or of the
-        link. A force or moment acts at a site, a marked point of a body of MuJoCo. Sites
-        get their names later. Until then the attributes have the name of the load instead.
+        Other loads, each with the attributes of an actuator that has no control signal.
+        They are torques at a pair that are affine in its angle and rate, and forces and
+        moments on a link that are constant in the axes of the ground or the link. A force
+        or moment acts at a site (marked point of a body). Sites get their names later.
+        Until then the attributes contain the name of the load.
     reason_by_omitted_load
         For each load that MuJoCo cannot express, by name, the reason.
     approximations
@@ -78,7 +78,9 @@ class MujocoLoads:
 
 @dataclass
 class JointSums:
-    """Sums of the springs, dampers and dry friction at one pair.
+    """Sums of the springs, dampers and dry friction at one pair (joint).
+
+    A joint of MuJoCo can have only one of each.
 
     Attributes
     ----------
@@ -89,7 +91,8 @@ class JointSums:
     dry_friction
         Torque of dry friction (N m).
     weighted_rest
-        Sum of stiffness times rest angle (N m).
+        Sum of stiffness times rest angle (N m) over the springs. Divided by the stiffness,
+        it is the rest angle of one spring that replaces all.
     """
 
     stiffness: float = 0.0
@@ -167,9 +170,13 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
 
     The attributes of MuJoCo have these meanings:
 
-    - ``joint``: the pair at which a torque acts;
+    - ``joint``: the pair (joint) at which a torque acts;
     - ``site``: the point of a link at which a force or moment acts;
-    - ``refsite``: the site in whose axes the vector of a force or moment is given, which is
+    - ``refsite``: the site in whose axes the vector of a force or moment is stated. It is a
+    site of the ground. Without it the axes are those of ``site``;
+    - ``gear``: (6,) the vector of the force, then that of the moment. The name is MuJoCo's;
+    - ``biasprm``: three factors b. The magnitude, by which ``gear`` is multiplied, is b[0]
+    + b[1] length + b[2] rate. At a joint the length is its angle.
       a site of the ground; without it these are the axes of ``site``;
     - ``gear``: (6,) the vector of the force, then that of the moment (it is no gear);
     - ``biasprm``: factors of the magnitude biasprm[0] + biasprm[1] length + biasprm[2]
@@ -224,9 +231,9 @@ def _find_torque_factors(component: LoadComponent, pair: str) -> Floats:
     Parameters
     ----------
     component
-        The torque, a component of a load.
+        The torque as a function of variables of the mechanism.
     pair
-        The R pair at which the torque acts. Its variable is theta.
+        The R pair (hinge) at which the torque acts. Its variable is theta (rad).
 
     Returns
     -------
@@ -236,7 +243,7 @@ def _find_torque_factors(component: LoadComponent, pair: str) -> Floats:
     Raises
     ------
     EngineError
-        If the torque is another function.
+        If the torque is another function. MuJoCo cannot express it.
     """
     variable_names = (f"theta_{pair}", f"dtheta_{pair}")
     law = _require_motion_law(component, variable_names)
@@ -246,12 +253,14 @@ def _find_torque_factors(component: LoadComponent, pair: str) -> Floats:
 def _require_motion_law(
     component: LoadComponent, allowed_names: Sequence[str]
 ) -> Expression:
-    """Return the magnitude of a component of a load as an expression of allowed variables.
+    """Return the magnitude of a load as an expression that has only allowed variables.
+
+    Loads that MuJoCo cannot express are refused.
 
     Parameters
     ----------
     component
-        A component of a load.
+        One component of the load, such as a coordinate of a force.
     allowed_names
         Names of the variables and rates that the magnitude may contain.
 
@@ -261,9 +270,8 @@ def _require_motion_law(
         If the magnitude is a Python function, or depends on the time or other variables.
     """
     law = component.magnitude
-    # No magnitude is a table of torques here: `convert_loads` leaves loads with such tables
-    # out before. The table is named only to tell the type checker that `law` is an
-    # expression below.
+    # Loads with a table of torques are left out earlier (`convert_loads`). The table is
+    # named here only for the type checker.
     if isinstance(law, TorqueCallback | TorqueTable):
         raise EngineError("it is a Python function")
     if "t" in law.names:
@@ -276,7 +284,7 @@ def _require_motion_law(
 def _require_affine_factors(law: Expression, variable_names: Sequence[str]) -> Floats:
     """Return the factors of an affine function, or refuse a function that is not affine.
 
-    The parameters and the result are those of `_compute_affine_factors`.
+    Parameters and result are those of `_compute_affine_factors`.
 
     Raises
     ------
@@ -284,8 +292,8 @@ def _require_affine_factors(law: Expression, variable_names: Sequence[str]) -> F
         If the function is not affine, or a factor is not finite.
     """
     factors = None
-    # `_compute_affine_factors` raises an `EngineError` if the function has no expression or
-    # derivative, for example because it divides by zero. The user gets the message below.
+    # `_compute_affine_factors` raises an `EngineError` if, for example, the function
+    # divides by zero. Then `factors` stays None, and the error below is raised.
     with suppress(EngineError), np.errstate(all="ignore"):
         factors = _compute_affine_factors(law, variable_names)
     if factors is None or not all_finite(factors):
@@ -303,7 +311,7 @@ def _compute_affine_factors(
     Parameters
     ----------
     law
-        The function. It contains no other variables than x1, x2, ...
+        The function. Its only variables are x1, x2, ...
     variable_names
         Names of the variables x1, x2, ...
 
@@ -313,8 +321,8 @@ def _compute_affine_factors(
     is not affine.
     """
     variables = symbols(variable_names)
-    # `convert_to_graph` takes two expressions for each name: an angle, and the same angle
-    # without whole revolutions. Here they are the same.
+    # `convert_to_graph` takes two symbols for each variable: the angle, and the angle
+    # without whole revolutions. Both are the same here.
     expression_pair_by_name = {
         name: (variable, variable)
         for name, variable in zip(variable_names, variables, strict=True)

@@ -24,16 +24,16 @@ class ModelNames:
     bodies
         Names of bodies, by their links.
     twins
-        Names of second bodies of links, the twins, by pairs. The bodies of a MuJoCo model
-        are a tree, so a pair that closes a loop is no joint of the tree. If a load acts at
-        such a pair, one of its links gets a twin. The pair is then the joint of the twin,
-        and a weld between twin and link closes the loop.
+        Names of the second bodies (twins) of links, by pairs (joints). Bodies of a MuJoCo
+        model form a tree, so a pair that closes a loop is not a joint of the tree. If a
+        load acts at such a pair, one of its links gets a twin. The pair is the joint of the
+        twin, and a weld between twin and link closes the loop.
     output_sites
-        Names of sites that mark outputs, by the outputs.
+        Names of the sites (marked points) of outputs (observed links), by the outputs.
     load_sites
         Names of sites at which loads act, by the loads.
     axes_sites
-        Names of sites that give the ground axes of a load, by the loads.
+        Names of the sites whose axes are the ground axes for a load, by the loads.
     load_actuators
         Names of actuators, by the loads that they exert. Actuators of inputs have the names
         of their pairs.
@@ -71,32 +71,30 @@ def name_elements(
 ) -> ModelNames:
     """Return names for the elements of a MuJoCo model.
 
-    Elements of one kind must have different names. If a name is taken, the later element
-    gets another one. Each load gets two names of sites: its own name for the site at which
-    it acts, and ``LOAD_axes`` for a site that gives the ground axes.
+    MuJoCo requires different names for elements of one kind. If a name is taken, the later
+    element gets another one. Each load gets the names of two sites (marked points): its own
+    name for the site at which it acts, and ``LOAD_axes`` for a site with the ground axes.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     links
-        Names of its links, and of bodies that are added.
+        Names of its links, and of bodies that the model has in addition.
     twins
-        The links that have a second body, called the twin, by the pair that moves it. A
-        twin is welded to the first body of its link, which closes the loop through this
-        pair.
+        The links that have a second body (twin), by the pair (joint) that moves the twin. A
+        weld between the twin and the first body closes the loop through this pair.
     """
     outputs = [output.name for output in mechanism.outputs]
     loads = [load.name for load in mechanism.loads]
     inputs = mechanism.input_pairs
     requested_twin_names = [f"{link}_at_{pair}" for pair, link in twins.items()]
     requested_axes_names = [f"{load}_axes" for load in loads]
-    # Names of one kind are made together, as one list that is divided afterwards. No body
-    # may have the name that MuJoCo gives to its first body.
+    # Names of one kind are chosen together in one list, which is divided afterwards. MuJoCo
+    # calls its own first body `WORLD`, so that name is taken.
     body_names = unique_names([*links, *requested_twin_names], taken=[WORLD])
     site_names = unique_names([*outputs, *loads, *requested_axes_names])
-    # Inputs come first, so that their actuators keep the names of their pairs. Only names
-    # of loads may change, so only these are returned.
+    # Inputs come first, so that their actuators have the names of their pairs.
     actuator_names = unique_names([*inputs, *loads])
     output_site_names = site_names[: len(outputs)]
     load_site_names = site_names[len(outputs) : len(outputs) + len(loads)]

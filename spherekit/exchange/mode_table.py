@@ -104,33 +104,33 @@ fewer than four digits."""
 
 @dataclass(frozen=True)
 class ModeCandidate:
-    """An assembly mode of the mechanism that may be exported with explicit formulas.
+    """An assembly mode (way to assemble the mechanism) that may be exported.
 
-    The formulas are evaluated at the inputs of n known configurations. The mode is exported
-    if they give the same configurations.
+    The formulas are evaluated at the inputs of n known configurations of the mode. The mode
+    is exported if the formulas compute the same configurations.
 
-    A mode is selected in the formulas by a few numbers, its mode values. They may change at
-    inputs at which curves of configurations cross. These inputs divide the range of the
-    input into intervals. Without them there is one interval.
+    In the formulas, a few numbers select the mode: its mode values. They can change at
+    inputs at which curves of configurations cross. These crossings divide the range of the
+    input into intervals. Without crossings there is one interval.
 
     Attributes
     ----------
     mode
         The assembly mode.
     motion
-        The known configurations, which are well conditioned: n rows in the order of the
-        samples.
+        The n known configurations, in the order of the inputs. Their loops are well
+        conditioned.
     values
-        (n, variables) variables (rad) in these configurations, of the pairs that the
-        formulas have. They are those of the mechanism, or, if the formulas are written for
-        a linkage in which links replace contacts, those of the linkage.
+        (n, variables) pair variables (rad) in these configurations. If links between
+        centres of circles replace contacts in the formulas, the variables are those of the
+        linkage with these links.
     interval
-        (n,) number of the interval in which each configuration is.
+        (n,) number of the interval of each configuration.
     mode_values
-        (intervals, values) the mode values in each interval. In closed form they are the
-        signs (+1 or -1) of the dyads (two links and three R pairs), otherwise the variables
-        (rad) from which Newton's method starts. They may be NaN for an interval in which
-        the mode has no configuration.
+        (intervals, values) mode values in each interval. For formulas in closed form, they
+        are the signs (+1 or -1) of the dyads (two links and three R pairs). Otherwise they
+        are the variables (rad) from which Newton's method starts. They can be NaN for an
+        interval in which the mode has no configuration.
     """
 
     mode: AssemblyMode
@@ -140,11 +140,9 @@ class ModeCandidate:
     mode_values: Floats
 
     def find_known_input(self, interval: int) -> Floats | None:
-        """Return the inputs (inputs,) rad of one configuration in an interval, if any.
+        """Return the inputs (inputs,) rad of one configuration in an interval, or None.
 
-        Crossings of curves divide the range of the input into intervals. Mode values are
-        the numbers that select the mode in the formulas. Without a closed form, the mode
-        values of an interval are the pair variables in this configuration.
+        Newton's method starts from this configuration if the formulas have no closed form.
         """
         row = _middle_row(self.interval, interval)
         return None if row is None else self.motion.inputs[row]
@@ -310,23 +308,23 @@ def compare_modes(
 
 
 def _sample_intervals(crossing_inputs: Floats, low: float, high: float) -> Floats:
-    """Return inputs (rad) at which formulas are compared with a mechanism.
+    """Return inputs (rad) at which exported formulas are compared with the mechanism.
 
-    Crossings, where curves of configurations meet, divide the range of the input into
-    intervals. Inputs in all intervals are returned, and others close to each crossing, on
-    both sides.
+    At some inputs curves of configurations cross, and divide the range of the input into
+    intervals. The formulas can differ between intervals. The result therefore has inputs
+    within all intervals, and inputs close to each crossing on both sides.
 
     Parameters
     ----------
     crossing_inputs
-        Inputs (rad) at which curves cross, in increasing order, at least one.
+        Inputs (rad) of the crossings, in increasing order, at least one.
     low, high
-        Ends of the range (rad). Inputs outside of it are left out.
+        Ends of the range (rad). Inputs outside of the range are left out.
     """
     # gaps[k] and gaps[k + 1] are the distances of crossing k from its neighbours.
     gaps = np.diff(crossing_inputs, prepend=-np.inf, append=np.inf)
     # Distance of the inputs beside each crossing. It is at most a tenth of the gap to the
-    # next crossing, so that the inputs are in the intervals beside this one.
+    # next crossing, so these inputs stay in the two adjacent intervals.
     distance = np.minimum(
         BESIDE_CROSSING_RAD, MAX_BESIDE_RATIO * np.minimum(gaps[:-1], gaps[1:])
     )
@@ -551,15 +549,18 @@ def _select_well_conditioned_rows(
 
 
 def _spread_well_conditioned(sensitivity: Floats, rows: Indices, count: int) -> Indices:
-    """Return up to `count` rows, spread evenly over the better conditioned half of rows.
+    """Choose rows (configurations), spread evenly over the better conditioned half of rows.
+
+    Variables of well conditioned configurations are exact enough to test formulas with
+    them.
 
     Parameters
     ----------
     sensitivity
-        (n,) sensitivity of all configurations of a motion: how much errors of the loops are
-        magnified in the variables.
+        (n,) sensitivity of all n configurations of a motion: the factor by which errors of
+        the loops are magnified in the variables.
     rows
-        The rows among which to choose.
+        Indices of the configurations among which to choose.
     count
         Largest number of rows to return.
     """
@@ -584,15 +585,16 @@ def _find_accurate_rows(sampled_motion: Motion, mode: AssemblyMode) -> Indices:
 
 
 def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
-    """Return the sign of each dyad of an equivalent linkage in one assembly mode.
+    """Return the sign of each dyad (two links and three R pairs) in one assembly mode.
 
-    In the equivalent linkage, links between the centres of circles replace contacts. The
-    sign of a dyad is the sign of the triple product of its three axes.
+    A dyad can be assembled in two ways. Its sign, that of the triple product of its three
+    axes, tells which one. The formulas belong to an equivalent linkage, in which links
+    between the centres of circles replace contacts.
 
     Parameters
     ----------
     terms
-        The terms of the formulas. They belong to the equivalent linkage.
+        The terms of the formulas, for the equivalent linkage.
     values
         (n, variables) variables (rad) of the equivalent linkage in n configurations of the
         mode.
@@ -617,8 +619,8 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     for group in terms.structure.assembly.groups:
         axes = vectors[:, [mechanism.variables_of(pair)[0] for pair in group.pairs]]
         triple_products = np.linalg.det(axes)  # (n,)
-        # The value of the largest magnitude is farthest from a dead centre of the dyad, so
-        # its sign is the most reliable.
+        # At a dead centre the triple product is zero. The largest one is farthest from it,
+        # so its sign is the most reliable.
         largest = triple_products[np.argmax(np.abs(triple_products))]
         reliable = triple_products[np.abs(triple_products) > MIN_TRIPLE_PRODUCT]
         if np.any(reliable * largest < 0.0):

@@ -29,17 +29,19 @@ UNNAMED_MODELS = ("", "MuJoCo Model")
 
 
 class ObservedLink(NamedTuple):
-    """A body whose orientation a sensor of the model reads. It becomes an output.
+    """A body of a MuJoCo model whose orientation a sensor reads.
+
+    The body becomes an output (observed link) of the imported mechanism.
 
     Attributes
     ----------
     name
         Name of the sensor.
     body, reference
-        Numbers of the body, and of the body relative to which the sensor reads it.
+        Number of the body, and of the body relative to which the sensor reads it.
     point
-        (3,) a point of the body (m, world axes). The output then also has a direction, from
-        the centre of the sphere to this point. None if the output has no direction.
+        (3,) a point of the body (m, world axes), or None. The direction from the centre of
+        the sphere to this point becomes the direction of the output.
     """
 
     name: str
@@ -207,8 +209,8 @@ class ForeignModel:
     def _check_joints(self) -> None:
         """Raise `FileError` unless all joints are hinges with names, and there are some.
 
-        Ball joints of the file have been replaced by three hinges each before, so they are
-        allowed in the file.
+        Each ball joint of the file has already been replaced by three hinges, so ball
+        joints are allowed.
         """
         other_joints: list[str] = []
         for joint, joint_type in enumerate(self.mj_model.jnt_type):
@@ -298,13 +300,15 @@ class ForeignModel:
     def _read_equality(self, equality: int) -> None:
         """Store the meaning of an equality constraint: lock, coupling, weld or loop.
 
-        A constraint of one joint locks it. A constraint of two joints, or of tendons,
-        couples their rates. A weld or a common point of two bodies closes a loop.
+        A constraint of one joint locks it. A constraint of two joints, or of tendons (sums
+        of joint angles), couples their rates. A weld joins two bodies rigidly, and a common
+        point of two bodies closes a loop. Constraints of other kinds are left out with a
+        note.
 
         Parameters
         ----------
         equality
-            Number of the constraint. Constraints of other kinds are left out with a note.
+            Number of the constraint in the model.
         """
         mj_model = self.mj_model
         kinds = self.mujoco.mjtEq
@@ -317,6 +321,7 @@ class ForeignModel:
         elif kind in (kinds.mjEQ_JOINT, kinds.mjEQ_TENDON):
             named_element = element
             if kind == kinds.mjEQ_TENDON and not element.name:
+                # A constraint without a name is called after its tendon.
                 named_element = mj_model.tendon(first_object)
             name = element_name(named_element, "equality", equality)
             self.couplings.append(Coupling(name, self._find_factors(equality, name)))
@@ -326,18 +331,18 @@ class ForeignModel:
             self.notes.append(f"{element_name(element, 'equality', equality)} left out")
 
     def _read_loop(self, equality: int, is_weld: bool) -> None:
-        """Store the bodies of a weld, or the points at which two bodies are held together.
+        """Store a weld of two bodies, or a common point that closes a loop.
 
         The point is computed in world axes in the present pose, in which loops are closed.
-        The file can be a URDF, which MuJoCo reads, too. Its loop joints have been converted
-        to constraints of MuJoCo, and `_loop_axes` has their axes by name.
+        MuJoCo also reads URDF files. Their loop joints have become constraints of MuJoCo,
+        and `_loop_axes` has the axes of these joints by name.
 
         Parameters
         ----------
         equality
             Number of the constraint.
         is_weld
-            Whether it is a weld. Otherwise one point of two bodies coincides.
+            Whether the constraint is a weld. Otherwise one point of both bodies coincides.
         """
         mj_model = self.mj_model
         mj_data = self.mj_data
@@ -365,9 +370,9 @@ class ForeignModel:
             self.loop_points.append(LoopPoint(name, bodies, second_point))
 
     def _find_observed_links(self) -> list[ObservedLink]:
-        """Return the bodies whose orientation a sensor reads relative to another body.
+        """Return the bodies whose orientation relative to another body is read by a sensor.
 
-        Each of them becomes an output of the mechanism.
+        Each of them becomes an output (observed link) of the mechanism.
         """
         mj_model = self.mj_model
         body_type = int(self.mujoco.mjtObj.mjOBJ_BODY)
@@ -384,7 +389,8 @@ class ForeignModel:
             name = element_name(mj_model.sensor(sensor), "output", sensor)
             body = int(mj_model.sensor_objid[sensor])
             reference = int(mj_model.sensor_refid[sensor])
-            # An exported output with a direction has a site of its name on the link.
+            # In models that spherekit exported, an output with a direction has a site
+            # (marked point) of its name on the link.
             sites = [
                 site
                 for site in range(mj_model.nsite)
@@ -397,8 +403,10 @@ class ForeignModel:
     def _find_factors(self, equality: int, name: str) -> Mapping[int, float]:
         """Return the factors of joint rates in the equation of an equality constraint.
 
-        The constraint first object = ratio * second object + constant (joints or tendons)
-        has the rate equation: first rate - ratio * second rate = 0.
+        The constraint says: first object = ratio * second object + constant. The objects
+        are joints or tendons (sums of joint angles with factors). In rates: first rate -
+        ratio * second rate = 0. The result has the factor of each joint rate in this
+        equation.
 
         Parameters
         ----------
@@ -414,12 +422,12 @@ class ForeignModel:
         Raises
         ------
         FileError
-            If the ratio is not constant, or a tendon runs through space. Users are advised
-            to delete the constraint in a copy of the file.
+            If the ratio is not constant, or a tendon runs through space.
         """
         mj_model = self.mj_model
-        # The data of the constraint are the coefficients of a polynomial: first object =
-        # data[0] + data[1] second object + data[2] its square + ...
+        # The constraint has the coefficients of a polynomial in the second object x:
+        # data[0] + data[1] x + data[2] x^2 + ... The ratio is constant if only the first
+        # two are used.
         polynomial = mj_model.eq_data[equality]
         if np.any(polynomial[2:5]):
             raise FileError(

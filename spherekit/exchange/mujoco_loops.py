@@ -49,9 +49,12 @@ NOTED_ROTATION_RAD = 1e-9
 def close_loops(
     mujoco: Any, model: Any, data: Any, driven_joints: Collection[int], path: Path
 ) -> list[str]:
-    """Close all loops of a model by rotations of its joints.
+    """Close all loops of a MuJoCo model by rotations of its joints.
 
-    The driven joints keep their angles if that is possible.
+    MuJoCo closes loops only by forces, so loops can be open in the pose of a file.
+
+    First only the other joints move, so that driven joints (inputs) keep their angles. If
+    that fails, all joints move.
 
     Parameters
     ----------
@@ -96,18 +99,19 @@ def close_loops(
 
 
 def _measure_gaps(mujoco: Any, model: Any, data: Any) -> tuple[Bools, Floats]:
-    """Evaluate the equality constraints of a model in the present pose.
+    """Measure how far loops of a MuJoCo model are open in the present pose.
 
-    They hold two bodies together, and so close loops, or they couple or lock joints. Other
-    constraints, such as limits of joints, are inequalities. `data` is updated: after the
-    call it has the constraints of this pose.
+    Equality constraints join two bodies and so close loops, or they couple or lock joints.
+    Other constraints, such as limits of joints, are inequalities. The call updates `data`
+    to the constraints of this pose.
 
     Returns
     -------
     is_equality_row
-        (constraints,) whether a scalar constraint of MuJoCo belongs to an equality.
+        (constraints,) whether a scalar constraint of MuJoCo is a part of an equality
+        constraint.
     gaps
-        The gap (m or rad) of each scalar constraint that does.
+        (equalities,) the gap (m or rad) of each of these scalar constraints.
     """
     mujoco.mj_forward(model, data)
     is_equality_row = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
@@ -117,8 +121,9 @@ def _measure_gaps(mujoco: Any, model: Any, data: Any) -> tuple[Bools, Floats]:
 def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> bool:
     """Close the loops by Newton's method with some of the joints.
 
-    Each step solves J dq = gaps for the least dq, with the Jacobian J of the gaps, and
-    subtracts dq from the joint angles. Large steps are shortened.
+    Each step solves J dq = gaps for the least dq, and subtracts dq from the joint angles. J
+    is the matrix of derivatives of the gaps by the joint angles. Large steps are shortened,
+    because Newton's method can diverge far from a solution.
 
     Parameters
     ----------
@@ -143,7 +148,8 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
             return True
         previous_gap = gap
         jacobian = data.efc_J.reshape(data.nefc, model.nv)[is_equality_row][:, joints]
-        # Loops about one point have dependent constraints, so the least change is taken.
+        # Loops about one centre have more equations than they need, so J is singular.
+        # `lstsq` then finds the least change.
         step = np.linalg.lstsq(jacobian, gaps, rcond=LOOP_SINGULAR_VALUE)[0]
         scale = MAX_JOINT_STEP_RAD / max(max_abs(step), MAX_JOINT_STEP_RAD)  # at most 1
         data.qpos[joints] -= step * scale

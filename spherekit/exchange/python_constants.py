@@ -21,9 +21,10 @@ KNOWN_INPUTS_TEXT = ", and inputs at which it has them"
 def write_constants(source: FormulaSource, library: str) -> str:
     """Return the text of the first lines of an exported Python file.
 
-    The file computes quantities of a mechanism by formulas. Its first lines import a
-    library and define four constants: the names of the arguments that describe the motion,
-    the sizes with their values, the names of the results, and for each assembly mode the
+    The exported file computes quantities of a mechanism by formulas. Its first lines import
+    a library and define four constants: the names of the arguments that describe the
+    motion, the sizes (numbers of the mechanism that can change) with their values, the
+    names of the results, and for each assembly mode (way to assemble the mechanism) the
     values that select it.
 
     Parameters

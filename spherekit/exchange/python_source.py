@@ -111,14 +111,16 @@ def write_python(source: FormulaSource) -> str:
 def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     """Return the Python text of one function of an exported file.
 
-    The written function takes three arrays, whose further axes are samples: the motion (as
-    the constant MOTION in the file lists it), the values that select the assembly mode, and
-    the sizes (by default those of the constant SIZES). It returns the results that the
-    constant RESULTS lists. A step of Newton's method, which has a closure residual, returns
-    the variables after the step and this residual.
+    The written function takes three arrays. Their first axis is described here, and further
+    axes are samples: the motion (inputs and rates, as the constant MOTION in the file lists
+    them), the values that select the assembly mode (way to assemble the mechanism), and the
+    sizes of links (by default those of the constant SIZES). It returns the results in the
+    order of the constant RESULTS.
     """
     returned = "the RESULTS (results, ...)"
     residual = ""
+    # A function that makes one step of Newton's method returns the pair variables after the
+    # step, and the closure residual: how far loops were open before it.
     if function.closure_residual:
         returned = "variables after a step of Newton's method, and how far loops were open"
         residual = f", {function.closure_residual}"
@@ -136,10 +138,11 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
 def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     """Yield the Python text of the function that selects an assembly mode at an input.
 
-    An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
-    values. A mode that follows a smooth curve of configurations through a crossing with
-    another curve has other mode values beyond it. The written function therefore has a
-    table of mode values (``places``), by interval of the input q and mode::
+    An assembly mode (way to assemble the mechanism) is selected by a few numbers, the mode
+    values. A mode can follow a smooth curve of configurations through a crossing with
+    another curve. Beyond the crossing its mode values are different. The written function
+    therefore has a table of mode values (``places``) by interval of the input q and by
+    mode::
 
         def fourbar_smooth_mode(number, q):
             starts = np.array([-np.inf, 3.14])  # of the intervals
@@ -150,9 +153,9 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
             mode_there = np.moveaxis(places[interval, mode], -1, 0)
             return np.where(np.isnan(q), np.nan, mode_there)
 
-    Without closed form, the mode values are the pair variables of a known configuration,
-    and the written function also returns the input of this configuration. Nothing is
-    yielded if modes do not follow smooth curves.
+    If the formulas have no closed form, the mode values are the pair variables of a known
+    configuration. The written function then also returns the input of this configuration.
+    Nothing is yielded if modes do not follow smooth curves.
     """
     if source.smooth_modes is None:
         return

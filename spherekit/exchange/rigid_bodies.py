@@ -46,21 +46,20 @@ These move with it, so it may be much lighter. Larger: the motion lags by as muc
 
 
 class Hinge(NamedTuple):
-    """An R pair between two bodies, in ground axes.
+    """A joint that turns about one axis (an R pair of the mechanism) between two bodies.
 
     Attributes
     ----------
     pair
-        Name of the pair.
+        Name of the R pair.
     parent, child
-        Names of the two bodies. The bodies of a model are a tree: each body but the ground
-        is placed by the hinge to its parent. A hinge that closes a loop places no body. It
-        is a constraint, by which the end of the vector `axis` is the same point of both
-        bodies.
+        Names of the two bodies. Bodies form a tree, in which a hinge to the parent places
+        each body but the ground. A hinge that closes a loop is not in the tree. It is a
+        constraint: the end of the vector `axis` is the same point of both bodies.
     axis
-        (3,) unit vector about which a positive variable turns the child.
+        (3,) unit vector in ground axes. A positive variable turns the child about it.
     value
-        Variable (rad) of the pair in the given configuration.
+        Variable (rad) of the pair in the exported configuration.
     """
 
     pair: str
@@ -84,33 +83,36 @@ class Branch(NamedTuple):
 class RigidBodies(NamedTuple):
     """A mechanism in one configuration, as bodies on the hinges of a tree.
 
-    General engines move such bodies, and close loops by constraints. Vectors have
-    components in ground axes. The origin of each body is the centre O of the sphere.
+    Programs for multibody dynamics (engines) move bodies on a tree of hinges, and close
+    loops by constraints. Vectors have components in ground axes. The origin of each body is
+    the centre O of the sphere.
 
     Attributes
     ----------
     mechanism
         The mechanism.
     hinges
-        Hinges of the tree, depth first, so that each subtree is in one piece. Pinocchio
-        assumes this order. After them come hinges of couplers. A coupler is a body that
-        replaces the contact of two circles that slide on each other, because their centres
-        keep their distance. A hinge at the first centre joins the coupler to the first
+        First the hinges of the tree, depth first, so that each subtree is in one piece, as
+        Pinocchio assumes. Then the hinges of couplers. A coupler is a body that replaces
+        the contact of two circles that slide on each other, because their centres have a
+        constant distance. Its hinge at the centre of the first circle joins it to the first
         link.
     bodies
-        Body k is the child of hinge k. A coupler has ground axes as its own.
+        Inertia of the bodies. Body k is the child of hinge k. The own axes of a coupler are
+        the ground axes.
     loop_hinges
-        The pairs that close loops, and the hinge of each coupler at the second centre.
+        The R pairs that close loops, and the second hinge of each coupler, at the centre of
+        the second circle.
     gear_equations
         The equation of each rolling contact, by the name of the contact. It is a mapping
         from R pairs to factors: the sum of factors times rates of these pairs is zero.
     rotations
         (links, 3, 3) rotations from link axes to ground axes.
     has_made_up_masses
-        Whether the mechanism has no masses and its links were given some.
+        Whether the mechanism file has no masses, so that the export invented some.
     light_ends
-        Links without mass at the ends of the tree: no link with mass comes after them. They
-        were given more inertia than other links without mass, because engines close a loop
+        Links without mass at the ends of the tree, beyond which there is no link with mass.
+        They get more inertia than other links without mass, because engines close a loop
         less exactly at a light body.
     """
 
@@ -237,16 +239,15 @@ def _find_light_ends(
 ) -> list[str]:
     """Return the links without mass that carry no link with mass in the tree.
 
-    Engines move no body without mass, so such links are given a little inertia. This is
-    enough for a link that carries links with mass, because it moves with them. A link that
-    carries no mass needs more inertia (`LIGHT_END_RATIO`), because engines follow a load on
-    a light body less exactly. All links of a chain without mass are returned, not only the
-    last one.
+    Dynamics programs (engines) need a mass in each body, so links without mass get a little
+    inertia. This is enough for a link that carries links with mass in the tree. A link that
+    carries none needs more (`LIGHT_END_RATIO`), because engines follow a load on a light
+    body less exactly. If a whole chain has no mass, all its links are returned.
 
     Parameters
     ----------
     branches
-        The tree of links, depth first.
+        The tree of links, depth first. Each branch has a parent and a child link.
     massless_links
         Names of the links without mass.
     """
@@ -276,8 +277,9 @@ def _find_gear_equation(
     """Return the equation of a rolling contact between the rates of R pairs.
 
     Two circles that roll on each other have a constant ratio if both turn on one link (the
-    carrier), each on an R pair through its centre. The equation is only between R pairs of
-    the spanning tree, which joins all links to the ground without a loop.
+    carrier), each on an R pair (hinge) through its centre. The equation contains only R
+    pairs of the spanning tree, a choice of pairs that joins all links to the ground without
+    a loop.
 
     Parameters
     ----------
@@ -296,8 +298,8 @@ def _find_gear_equation(
     Raises
     ------
     ModelError
-        If the ratio is not constant: no link carries both circles, or a profile is no
-        circle. The model cannot have such a pair. Users can leave it out of the file.
+        If the ratio is not constant: no link carries both circles, or a profile is not a
+        circle. The model cannot have such a pair.
     """
     pair = mechanism.pairs[contact]
     carried_contact = find_carried_contact(mechanism, joints, contact, pairs=tree_pairs)
@@ -321,15 +323,15 @@ def _find_gear_equation(
 
 
 def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[Branch]:
-    """Return a spanning tree of R pairs from the ground, depth first.
+    """Return a tree of R pairs (hinges) that joins all links to the ground, depth first.
 
-    A spanning tree joins all links without a loop. All other R pairs close loops.
+    Dynamics programs place the bodies by this spanning tree. All other R pairs close loops.
 
     Parameters
     ----------
     preferred_pairs
-        Names of pairs, the most important first. Each pair that closes no loop with the
-        pairs before it belongs to the tree.
+        Names of pairs, the most important first. Each of them belongs to the tree unless it
+        closes a loop with the pairs before it.
 
     Raises
     ------
@@ -349,8 +351,8 @@ def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[B
             f"{mechanism.name}: link {unreached_links} is connected by contacts only, but "
             "bodies on hinges need a chain of R pairs from the ground to every link"
         )
-    # Take pairs in the order of preference. A pair closes a loop if the pairs before it
-    # join its links already, which are then in one component of the graph.
+    # Take the preferred pairs first, then the others. Two links with the same component
+    # label are already joined, so a pair between them would close a loop.
     candidates = [mechanism.pair_number[name] for name in preferred_pairs]
     candidates += [pair for pair, _, _ in default_tree]
     tree_pairs: list[int] = []

@@ -56,7 +56,9 @@ def write_series(
 
 @dataclass(frozen=True)
 class SmoothModeTexts:
-    """Source code of a table from which a function reads the mode values at an input.
+    """Pieces of source code for a generated function that selects an assembly mode.
+
+    The function reads the mode values at an input from a table, which these pieces define.
 
     Mode values are arguments of the formulas. They select the assembly mode (way to
     assemble the mechanism):
@@ -66,9 +68,9 @@ class SmoothModeTexts:
     - Other formulas are steps of Newton's method. They need a start, which is a known
       configuration of the mode: the variables (rad) of all pairs.
 
-    A mode can follow a smooth curve of configurations through crossings with other modes,
-    where its signs change. The table therefore divides the range of the input into
-    intervals, in each of which a mode has one set of mode values.
+    A mode can follow a smooth curve of configurations through crossings with other modes.
+    Its mode values change there. The table therefore divides the range of the input into
+    intervals, and has one set of mode values for each interval and mode.
 
     Attributes
     ----------
@@ -95,6 +97,9 @@ def smooth_mode_texts(
 ) -> SmoothModeTexts:
     """Return the table of mode values by intervals of the input, as source code.
 
+    Mode values are numbers that select an assembly mode (way to assemble the mechanism) in
+    the formulas. Where curves of configurations cross, a mode gets other mode values.
+
     Parameters
     ----------
     source
@@ -102,8 +107,8 @@ def smooth_mode_texts(
     nan_literal, infinity_literal
         NaN and infinity in the language.
     moved_template
-        Template of the lines that move an input outside of the range by whole periods. They
-        are only written if configurations repeat after a period of the input.
+        Template of the lines that move an input from outside of the range into it, by whole
+        periods. They are written only if configurations repeat after a period of the input.
     """
     smooth_modes = source.smooth_modes
     assert smooth_modes is not None

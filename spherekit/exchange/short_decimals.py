@@ -23,7 +23,7 @@ def round_to_short_decimal(
 ) -> float:
     """Return the number with the fewest digits that equals a number up to rounding errors.
 
-    For example 29.999999999999996 becomes 30.0.
+    For example 29.999999999999996 becomes 30.0. Such numbers come from computed poses.
 
     Parameters
     ----------

@@ -60,20 +60,20 @@ KINEMATIC_UNITS = ("rad", "", "1/rad")
 def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
     """Check that no constant in explicit formulas would have to change with a size.
 
-    A size is a number of the mechanism file that is an argument of the formulas. There are
-    two kinds that the formulas can have as arguments:
+    A size is a number of the mechanism file that the user has chosen as an argument of the
+    exported formulas. The formulas can have two kinds of sizes as arguments:
 
     - an arc, an angle, an axis of a pair or a direction of an output,
     - a number of a mass or load.
 
-    All other numbers are constants in the formulas, so such a size is refused. Examples are
-    the numbers of contact profiles and the two points by which a file may state the axis of
-    a pair. Contact profiles may also depend on an arc or an angle, which is then refused
-    too. The message for the user names all refused sizes.
+    All other numbers are constants in the formulas, so sizes of other kinds are refused.
+    Examples are the numbers of contact profiles (curves), and the two points by which a
+    file may state the axis of a pair (joint). If a contact profile depends on an arc or an
+    angle, this size is refused too. The message for the user names all refused sizes.
 
-    An exception is a mechanism whose contacts of circles are all replaced by links between
-    the centres (`varied.equivalent_linkage`). The formulas then contain the sizes of these
-    links, which are functions of all numbers of the file, so no size is refused.
+    In one case no size is refused: all contacts are between circles, and links between the
+    centres replace them (`varied.equivalent_linkage`). The formulas then compute the sizes
+    of these links from all numbers of the file.
 
     Parameters
     ----------
@@ -130,9 +130,9 @@ def _profile_numbers_after_change(
 ) -> Floats | None:
     """Return the numbers of all contact profiles after one number of the file is changed.
 
-    Compared with the numbers before, they show whether the profiles depend on this number.
-    Several changes are tried, because some numbers must be whole and some changes are not
-    possible. The result is None if no changed file gives a mechanism.
+    A comparison with the numbers before shows whether the profiles (curves in contact)
+    depend on this number. Several changes are tried, because some numbers must be whole and
+    some changes are impossible. The result is None if no change gives a valid mechanism.
 
     Parameters
     ----------
@@ -141,8 +141,8 @@ def _profile_numbers_after_change(
     variable
         The number that is changed.
     """
-    # Steps are relative to the number, or to 1 if it is zero. Steps of 1 are for numbers
-    # that must be whole, such as numbers of teeth.
+    # Steps are relative to the number. If it is zero, they are relative to 1. Steps of 1
+    # are for numbers that must be whole, such as numbers of teeth.
     size = abs(variable.value) or 1.0
     for step in (RELATIVE_STEP * size, -RELATIVE_STEP * size, 1.0, -1.0):
         try:
@@ -156,13 +156,13 @@ def _profile_numbers_after_change(
 
 
 def check_arguments(formula_sets: Iterable[Formulas]) -> None:
-    """Check that each size changes at least one result.
+    """Check that each size changes at least one result of exported formulas.
 
     Parameters
     ----------
     formula_sets
-        One or more formulas with the same sizes. A size has to change a result of at least
-        one of them.
+        One or more sets of formulas with the same sizes (numbers of the mechanism file that
+        are arguments). A size has to change a result of at least one set.
 
     Raises
     ------
@@ -194,16 +194,17 @@ def idle_arguments(formula_sets: Iterable[Formulas]) -> Names:
 def _idle_arguments(formulas: Formulas) -> list[str]:
     """Return the file keys of the sizes that change no result of these formulas.
 
-    Each size in turn is changed by `RELATIVE_STEP` in one configuration of each assembly
-    mode (way to assemble the mechanism).
+    A size is a number of the mechanism file that is an argument of the formulas. Each size
+    in turn is changed by `RELATIVE_STEP` in one configuration of each assembly mode (way to
+    assemble the mechanism).
 
-    Formulas without a closed form take the pair variables as arguments, and contain a step
-    of Newton's method that computes them. A size that changes only this step is not idle,
-    so the variables after the step count as results too.
+    Formulas without a closed form contain a step of Newton's method that computes the pair
+    variables. A size that changes only this step is in use too. The variables after the
+    step therefore count as results.
     """
     if not formulas.sizes:
         return []
-    # `step` is empty in closed form.
+    # `step` has the variables after a step of Newton's method. It is empty in closed form.
     evaluate = formulas.numpy_function([*formulas.outputs, *formulas.step])
     motion = _choose_motion(formulas)
     mode_values = _stack_mode_values(formulas)
@@ -221,15 +222,13 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
 
 
 def _choose_motion(formulas: Formulas) -> Floats:
-    """Return arguments of formulas for one configuration of each assembly mode.
+    """Return values of the arguments for one configuration of each assembly mode.
 
-    The configuration of a mode is the one at known inputs (`Mode.at`). Rates, accelerations
-    and other arguments get arbitrary different values that are not zero, so that results
-    that depend on motion are not all zero.
+    The configuration of a mode (way to assemble the mechanism) is at the inputs `Mode.at`.
+    All other arguments, such as rates and accelerations, get arbitrary values that are not
+    zero. Results that depend on them are then not all zero.
 
-    Returns
-    -------
-    (arguments, modes) the argument `motion` of the formulas: the inputs come first.
+    (arguments, modes) the array `motion` that the formulas take. The inputs come first.
     """
     arbitrary_values = 0.3 + 0.1 * np.arange(len(formulas.motion))
     motion = np.tile(arbitrary_values, (len(formulas.modes), 1)).T
@@ -252,27 +251,29 @@ def _compute_least_effects(
 ) -> Floats:
     """Return the smallest change of each result that cannot be rounding.
 
-    The rounding error is estimated twice: relative to the size of the result, and from its
-    noise. The larger estimate counts.
+    A changed size has an effect only if a result changes by more. The rounding error is
+    estimated twice: relative to the size of the result, and from its noise. The larger
+    estimate counts.
 
     Parameters
     ----------
     formulas
         The formulas.
     values_before
-        (r, modes) their results, followed by the variables after the step of Newton's
-        method, if there is one.
+        (r, modes) values of the r results in one configuration of each assembly mode. If
+        there is a step of Newton's method, the variables after it follow as further
+        results.
     noise
-        (r,) largest change of each result by rounding of the arguments.
+        (r,) largest change of each result when the last digits of the arguments change.
 
     Returns
     -------
     (r,) smallest change that counts as an effect, in the unit of the result.
     """
     units = [*formulas.results.values(), *("" for _ in formulas.step)]
-    # A result that is zero in all modes, up to rounding, has no size of its own. Angles and
-    # velocity coefficients have a smallest one, so that their rounding errors do not count
-    # as changes.
+    # A result that is zero up to rounding has no scale of its own. For angles and velocity
+    # coefficients a smallest scale is known, so that rounding errors do not count as
+    # effects.
     is_kinematic = [unit in KINEMATIC_UNITS for unit in units]
     min_scale = np.where(is_kinematic, MIN_KINEMATIC_SCALE, 0.0)
     largest_value = np.max(np.abs(np.nan_to_num(values_before)), axis=1)
@@ -286,8 +287,9 @@ def _has_effect(values_before: Floats, values_after: Floats, least_effect: Float
     Parameters
     ----------
     values_before, values_after
-        (r, modes) the results before and after the change of a size. A result that is NaN
-        only before or only after has changed; one that is NaN both times has not.
+        (r, modes) the r results in one configuration of each assembly mode, before and
+        after a size changed. A result that is NaN only once has changed. A result that is
+        NaN both times has not.
     least_effect
         (r,) the smallest change of each result that is no rounding error.
     """
@@ -301,10 +303,10 @@ def _has_effect(values_before: Floats, values_after: Floats, least_effect: Float
 def _estimate_noise(
     evaluate: FormulaFunction, arguments: tuple[Floats, Floats, Floats]
 ) -> Floats:
-    """Return by how much rounding changes each result of formulas.
+    """Estimate by how much rounding errors change each result of formulas.
 
-    All arguments are changed in their last digits. The changes are pseudorandom and the
-    same in each call.
+    The last digits of all arguments are changed at random several times. The random numbers
+    are the same in each call.
 
     Parameters
     ----------

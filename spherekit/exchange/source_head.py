@@ -31,12 +31,12 @@ def head_comment(source: FormulaSource) -> str:
 
 
 def _head_lines(source: FormulaSource) -> Iterator[str]:
-    """Yield the lines of the head of a source, without the marks of a comment.
+    """Yield the lines of the comment at the head of an exported source file.
 
-    They give the title, how positions are computed, what each element of the arguments and
-    results is, and the assembly modes (ways to assemble the mechanism). The last sentences
-    say at how many inputs the formulas were compared with the mechanism, and how well they
-    agree.
+    The marks of a comment (such as //) are added later. The lines state the title, how
+    positions are computed, the elements of the arguments and results, and the assembly
+    modes (ways to assemble the mechanism). The last sentences tell how well the formulas
+    agree with the mechanism.
     """
     formulas = source.formulas
     mechanism = formulas.mechanism
@@ -58,7 +58,7 @@ def _head_lines(source: FormulaSource) -> Iterator[str]:
     for reason, names in formulas.mode_table.left_out_by_reason().items():
         text = f"  not written: {', '.join(names)}: {reason}"
         yield from wrap(text, LINE_WIDTH, subsequent_indent="    ")
-    # The number of inputs at which the formulas were compared.
+    # Zero if the formulas were not compared with the mechanism.
     if formulas.mode_table.compared:
         yield from wrap(_comparison_sentences(source), LINE_WIDTH)
 
@@ -66,10 +66,11 @@ def _head_lines(source: FormulaSource) -> Iterator[str]:
 def _argument_lines(source: FormulaSource) -> Iterator[str]:
     """Yield a list of the elements of each argument and of the result, with units.
 
-    The arguments are arrays: the motion (inputs, rates, ...), the numbers that select the
-    assembly mode (called mode values), and the sizes (numbers of the mechanism file). In
-    closed form the mode values are the signs of the dyads (two links and three R pairs).
-    Otherwise they are the pair variables from which Newton's method starts.
+    The lines are a part of the comment at the head of an exported source file. The
+    arguments are arrays: the motion (inputs, rates, ...), the mode values, and the sizes
+    (numbers of the mechanism file). Mode values select the assembly mode (way to assemble
+    the mechanism). In closed form they are the signs of the dyads (two links and three R
+    pairs). Otherwise they are the pair variables from which Newton's method starts.
     """
     formulas = source.formulas
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
@@ -102,15 +103,16 @@ def _sign_note(formulas: Formulas, middle_pair: str) -> str:
 
 
 def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[str]:
-    """Yield the lines on an assembly mode: its number, name, mode values and inputs.
+    """Yield the lines on an assembly mode, for the head of an exported source file.
 
-    Mode values are the numbers that the source takes to select the mode: the signs of its
-    dyads, or the pair variables (rad) from which Newton's method starts. The inputs are
-    those of one configuration with these values.
+    The lines state its number, name, mode values and inputs. Mode values are the numbers
+    that select the mode (way to assemble the mechanism). They are the signs of its dyads
+    (two links and three R pairs), or the pair variables (rad) from which Newton's method
+    starts. The inputs are those of one configuration with these values.
 
-    The curves of two modes can cross at some input. If a mode shall continue on its smooth
-    curve there (`source.smooth_modes`), its mode values change at this input. A further
-    line is then added for each part of the input's range in which they are constant.
+    Curves of configurations of two modes can cross at some input. If the source follows
+    smooth curves (`source.smooth_modes`), the mode values change there. A further line is
+    then added for each part of the range of the input with constant mode values.
 
     Parameters
     ----------
@@ -143,13 +145,13 @@ def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[st
 def _method_sentences(source: FormulaSource) -> str:
     """Return the sentences on how positions are computed, for the head of a source.
 
-    Positions are computed by steps of Newton's method, or in closed form. In closed form,
-    an assembly mode is selected by the signs of its dyads (two links and three R pairs). A
-    sign tells on which side of the dyad its middle pair is.
+    Positions are computed in closed form, or by steps of Newton's method. In closed form,
+    the signs of the dyads (two links and three R pairs) select an assembly mode (way to
+    assemble the mechanism). A sign tells on which side of the dyad its middle pair is.
 
-    Where the three pairs of a dyad are in line, the mechanism may continue on either side.
-    If modes keep their signs for all inputs, a sentence warns of this. If they follow
-    smooth curves, along which signs can change, `_smooth_mode_sentences` explains it.
+    Where the three axes of a dyad are in one plane, the mechanism can continue on either
+    side. A sentence warns of this if modes keep their signs for all inputs. Modes that
+    follow smooth curves change signs there, as `_smooth_mode_sentences` explains.
     """
     # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     # The function of the step returns the closure residual, by how much loops are open.
@@ -188,7 +190,7 @@ def _smooth_mode_sentences(source: FormulaSource) -> str:
       Newton's method could change to the other curve.
 
     If configurations repeat after a period of the input, an input outside of the range is
-    moved by whole periods. If the range is shorter than a period, it may still be outside.
+    moved by whole periods. It can still be outside if the range is shorter than a period.
     """
     smooth_modes = source.smooth_modes
     assert smooth_modes is not None

@@ -28,8 +28,8 @@ class Language:
         An assignment of the value {1} to the new name {0}.
     table_format
         A call of a function that evaluates table {k}, and assigns the result to an array. A
-        table has several functions of one argument, stored as Chebyshev series. The other
-        fields are:
+        table consists of several functions of one argument, stored as Chebyshev series. The
+        other fields are:
 
         - {name}: name of the mechanism in the source code, a part of the function's name,
         - {argument}: the expression of the argument,
@@ -64,14 +64,17 @@ class Language:
 
 
 def operation_formats(prefix: str, differing: Mapping[str, str]) -> dict[str, str]:
-    """Return the formats of all operations in a language.
+    """Return the formats of all operations in a programming language.
+
+    A format is a template of `str.format`, such as ``{0} + {1}`` for a sum.
 
     Parameters
     ----------
     prefix
-        Text before the names of functions, such as ``Math.``.
+        Text before the names of functions, such as ``Math.`` in JavaScript.
     differing
-        Formats of operations that are not written in the usual way.
+        Formats of operations that the language does not write in the usual way. They
+        replace the usual formats.
     """
     formats = {operator: f"{{0}} {operator} {{1}}" for operator in "+-*/"}
     formats |= {name: f"{prefix}{name}({{0}})" for name in UNARY_FUNCTIONS}

@@ -28,14 +28,13 @@ class SourceFunction(NamedTuple):
     name
         Name of the function.
     lines
-        The statements. First, functions that are stored as Chebyshev series (such as the
-        coordinates of a contact profile) are evaluated by calls. Then one assignment
-        follows for each operation.
+        The statements. Calls come first that evaluate stored Chebyshev series, such as the
+        coordinates of a contact profile. Then follows one assignment for each operation.
     results
         The values that it returns: names or numbers.
     closure_residual
-        Name of the closure residual (how far loops are open) if the function is a step of
-        Newton's method, otherwise empty.
+        Name of the variable with the closure residual (how far loops are open). It is empty
+        unless the function is a step of Newton's method.
     used_arguments
         Names of the arguments that the lines contain.
     """
@@ -199,11 +198,12 @@ class FormulaSource:
     def smooth_mode_fields(self) -> dict[str, Any]:
         """Names and numbers that are inserted in the template of `smooth_function`.
 
-        An assembly mode is selected by a few numbers, its mode values. If it follows its
-        smooth curve where curves of configurations cross, these numbers change at some
-        inputs. The range of the input is therefore divided into intervals, and the source
-        has a table of mode values: for each interval and each mode a row of values. The
-        function returns the row for a given mode and input. Keys of the result are:
+        `smooth_function` is a function of the generated source. It selects an assembly mode
+        (way to assemble the mechanism) by a few numbers, the mode values. If a mode follows
+        its smooth curve where curves of configurations cross, its mode values change there.
+        The source therefore divides the range of the input into intervals. It has a table
+        with a row of mode values for each interval and mode. The function returns the row
+        for a mode and an input. Keys of the result are:
 
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,
         - ``low``, ``high``, ``period``: range and period of the input (rad), as text,
@@ -234,9 +234,10 @@ class FormulaSource:
     def series_fields(self) -> Iterator[dict[str, Any]]:
         """For each stored series the values that are inserted in its template.
 
-        A stored series gives several functions of one variable. The range of the variable
-        is divided into cells. In each cell each function is a sum of Chebyshev polynomials.
-        Keys of the values are:
+        A stored series evaluates several functions of one variable, such as the coordinates
+        of a contact profile. The range of the variable is divided into cells. In each cell
+        each function is a sum of Chebyshev polynomials. A template is source code with
+        fields in braces. Keys of the values are:
 
         - ``name``: name of the function of the mechanism in the generated source,
         - ``k``: number of the series,

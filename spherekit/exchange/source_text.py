@@ -43,7 +43,8 @@ def nested_with_nan(
 ) -> str:
     """Return an array as source text, with brackets around each axis: ``[[1.0, NaN]]``.
 
-    Long text is divided into lines.
+    NaN and infinity are written as the language writes them. Long text is divided into
+    lines.
 
     Parameters
     ----------

@@ -87,22 +87,24 @@ def profile_table(
 ) -> SeriesTable:
     """Return the functions of a contact profile as a stored series.
 
-    A profile is the curve along which the contact point moves on one link. The functions of
-    its arc length s are the components of the tangent and of the point (unit vectors), the
-    geodesic curvature k, dk/ds and d2k/ds2. The last one is in derivatives of expressions
-    that contain dk/ds.
+    A profile is the curve along which the contact point moves on one link. A stored series
+    evaluates several functions of its arc length s as Chebyshev series. They are the
+    components of the tangent and of the point (unit vectors), the geodesic curvature k,
+    dk/ds and d2k/ds2. Derivatives of expressions with dk/ds contain the last one.
 
-    The variable of the contact is an arc length along the profile. It is s less a constant,
-    the value of s at which the variable is zero (`start`).
+    The variable of the contact is s minus the value of s at which the variable is zero
+    (`start`).
 
     Parameters
     ----------
     profile_side
-        The profile of one link of a contact, with the symbols of its functions.
+        The profile of one link of a contact, with the symbols of its functions in the
+        formulas.
     configuration_symbols
         Symbols of all pair variables.
     """
-    # The symbols of the nine functions in the formulas, in the order of their series.
+    # The symbols of the nine functions (3 + 3 components and 3 curvatures), in the order of
+    # their series.
     function_symbols: Any = (*profile_side.contact_symbols, profile_side.last_derivative)
     profile_series = profile_side.series
     # The curve, with the number of its pair variable (`variable`) and `start`.

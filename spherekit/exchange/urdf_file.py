@@ -27,10 +27,11 @@ class UrdfContent:
     spec
         The `MjSpec` of the model.
     transmissions
-        The joints and wheels that motors drive.
+        What the motors of transmissions drive: single joints, or wheels that stand for a
+        combination of two joints.
     loop_axes
-        Unit axis (3,) of each loop joint that has one, in the axes of its first link, by
-        the name of the joint.
+        Unit axis (3,) of each loop joint (joint that closes a loop) that has one, by the
+        name of the joint. It is in the axes of the first link of this joint.
     notes
         Sentences on parts that were left out or are not known.
     """
@@ -42,14 +43,14 @@ class UrdfContent:
 
 
 def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
-    """Return the MuJoCo model of a URDF, with its loops and transmissions as constraints.
+    """Return the MuJoCo model of a URDF, with constraints for loops and transmissions.
 
     Parameters
     ----------
     mujoco
         The Python module `mujoco`, an optional dependency.
     root
-        The element `<robot>`, from which the elements of shapes are removed.
+        The element `<robot>`. The elements of shapes are removed from it.
     path
         The file, for messages.
 
@@ -60,7 +61,7 @@ def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
     ValueError
         If MuJoCo cannot read the file.
     """
-    # Shapes play no part in a mechanism, and name files that may be missing.
+    # A mechanism has no shapes, and their files may be missing.
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
@@ -83,11 +84,12 @@ def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
 
 
 def _add_wheel(mujoco: Any, spec: Any, drive: DrivenWheel, path: Path) -> None:
-    """Add the wheel of a motor to a model, and couple it with the two joints it drives.
+    """Add a wheel for one motor to a model, and couple it with the two joints it drives.
 
-    The inner joint carries the outer one. The angle of the wheel is that of the inner joint
-    plus `drive.ratio` times that of the outer joint. MuJoCo has this equation as a tendon
-    of fixed length: wheel - inner - ratio outer = 0.
+    The motor turns a combination of two joints. The inner joint carries the outer one. The
+    angle of the wheel is that of the inner joint plus `drive.ratio` times that of the outer
+    joint. In MuJoCo this equation is a tendon (sum of joint angles with factors) that stays
+    constant: wheel - inner - ratio outer = 0.
 
     Parameters
     ----------

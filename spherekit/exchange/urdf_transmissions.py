@@ -25,7 +25,7 @@ REDUCTION_TAGS = ("mechanicalReduction", "mechanical_reduction")
 
 @dataclass(frozen=True)
 class DrivenJoint:
-    """A joint that one motor drives, which drives no other joint.
+    """A joint of a URDF file that is the only joint driven by a motor.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class DrivenWheel:
     The inner joint carries the outer one. In a differential, for example, each motor turns
     a side wheel, and both wheels together move both joints. The wheel is coaxial with the
     inner joint. Its angle is the angle of the inner joint plus `ratio` times that of the
-    outer joint. This is one equation; the other motor of the transmission gives the second.
+    outer joint. The other motor of the transmission has a second equation of this form.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class DrivenWheel:
     wheel
         Name of the wheel as a link and as a joint.
     inner_joint, outer_joint
-        Names of the two joints.
+        Names of the two joints of the transmission.
     ratio
         Factor of the angle of the outer joint.
     motor_ratio
@@ -158,16 +158,17 @@ def _equations(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the factors of both joint angles in the angle of each actuator.
 
-    With the reductions n_a and n_j of actuators and joints: for a differential
-    a1 = n_a1 (n_j1 q1 + n_j2 q2) and a2 = n_a2 (n_j1 q1 - n_j2 q2), for a four-bar linkage
-    a1 = n_a1 n_j1 q1 and a2 = n_a2 (q1 + n_j2 q2).
+    A transmission of a URDF file couples two actuators (angles a) with two joints (angles
+    q). Let n_a and n_j be their reductions. In a differential, a1 = n_a1 (n_j1 q1 + n_j2
+    q2) and a2 = n_a2 (n_j1 q1 - n_j2 q2). In a four-bar linkage, a1 = n_a1 n_j1 q1 and a2 =
+    n_a2 (q1 + n_j2 q2).
 
     Parameters
     ----------
     kind
         Type of the transmission: a differential or a four-bar linkage.
     actuators, joints
-        The two actuators and the two joints, in the order of their roles.
+        The two actuators and the two joints, in the order of their roles in the file.
     """
     motor_1, motor_2 = (actuator.reduction for actuator in actuators)
     joint_1, joint_2 = (joint.reduction for joint in joints)
@@ -199,7 +200,7 @@ def _drive(
     transmission
         Name of the transmission.
     actuator, joints
-        The actuator, and the two joints.
+        The actuator, and the two joints of the transmission.
     factors
         Factors of both joint angles in the angle of the actuator, in the order of the
         joints. At most one of them is zero.
@@ -233,10 +234,10 @@ def _kind(item: Element) -> str:
 
 
 def _ends(item: Element, tag: str, where: str) -> list[TransmissionEnd]:
-    """Return the actuators or joints of a transmission, with their reductions.
+    """Return the actuators or joints of a URDF transmission, with their reductions.
 
-    They are sorted by their roles, such as ``actuator1`` and ``actuator2``, if all have
-    one. A reduction that is missing is 1.
+    If all of them have a role, such as ``actuator1``, they are sorted by role. A missing
+    reduction is 1. A reduction that is zero, infinite or not a number is an error.
 
     Parameters
     ----------
@@ -271,8 +272,8 @@ def _ends(item: Element, tag: str, where: str) -> list[TransmissionEnd]:
 def _find_joined_links(root: Element) -> Mapping[str, tuple[str, str]]:
     """Return the parent and the child link of each joint that turns, by its name.
 
-    Links that fixed joints join are one body. The link nearest to the root of the tree
-    represents all of them.
+    Links that fixed joints join are one body. Of these links, the result has the one
+    nearest to the root of the tree.
     """
     links_by_joint: dict[str, tuple[str, str]] = {}
     parent_by_fixed_link: dict[str, str] = {}
@@ -308,20 +309,21 @@ def _find_inner_joint(
     links_by_joint: Mapping[str, tuple[str, str]],
     where: str,
 ) -> int:
-    """Return the index, 0 or 1, of the one of two joints that carries the other.
+    """Return the index (0 or 1) of the inner joint: the one that carries the other.
 
     Parameters
     ----------
     joints
-        The two joints.
+        The two joints of a transmission.
     links_by_joint
-        Parent and child link of each joint.
+        Parent and child link of each joint, by its name.
     where
         The transmission, for messages.
     """
     for joint in joints:
         if joint.name not in links_by_joint:
             raise FileError(f'{where}: no rotating joint is named "{joint.name}"')
+    # The inner joint turns the link on which the outer joint is.
     for inner in (0, 1):
         _, inner_child = links_by_joint[joints[inner].name]
         outer_parent, _ = links_by_joint[joints[1 - inner].name]
@@ -340,18 +342,17 @@ def name_wheels(
 ) -> list[DrivenJoint | DrivenWheel]:
     """Give each driven wheel a name that no link and no joint of the URDF has.
 
-    A wheel has the name of its motor if that is free. Otherwise "_wheel" is added.
+    A driven wheel stands for one motor of a transmission, and the URDF has no name for it.
+    It gets the name of its motor if that is free. Otherwise "_wheel" is added.
 
     Parameters
     ----------
     root
         The element ``<robot>`` of the URDF.
     driven
-        All that motors drive: joints, and wheels whose names may be in use.
+        All joints and wheels that motors drive. Names of wheels may be in use.
 
-    Returns
-    -------
-    All that motors drive, with these names of wheels.
+    The same joints and wheels, with new names of wheels.
     """
     taken = {item.get("name", "") for item in root if item.tag in ("link", "joint")}
     renamed: list[DrivenJoint | DrivenWheel] = []
@@ -369,9 +370,9 @@ def name_wheels(
 def describe_motors(driven: Sequence[DrivenJoint | DrivenWheel]) -> Iterator[str]:
     """Yield notes that say how far motors turn when their inputs turn.
 
-    The input of the imported mechanism is the driven joint or wheel, and not the motor.
-    There is a note on each wheel, because the URDF has no such wheel. A driven joint has a
-    note only if its motor turns by another angle than the joint.
+    The input of the imported mechanism is the driven joint or wheel, not the motor. A
+    driven wheel stands for one motor of a transmission. The URDF has no such wheel, so each
+    wheel gets a note. A driven joint gets a note only if its motor turns by another angle.
     """
     for drive in driven:
         if isinstance(drive, DrivenWheel):

@@ -35,10 +35,10 @@ def express_masses(
 ) -> tuple[Mass, ...]:
     """Return the masses of a mechanism as expressions of the numbers that can vary.
 
-    A mass has an inertia tensor, and may have an amount (kg) and a centre of mass. The mass
-    becomes an expression in two cases: if one of its numbers in the file has an expression,
-    or if the file states it by axes of pairs whose directions depend on sizes of links. All
-    other masses are returned unchanged.
+    A mass consists of an inertia tensor, and often an amount (kg) and a centre of mass. It
+    becomes an expression if one of its numbers in the file has an expression. It also
+    becomes one if the file states it by axes of pairs (joints) whose directions depend on
+    sizes of links. All other masses are returned unchanged.
 
     Parameters
     ----------
@@ -47,10 +47,11 @@ def express_masses(
     mechanism
         The mechanism of this file.
     pair_rotations
-        The pairs as rotations between their links, which give the axes of pairs in link
-        axes. Sizes of links are symbols in them.
+        The pairs as rotations between their links, with sizes of links as symbols. From
+        them follow the axes of pairs in link axes.
     expression_by_path
-        Expressions that replace numbers of the document (SI), by the paths of the numbers.
+        Expressions that replace numbers of the document (SI units). A path is the list of
+        keys that lead to a number.
 
     Returns
     -------
@@ -138,13 +139,14 @@ def _express_mass(
 
 
 def arc_inertia(first: Exprs, second: Exprs, mass: Expr, radius: Expr) -> ArcInertia:
-    """Return the inertia of a uniform arc between two axes as expressions.
+    """Return inertia tensor and centre of a uniform arc between two axes, as expressions.
 
-    Let L be the length of the arc (rad), and s = sin(L) / (2 L). The unit vector m is along
-    the sum of the two axes, and the unit vector a along their difference. The mean of r r^T
-    over all points r of the arc on the unit sphere is M = (1/2 + s) m m^T + (1/2 - s) a
-    a^T. The tensor is mass radius^2 (1 - M), and the centre is m radius sin(L/2) / (L/2).
-    These are the formulas of `spherekit.mechanism.inertia.uniform_arc`.
+    Such arcs model links. Let L be the length of the arc (rad), and s = sin(L) / (2 L). The
+    unit vector m is along the sum of the two axes, and the unit vector a along their
+    difference. The mean of r r^T over all points r of the arc on the unit sphere is M =
+    (1/2 + s) m m^T + (1/2 - s) a a^T. The tensor is mass radius^2 (1 - M), and the centre
+    is m radius sin(L/2) / (L/2). `spherekit.mechanism.inertia.uniform_arc` has the same
+    formulas for numbers.
 
     Parameters
     ----------

@@ -56,11 +56,11 @@ def to_radians(number: float, unit: AngleUnit) -> float:
 
 
 def read_decimal_angle(text: str, angle_unit: AngleUnit) -> Decimal:
-    """Return the angle in a text as a decimal number, in the unit of a file.
+    """Return the angle in a text as an exact decimal number, in the unit of a file.
 
-    A proof computes with the decimal number itself, not with a float. A number without a
-    unit is in that of the file. The result is exact unless degrees are converted to rad or
-    the reverse. It then has `CONVERTED_DIGITS` digits, since pi is irrational.
+    Proofs need the decimal number itself, not the nearest float. A number without a unit is
+    in the unit of the file. The result is exact if the text has this unit too. Otherwise it
+    is rounded to `CONVERTED_DIGITS` digits, because pi is irrational.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ def read_decimal_angle(text: str, angle_unit: AngleUnit) -> Decimal:
     Raises
     ------
     QuantityError
-        If the text is no number, if its unit is not one of angles, or if a number without a
-        unit is implausibly large.
+        If the text is not a number, if its unit is not one of angles, or if a number
+        without a unit is implausibly large.
     InvalidOperation
         If the number has more digits than can be computed with.
     """
@@ -83,7 +83,8 @@ def read_decimal_angle(text: str, angle_unit: AngleUnit) -> Decimal:
         # Refuses implausibly many turns, such as 400 in a file in rad.
         check_turns(float(number), angle_unit)
         return number
-    # The factor is 1 for deg and rad. A turn is 360 deg. (The text is for messages.)
+    # `deg_or_rad` is the unit of the text, or deg for turns. The factor is 360 for turns,
+    # otherwise 1.
     deg_or_rad, factor = angle_unit_and_factor(number_text, unit)
     angle = _EXACT.multiply(number, Decimal(factor))
     if deg_or_rad == angle_unit:
@@ -104,8 +105,8 @@ def to_text(angle: float, unit: AngleUnit) -> str:
     """
     if unit == "rad" or not math.isfinite(angle) or angle == 0.0:
         return repr(float(angle))
-    # Convert to degrees in decimal arithmetic with many digits, and find the least number
-    # of digits that suffices. 40 digits distinguish any two floats.
+    # Degrees are computed in decimal arithmetic with many digits. The loop finds the least
+    # number of digits that is enough. 40 digits distinguish any two floats.
     degrees = _EXACT.divide(Decimal(angle), _DEGREE)
     for digits in range(1, 40):
         text = _decimal_text(Context(prec=digits).plus(degrees))
@@ -123,7 +124,8 @@ def unit_vector(xyz: Vector) -> Vector:
     Raises
     ------
     ValueError
-        If its length is zero, or deviates from 1 by more than `LENGTH_TOLERANCE`.
+        If the length of the vector is zero, or deviates from 1 by more than
+        `LENGTH_TOLERANCE`.
     """
     length = math.hypot(*xyz)
     if length == 0.0:
@@ -140,12 +142,15 @@ def unit_vector(xyz: Vector) -> Vector:
 
 
 def direction(longitude: float, latitude: float) -> Vector:
-    """Return the unit vector at a longitude and latitude (rad).
+    """Return the unit vector at a longitude and latitude (rad) on the sphere.
+
+    The longitude is measured about z from x, and the latitude from the xy plane.
 
     Raises
     ------
     ValueError
-        If the latitude exceeds a quarter turn.
+        If the latitude is not within a quarter turn of zero. Most often the two angles have
+        been exchanged.
     """
     if abs(latitude) > math.pi / 2:
         raise ValueError(

@@ -32,7 +32,7 @@ class Pack(NamedTuple):
     Attributes
     ----------
     name
-        Name of the entry point by which the package declares the pack.
+        Name of the entry point (declaration in the metadata of an installed package).
     files, studies
         Paths of the mechanism files and of the study files, by name without ending.
     fault
@@ -71,7 +71,8 @@ class MechanismNames(tuple[str, ...]):
 def mechanisms() -> MechanismNames:
     """Return the names of shipped mechanisms, including those of plugins.
 
-    Functions such as `load` accept such a name in place of a path.
+    Functions such as `load` accept such a name in place of a path. Plugins are installed
+    packages that ship mechanism files.
 
     Examples
     --------
@@ -79,8 +80,8 @@ def mechanisms() -> MechanismNames:
     >>> "four_bar" in sk.mechanisms()
     True
     """
-    # A pack is the set of files that one installed package ships. The names are printed in
-    # groups by pack.
+    # A pack is the set of files that one installed package ships. When the names are
+    # printed, they are in groups by pack.
     packs = shipped()
     names = MechanismNames(sorted(name for pack in packs for name in pack.files))
     names.packs = packs
@@ -90,9 +91,9 @@ def mechanisms() -> MechanismNames:
 def find(name_or_path: AnyPath) -> Path:
     """Return the path of a mechanism or study file, given as a path or shipped name.
 
-    A plain name, without folder and ending, is first looked up among the files that
-    installed packages ship (packs). A folder of results that is named after its mechanism
-    therefore does not hide the mechanism.
+    A plain name, without folder and ending, is first looked up among the packs (files that
+    installed packages ship). A results folder with the same name as its mechanism therefore
+    does not hide the mechanism.
 
     Raises
     ------
@@ -147,11 +148,12 @@ def _is_name(word: str) -> bool:
 
 
 def _pack(entry: EntryPoint) -> Pack:
-    """Return the pack that an entry point declares.
+    """Return the pack (shipped files) that an installed package declares.
 
     A pack is the set of mechanism and study files in the folder of an installed package.
-    The package names itself in an entry point, and is not imported. If the pack cannot be
-    used, the result has no files, and the reason. A pack has at least one mechanism file.
+    The package declares itself by an entry point (name in its metadata). Its folder is
+    found without an import. A pack has at least one mechanism file. A pack that cannot be
+    used has no files, but states the reason.
     """
 
     def broken_pack(fault: str) -> Pack:
@@ -194,15 +196,15 @@ def _pack(entry: EntryPoint) -> Pack:
 def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
     """Return the message about a path at which there is no file.
 
-    It names the most similar existing name, the files in the folder, the shipped
-    mechanisms, and packs that cannot be used.
+    To help the user, it names the most similar existing name, the files in the folder, the
+    shipped mechanisms, and packs that cannot be used.
 
     Parameters
     ----------
     path
         The path that the user gave.
     packs
-        The packs of files that installed packages ship.
+        The packs (sets of files) that installed packages ship.
     """
     names = sorted(name for pack in packs for name in pack.files)
     studies = [name for pack in packs for name in pack.studies]
