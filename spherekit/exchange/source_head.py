@@ -179,9 +179,10 @@ def _method_sentences(source: FormulaSource) -> str:
 def _smooth_mode_sentences(source: FormulaSource) -> str:
     """Return the sentences on modes that follow smooth curves, for the head of a source.
 
-    At a crossing, curves of configurations of different assembly modes meet, as at the
-    change point of a four-bar. The sentences say where curves cross, and whether all
-    crossings are known. They also say how the generated source stays on one curve:
+    An assembly mode is a way to assemble the mechanism. At a crossing, curves of
+    configurations of different modes meet, as at the change point of a four-bar. The
+    sentences say where curves cross, and whether all crossings are known. They also say how
+    the generated source stays on one curve:
 
     - In closed form, it changes the signs of the dyads (two links and three R pairs). The
       sign of a dyad tells on which side its middle pair is.

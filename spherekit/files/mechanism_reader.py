@@ -161,24 +161,24 @@ def read(document: Document) -> Mechanism:
 
 
 def mechanism_from_document(document: Document) -> Mechanism:
-    """Construct the mechanism from a parsed file that fits the format.
+    """Construct the mechanism from a parsed file that has passed the check of its format.
 
     Raises
     ------
     FileError
         If the values of the file contradict each other. The message has the line and the
-        key. For data without a text it is a `ModelError`.
+        key. If the data come from a program and not from a text, the error is a
+        `ModelError`.
     """
     try:
         # Angles are converted to rad, directions to unit vectors.
         reader = _MechanismReader(document, convert_to_model(document, document.data))
-        # Actions are masses, loads and joint limits.
+        # Angles are now in rad. Actions are masses, loads and joint limits.
         return reader.add_actions(reader.mechanism())
     except ModelError as error:
-        # Errors of the model begin with the key, as "pairs.21.links: ...", but have no
+        # Messages of the model begin with the key, as in "pairs.21.links: ...", and have no
         # line. The text of the key becomes a path such as ("pairs", "21", "links").
-        # `document.fault` adds the line, and returns a `FileError`, or a `ModelError` if
-        # the data were not read from a text.
+        # `document.fault` finds the line of this path, and returns the error to raise.
         message = str(error).removeprefix(f"{document.data['name']}: ")
         if key_message := _KEY_MESSAGE.fullmatch(message):
             path = tuple(
@@ -225,7 +225,7 @@ class _MechanismReader:
     ) -> Answer:
         """Call a function of the model, and add file, line and key to its errors.
 
-        Functions of the model do not know the file. They raise a `ModelError`.
+        Functions of the model do not know the file, so their `ModelError` has no location.
 
         Parameters
         ----------
@@ -241,8 +241,8 @@ class _MechanismReader:
         Raises
         ------
         FileError
-            If the function raises a `ModelError`. It has the same message, with the line
-            and the key.
+            If the function raises a `ModelError`. The new error has the same message, with
+            the line and the key.
         """
         try:
             return function(*arguments)
@@ -255,7 +255,7 @@ class _MechanismReader:
         `add_actions` adds these.
         """
         data = self.data
-        # Entries of a table in the file become objects of the model. An input without a
+        # Tables in the file become objects of the model. An input (driven pair) without a
         # range moves through a full revolution.
         mechanism = Mechanism(
             name=data["name"],
@@ -279,9 +279,10 @@ class _MechanismReader:
             # of analyses.
             angle_unit=self.document.data["angle_unit"],
         )
-        # Some wheels have a phase in the file: angles of their shafts at which they mesh.
-        # The model needs the start of their contact instead: the arc lengths along both
-        # circles at which they then touch. It follows from the phase and all other sizes.
+        # A file can state the phase of wheels: angles of their shafts at which they mesh.
+        # The model needs the start of the contact instead: arc lengths on both circles at
+        # which the wheels then touch. They follow from the phase and all other sizes, so
+        # they are computed last.
         pairs = tuple(self.with_start(mechanism, pair) for pair in mechanism.pairs)
         return replace(mechanism, pairs=pairs) if pairs != mechanism.pairs else mechanism
 
@@ -291,12 +292,12 @@ class _MechanismReader:
         Parameters
         ----------
         mechanism
-            The mechanism, whose links and pairs the masses and loads refer to.
+            The mechanism. The masses and loads refer to its links and pairs (joints).
 
         Raises
         ------
         FileError
-            If there is no link of a given name, or if values contradict each other.
+            If a link does not exist, or if values contradict each other.
         """
         masses = self.data.get("mass", {})
         loads = self.data.get("loads", {})
@@ -410,14 +411,14 @@ class _MechanismReader:
         """Return a pair of wheels with the start of the contact, computed from the phase.
 
         The file can state a phase: the angles of the shafts of two wheels in one
-        configuration in which they mesh. The start consists of two arc lengths: the place
-        on each pitch circle at which the wheels touch in this configuration. Pairs without
+        configuration in which they mesh. The start consists of two arc lengths, which
+        locate the contact point on both pitch circles in this configuration. Pairs without
         a phase are returned unchanged.
 
         Parameters
         ----------
         mechanism
-            The mechanism without starts.
+            The mechanism. Its contacts have no starts yet.
         pair
             One of its pairs.
         """
@@ -434,13 +435,14 @@ class _MechanismReader:
     def geometry(self) -> SizeGeometry | PoseGeometry:
         """The geometry in the file: sizes of links, or the axes of all pairs in one pose.
 
-        A file has keys of one of these two forms. A file with keys of both forms is
-        refused. A file without any of these keys is refused if it has R pairs, because
-        their axes would not be known.
+        A file has keys of one of these two forms. Sizes are the arcs and angles of links. A
+        pose is one configuration, with the directions of all axes. A file with keys of both
+        forms is refused. If a file has neither but has R pairs (hinges), it is refused too,
+        because their axes are unknown.
         """
         pairs = self.data["pairs"]
         links = self.data["links"]
-        # All keys of both forms in the file, as paths (table, entry, key).
+        # All keys of both forms in the file, as paths (table, name, key).
         size_paths = self.paths_of("links", _SIZE_KEYS) + self.paths_of("pairs", ("zero",))
         pose_paths = self.paths_of("pairs", _POSE_KEYS)
         if size_paths and pose_paths:
@@ -523,9 +525,9 @@ class _MechanismReader:
     def axes_in_links(self) -> LinkAxes:
         """The unit vector along each R pair, in the coordinates of both of its links.
 
-        The vectors are needed to read other pairs, for example the circles of gear wheels.
-        The complete mechanism does not exist by then. They are therefore computed from a
-        mechanism that has only the R pairs of the file.
+        Other pairs, such as circles of gear wheels, are placed by these vectors. The
+        complete mechanism does not exist yet when they are read. The vectors are therefore
+        computed from a mechanism that has only the R pairs (hinges) of the file.
         """
         pairs = tuple(Pair(name, "R", links) for name, links in self.joined_links.items())
         mechanism = Mechanism(
@@ -545,8 +547,8 @@ class _MechanismReader:
         name
             Name of the output.
         item
-            The table of the output in the file. The direction in which the link points is
-            the axis of a pair ("axis"), a vector ("xyz") or two angles ("lonlat"). Without
+            The table of the output in the file. The observed direction on the link is the
+            axis of a pair ("axis"), a vector ("xyz") or two angles ("lonlat"). Without
             these keys the output has no direction. The motion is relative to the ground,
             unless "relative_to" names another link.
         """
@@ -570,14 +572,12 @@ class _MechanismReader:
         path
             Keys that lead to the key ``axis``, for messages.
         item
-            The table. It has the key ``link``, and ``axis`` (the name of an R pair) or a
-            vector.
+            The table. It has the key ``link``. The direction is ``axis`` (the name of an R
+            pair, a hinge) or a vector.
         prefix
             Beginning of the keys of a vector, such as "centre_" for ``centre_xyz``.
 
-        Returns
-        -------
-        The unit vector, or None if the table has neither an axis nor a vector.
+        (3,) the unit vector, or None if the table has neither an axis nor a vector.
         """
         if "axis" not in item:
             return _vector(item, prefix)
@@ -586,11 +586,11 @@ class _MechanismReader:
         )
 
     def pair(self, name: str) -> Pair:
-        """Return a pair from its table in the file.
+        """Return a pair (joint) from its table in the file.
 
-        R and P pairs have an axis. P pairs become R pairs, because sliding along a great
-        circle is turning about its pole. Other pairs are contacts, which have the curves of
-        both of their links.
+        R pairs (hinges) and P pairs (sliders) have an axis. P pairs become R pairs, because
+        sliding along a great circle is turning about its pole. All other pairs are contacts
+        of two curves, one on each link.
         """
         item = self.data["pairs"][name]
         path = ("pairs", name)
@@ -666,8 +666,9 @@ class _MechanismReader:
     def profiles(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:
         """Return the two curves of a contact, in the order of its links.
 
-        The table ``profiles`` has curves by link. The table ``follower`` describes one
-        curve in another way: the roller or the flat face of a cam follower.
+        A contact is between two curves, one on each link of the pair. The table
+        ``profiles`` has curves by link. In place of one of them, the table ``follower`` can
+        describe a cam follower: a roller or a flat face.
 
         Parameters
         ----------
@@ -676,7 +677,7 @@ class _MechanismReader:
         item
             The table of the pair.
         """
-        # The curve of each link, and the location where the file gives it.
+        # The curve of each link, and its location in the file for messages.
         path_of_link: dict[str, KeyPath] = {}
         curve_of_link: dict[str, Profile] = {}
         for link, profile in item["profiles"].items():
@@ -716,7 +717,7 @@ class _MechanismReader:
     def follower(self, path: KeyPath, item: Table) -> Profile:
         """Return the curve of a cam follower.
 
-        The curve of a roller is a circle. The curve of a flat face is a great circle.
+        On the sphere, a roller is a circle, and a flat face is a great circle.
 
         Parameters
         ----------

@@ -50,8 +50,8 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     ------
     OutputError
         If the format cannot express the mechanism. Examples are an axis that is not a unit
-        vector, a profile with values that its kind does not have, and user data of a type
-        that TOML lacks.
+        vector, a profile with values that do not belong to its kind, and user data of a
+        type that TOML lacks.
     """
     try:
         text = canonical_text(mechanism, angle_unit)
@@ -63,7 +63,8 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
         raise OutputError(
             f"{mechanism.name}: the written file could not be read again: {error}"
         ) from None
-    # The mechanism that was read back must have the same text.
+    # To prove that nothing is lost, the mechanism that was read back is written again. Both
+    # texts must be equal.
     lines = text.split("\n")
     lines_read_back = canonical_text(read_back, angle_unit).split("\n")
     for line, line_read_back in zip_longest(lines, lines_read_back):
@@ -110,7 +111,8 @@ def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:
 def _tables(mechanism: Mechanism) -> dict[str, _Table]:
     """Return the tables of a mechanism file by name. Empty tables are left out.
 
-    Their values are those of the model: angles in rad.
+    Values are those of the model, with angles in rad. They are converted to the unit of the
+    file later.
     """
     geometry = mechanism.geometry
     source = mechanism.source
@@ -134,15 +136,15 @@ def _tables(mechanism: Mechanism) -> dict[str, _Table]:
 
 
 def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
-    """Return the table of a pair in a mechanism file: type, links, geometry and profiles.
+    """Return the table of a pair (joint) in a mechanism file.
 
-    If the geometry of the mechanism is a reference pose, the table has the axis of the pair
-    and its variable in this pose. If the geometry is given by sizes of links, the table has
-    the angle at which the variable is zero.
+    If the geometry of the mechanism is a reference pose (one configuration), the table has
+    the axis of the pair and its variable in this pose. If the geometry consists of sizes of
+    links, the table has the angle at which the variable is zero.
     """
     table: _Table = {"type": pair.type, "links": pair.links}
     geometry = mechanism.geometry
-    # By key of the table, the values of all pairs that have one.
+    # For each key that this pair may have: the values of all pairs.
     values_by_key: Mapping[str, Table]
     if isinstance(geometry, PoseGeometry):
         values_by_key = {"xyz": geometry.axes, "value": geometry.values}
@@ -155,8 +157,8 @@ def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
     for link, profile in zip(pair.links, pair.profiles or (), strict=False):
         profile_table = table_of(profile)
         if profile.points:
-            # A curve through points can be closed or open, which is always written. Other
-            # curves are closed, and do not have this key.
+            # A curve through points can be closed or open, so the key is always written.
+            # Other curves are closed and do not have the key.
             profile_table["closed"] = profile.closed
         table.setdefault("profiles", {})[link] = profile_table
     return table
@@ -165,7 +167,7 @@ def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
 def _load_table(load: Load) -> _Table:
     """Return the table of a load in a mechanism file.
 
-    The key "kind" is left out for a torque at a pair, which is the default kind.
+    Keys without a value are left out, and "kind" for a torque at a pair (the default kind).
 
     Raises
     ------

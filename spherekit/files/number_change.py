@@ -41,17 +41,17 @@ def document_of(
 ) -> Document:
     """Return the data of a mechanism file, with longitude and latitude for directions.
 
-    Callers change single numbers of these data, for example in a sweep of designs. A
-    longitude or a latitude can be changed alone. A single component of a unit vector
-    cannot, because the vector would no longer have unit length. Therefore the axes of a
-    reference pose, the directions of outputs and the points of profiles are converted.
+    Callers change single numbers of these data, for example in a sweep of designs. A single
+    component of a unit vector cannot change, because the length would no longer be 1. A
+    longitude or latitude can. Therefore the axes of pairs, the directions of outputs and
+    the points of profiles (contact curves) are converted.
 
     Parameters
     ----------
     mechanism
         The mechanism, the path of a file, or the name of a shipped mechanism.
     unit
-        The unit of angles if a mechanism is given. A file has its own.
+        The unit of angles for a mechanism. A file has its own unit.
 
     Raises
     ------
@@ -68,9 +68,10 @@ def document_of(
 def _with_lonlat(document: Document) -> Document:
     """Return the data of a mechanism file, with angles in place of unit vectors.
 
-    The axes of pairs, the directions of outputs and the lists of points of profiles get a
-    longitude and a latitude, in the unit of the file. Other vectors, such as the centre of
-    a circle, are not converted. The given document is not changed.
+    Callers change single numbers. A longitude can change alone, but a single component of a
+    unit vector cannot. The axes of pairs, the directions of outputs and the points of
+    profiles (contact curves) become a longitude and a latitude, in the unit of the file.
+    Other vectors, such as the centre of a circle, stay. The argument is not changed.
     """
     # Only these tables have directions. They are copied, because they are changed below.
     tables = {
@@ -85,7 +86,7 @@ def _with_lonlat(document: Document) -> Document:
         x, y, z = map(float, direction)
         longitude = math.atan2(y, x)
         latitude = math.atan2(z, math.hypot(x, y))
-        # A number of a file keeps its text, from which it is converted to rad exactly.
+        # The text of the number is stored too. It is converted to rad exactly.
         return [LiteralNumber(repr(to_unit(angle))) for angle in (longitude, latitude)]
 
     for table in tables.values():
@@ -111,10 +112,11 @@ def number_path(document: Document, key: str) -> KeyPath:
     document
         A mechanism file with directions as angles, see `document_of`.
     key
-        The name of a number as users write it: its location, with dots between the parts,
-        such as ``pairs.41.zero``. A size of a link may also be named by the pair to which
-        it leads, ``links.3.arcs.43``, or by ``links.3.arc`` if the link has only one. The
-        axis of a pair has a ``longitude`` and a ``latitude``.
+        The name of a number in the words of users: its location, with dots between the
+        parts, such as ``pairs.41.zero``. An arc of a link also has the name of the pair
+        (joint) to which it leads, ``links.3.arcs.43``. If the link has only one arc,
+        ``links.3.arc`` is enough. The axis of a pair has a ``longitude`` and a
+        ``latitude``.
 
     Returns
     -------
@@ -125,8 +127,8 @@ def number_path(document: Document, key: str) -> KeyPath:
     FileError
         If there is no such number.
     """
-    # The first two parts are a table and an entry. If the key has one part only, the name
-    # of the entry is empty.
+    # The first two parts are a table and the name of an element in it, such as a pair. The
+    # name is empty if the key has one part only.
     table, _, path_in_table = key.partition(".")
     name, _, _ = path_in_table.partition(".")
     path_by_key = _number_paths(document, table, name)
@@ -141,6 +143,8 @@ def number_path(document: Document, key: str) -> KeyPath:
 class ReachedTable:
     """The innermost table of a file to which the parts of a key lead.
 
+    A key such as ``links.2.arc`` that names no number is explained to the user from it.
+
     Attributes
     ----------
     path
@@ -148,8 +152,8 @@ class ReachedTable:
     missing_part
         The first part that does not exist, None if all parts exist.
     entries
-        The entries of the table by name. Empty if the existing parts do not lead to a
-        table, but to a list, a number or a text.
+        The contents of the table, by name. Empty if the existing parts lead to a list, a
+        number or a text.
     """
 
     path: KeyPath
@@ -173,7 +177,7 @@ def _follow_key(data: Mapping[str, Any], key: str) -> ReachedTable:
 def _explain_missing_number(
     document: Document, key: str, path_by_key: Mapping[str, KeyPath]
 ) -> str:
-    """Return a message which says why a key names no number, and which keys do.
+    """Return a message that explains why a key names no number, and lists valid keys.
 
     Parameters
     ----------
@@ -182,15 +186,16 @@ def _explain_missing_number(
     key
         The key, such as ``links.2.arcs``.
     path_by_key
-        The keys of all numbers in the same entry of the file, and their locations.
+        The keys of all numbers of the same element of the file, such as a link, and their
+        locations.
     """
     reached = _follow_key(document.data, key)
     if reached.missing_part is None:
         problem = _explain_other_value(key, path_by_key)
     else:
         problem = _explain_missing_part(reached, reached.missing_part)
-    # `path_by_key` has the location of a number as its first key, and shorter keys, such as
-    # "links.2.arc", after it. In the message the shorter ones come first.
+    # The keys of a number are in order from its full location to short forms, such as
+    # "links.2.arc". The message lists the short forms first.
     shorter_first = reversed(list(path_by_key))
     similar_keys = [
         other_key for other_key in shorter_first if other_key.startswith(problem.prefix)
@@ -218,17 +223,22 @@ class KeyProblem:
 def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyProblem:
     """Explain that a key exists but leads to a table, a list or a text.
 
+    The result has the message and a prefix. The caller lists the valid keys that begin with
+    the prefix.
+
     Parameters
     ----------
     key
         The key, such as ``links.2.arcs``, which leads to a list.
     path_by_key
-        The keys of all numbers in the same entry of the file, and their locations.
+        The keys of all numbers of the same element of the file, such as a link, and their
+        locations.
     """
     suggestion = nearest(key, path_by_key)  # " Did you mean ...?", or ""
     if not suggestion:
         return KeyProblem(f'"{key}" is not a number.', prefix=key)
-    # A list of numbers, such as "arcs", can have a number with the key "arc".
+    # A link with one arc has the number "arc" and the list "arcs". Without the s, the
+    # prefix finds both.
     return KeyProblem(
         f'"{key}" is not the key of a number{suggestion}', prefix=key.removesuffix("s")
     )
@@ -340,8 +350,8 @@ def number_at(document: Document, path: KeyPath) -> float:
 def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Document:
     """Return the data of a file in which some numbers are replaced.
 
-    The given document is not changed. Tables and lists that contain a new number are
-    copied, and the others are shared by both documents.
+    Only tables and lists that contain a new number are copied. Both documents share the
+    others, which saves time in a sweep of designs.
 
     Parameters
     ----------

@@ -86,6 +86,8 @@ def schema(kind: Kind = "mechanism") -> Table:
 def check(document: Document, kind: Kind = "mechanism") -> None:
     """Raise an error unless a document fits the format of its kind of file.
 
+    A JSON Schema has the rules of the format, for each kind: mechanism or study.
+
     Raises
     ------
     FileError
@@ -94,7 +96,7 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
     """
     _check_format_version(document)
     # Infinite, NaN and huge numbers are reported alone. The rules of the schema compare
-    # numbers, which has no meaning for these, and would report them a second time.
+    # numbers, which makes no sense for these.
     faults = list(_unusable_numbers(document.data))
     if not faults:
         errors = validator(kind).iter_errors(document.data)
@@ -107,25 +109,26 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
 def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
     """Raise `FileError` if numbers that were changed do not fit the format.
 
-    The document fitted the format before the change. Rules about keys, names and kinds are
-    therefore still met, and only rules about numbers can be broken. Only the entries of
-    tables with changed numbers are checked, which is faster than a check of the document.
+    The document was valid before the change. Rules about keys and names are therefore still
+    met, and only rules about numbers can be broken. Only the parts with new numbers are
+    checked, such as one link, which is faster than a check of the whole document.
 
     Parameters
     ----------
     document
         The document with the new numbers.
     numbers
-        The new numbers by their locations: table, name of the entry, key, and so on.
+        The new numbers by their locations: table, name of the element in it, key, and so
+        on.
     """
-    # The changed entries, by table and name.
+    # The changed elements, by table and name.
     entries: dict[str, dict[str, Any]] = {}
     for path in numbers:
         table, name, *_ = map(str, path)
         entries.setdefault(table, {})[name] = document.data[table][name]
     are_finite = all(math.isfinite(number) for number in numbers.values())
-    # The validator locates an error of a number at this number. Errors at other locations
-    # occur because `entries` lacks the other tables of a document. They are ignored.
+    # Only errors at the changed numbers count. Other errors occur because `entries` lacks
+    # the rest of the document.
     errors = validator().iter_errors(entries)
     has_error = any(tuple(error.absolute_path) in numbers for error in errors)
     if not are_finite or has_error:
@@ -136,7 +139,8 @@ def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
 def shown(value: object) -> str:
     """Return a value of a file for a message: as TOML text, cut to a readable length.
 
-    Tables and huge integers are only named. Characters that cannot be printed are escaped.
+    Tables and huge integers appear as words only. Characters that cannot be printed are
+    escaped.
     """
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -170,11 +174,11 @@ def mismatch(value: object, allowed: str) -> str:
 
 @cache
 def validator(kind: Kind = "mechanism") -> Any:
-    """Return the object of the library jsonschema that checks data of a kind of file.
+    """Return the object of the library jsonschema that checks a kind of file.
 
-    The rule "items" of jsonschema, which checks every item of an array, is replaced. It is
-    slow for long arrays of numbers. Here such arrays are checked in one pass, and only
-    arrays with a fault, or with other items, are passed to the rule of jsonschema.
+    The library checks every item of an array by its rule "items", which is slow for long
+    arrays of numbers. The rule is replaced here. Arrays of valid floats pass in one quick
+    test. All other arrays go to the rule of the library.
     """
     # The import takes longer than reading a mechanism file, so it comes only now.
     from jsonschema import Draft202012Validator
@@ -191,7 +195,7 @@ def validator(kind: Kind = "mechanism") -> Any:
         Parameters
         ----------
         validator
-            The validator of jsonschema.
+            The validator of jsonschema that calls this rule.
         item_schema
             The schema that each item has to meet: the value of the key "items".
         array
@@ -212,8 +216,8 @@ def validator(kind: Kind = "mechanism") -> Any:
             and rules.get("type") in ("number", ["number", "string"])
             and not has_other_rules
         )
-        # Only floats pass it. In Python a truth value is an integer too, so integers are
-        # passed to the rule of jsonschema, which tells them apart.
+        # The quick check accepts floats only. In Python, True is an integer too, and the
+        # rule of jsonschema tells them apart.
         if are_plain_numbers and all(
             isinstance(number, float) and low <= number <= high for number in array
         ):
@@ -230,17 +234,17 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
     """Return data of a file with converted values, for example angles in rad.
 
     The schema of the format (a JSON Schema) declares the kind of each value, such as
-    "angle". Data and schema are walked through together, from the outermost table inwards.
+    "angle". Schema and data are followed together, from the outermost table inwards.
 
     Parameters
     ----------
     data
         Tables that fit the format.
     converters
-        By name of a definition in the schema, such as "angle", the function that converts
-        such a value. Its arguments are the location of the value and the value. Other
-        values become plain numbers, texts, truth values or tuples. Tables whose content the
-        schema does not declare remain as they are.
+        By kind of value in the schema, such as "angle", the function that converts it. Its
+        arguments are the location of the value and the value. Values of other kinds become
+        plain numbers, texts, truth values or tuples. Tables stay unchanged if the schema
+        does not declare their content.
     kind
         The kind of file: mechanism or study.
     """
@@ -284,14 +288,16 @@ class SchemaConversion:
     def _convert_table(self, part: Any, value: Table, path: KeyPath) -> Any:
         """Return a table with converted values.
 
+        `part` is the part of the schema that declares the table.
+
         The keys of a table can depend on its values, for example on that of the key "kind".
         The schema then has a list of choices "if the table has this value, then ...". The
-        part of the first condition that is met declares the table.
+        first choice with a true condition declares the table.
         """
         for choice in part.get("allOf", ()):
             if "$ref" in choice.get("then", ()) and _is_met(choice["if"], value):
                 return self.convert(choice["then"], value, path)
-        # The declared keys, and the part for all other keys, if these are allowed.
+        # The declared keys, and the declaration of all other keys, if these are allowed.
         properties = part.get("properties", {})
         other_properties = part.get("additionalProperties")
         if not (properties or other_properties):
@@ -311,9 +317,9 @@ class SchemaConversion:
     def _convert_single_value(self, part: Any, value: Any, path: KeyPath) -> Any:
         """Return a converted number, text or truth value.
 
-        The schema allows a single number in place of an array, such as q = 40 for one
-        input. A text is then a number with its unit, such as "40deg". The converted number
-        is returned, not an array.
+        `part` is the part of the schema that declares the value. In a file, a single number
+        may stand for an array, such as q = 40 for one input. A text may then be a number
+        with a unit, such as "40deg". The result is the converted number, not an array.
         """
         item_part = part.get("items")  # the part that declares the items of an array
         stands_for_array = item_part and "$ref" in item_part
@@ -321,7 +327,7 @@ class SchemaConversion:
             return self.convert(item_part, value, path)
         if isinstance(value, bool | str):
             return value
-        # Data fit the schema, so a value that is not declared as a number is an integer.
+        # The data have been checked, so all other values are integers.
         return float(value) if part.get("type") == "number" else int(value)
 
 
@@ -441,8 +447,8 @@ def _meaning_of_key(key: str, part: Table, kind: Kind) -> str:
     key
         The key that is missing in the file.
     part
-        The part of the schema whose rule requires the key. It may have the rule without a
-        description of the key. The first description in other parts is then returned.
+        The part of the schema that requires the key. If this part has no description of the
+        key, the first description in another part is used.
     kind
         The kind of file.
     """
@@ -456,8 +462,8 @@ def _meaning_of_key(key: str, part: Table, kind: Kind) -> str:
 def _meaning(part: Table) -> str:
     """Return the description of a part of the schema, as the last sentence of a message.
 
-    Descriptions are written for the pages of the documentation. They also state that a
-    value has no unit, or that it is true or false. The message leaves this out. It adds the
+    Descriptions are written for the documentation. There they also state that a value has
+    no unit, or that it is true or false. A message needs no such remark. It adds the
     allowed words, if the schema lists some.
     """
     if "pattern" in part:  # a name

@@ -83,7 +83,7 @@ class Start:
         Parameters
         ----------
         given
-            The variables q (rad) and rates dq (rad/s) of the inputs, as
+            The variables q (rad) and rates dq (rad/s) of the inputs (driven pairs), as
             ``"q=0.4,dq=1.2"`` or ``{"q": 0.4, "dq": 1.2}``. For several inputs it is
             ``"q=0.4+0.2,dq=1+0"``, or a mapping with sequences of numbers. Without dq the
             mechanism is at rest. A `Start` is returned unchanged. A number in a text may
@@ -142,9 +142,8 @@ class Start:
         ModelError
             If there is not one number for each input.
         """
-        # `q` and `dq` are a number, or a tuple with a number for each input. By default the
-        # mechanism is at rest: `dq` is the single number 0, for any number of inputs. There
-        # is no default for `q`. A tuple is never equal to 0.
+        # `q` and `dq` are a single number or a tuple. The default of `dq` is the single
+        # number 0 (at rest), which fits any number of inputs. `q` has no default.
         is_default_rate = self.dq == 0.0
         rates = np.zeros(len(inputs)) if is_default_rate else self.dq
         state = []
@@ -170,10 +169,10 @@ def read_start(
     given
         The start itself, or a text or a mapping that states it (see `Start.of`).
     mechanism
-        The mechanism. A text is read as on the command line: a number without a unit is in
-        the unit of the file of the mechanism.
+        The mechanism. Numbers without a unit in a text are in the unit of its file, as on
+        the command line.
     angle_unit
-        Unit of the numbers of a mapping. A `Start` is in rad.
+        Unit of the numbers of a mapping. The numbers of a `Start` are in rad.
 
     Raises
     ------
@@ -193,8 +192,8 @@ def _read_numbers(
 ) -> float | Numbers:
     """Return one number, or several from a sequence or a text such as ``0.4+0.2``.
 
-    The sign + in a text separates numbers, for example those of two inputs. It does not add
-    them.
+    The sign + in a text separates numbers, for example those of two inputs. Nothing is
+    added.
 
     Parameters
     ----------
@@ -212,8 +211,8 @@ def _read_numbers(
 
     def read_number(number: Any) -> float:
         """Return one number in rad or rad/s, from a number or a text."""
-        # A text with an angle of very many turns is refused as a mistake, but a number from
-        # a program is not.
+        # An angle of very many turns is refused in a text, as a mistake of the user.
+        # Numbers of a program are not limited.
         is_text = isinstance(number, str)
         source = number if is_text else float(number)
         return read_quantity(source, dimension, angle_unit, is_limited=is_text)

@@ -36,6 +36,8 @@ _COPIED_KEYS = ("assembly_mode", "search", "duration", "tolerance", "crossings",
 def load_study(name_or_path: AnyPath) -> Study:
     """Read a study file; a mechanism file is read as the study with all defaults.
 
+    A study is a mechanism with the analyses to run.
+
     Raises
     ------
     FileError
@@ -107,7 +109,8 @@ class _StudyReader:
             The mechanism that the file names.
         """
         data = self.data
-        # The study can lock pairs of the mechanism, and drive other pairs than its file.
+        # A study can lock pairs (joints) of the mechanism, and can choose other inputs
+        # (driven pairs) than the mechanism file.
         mechanism = self.locked(mechanism)
         mechanism = self.with_inputs(mechanism)
         return Study(
@@ -116,8 +119,8 @@ class _StudyReader:
             samples=self.samples(mechanism),
             # The path of the inputs: their values at every sample, in place of ranges.
             path=self.input_values(mechanism),
-            # Parameters of analyses stay as written in the file. The classes of the
-            # analyses declare their types, and convert them.
+            # Parameters of analyses are unconverted, because only the classes of the
+            # analyses know their types.
             analyses=self.document.data.get("analyses", {}),
             folder=self.output_path("folder"),
             recording=self.output_path("recording"),
@@ -142,9 +145,10 @@ class _StudyReader:
     def with_inputs(self, mechanism: Mechanism) -> Mechanism:
         """Return the mechanism with the inputs of the study and their ranges.
 
-        If the study names at least one pair that is no input of the mechanism, the pairs of
-        the study become the only inputs. Otherwise the inputs of the mechanism remain. The
-        ends of a range that the study does not give are those of the mechanism.
+        If the study names a pair that is not an input (driven pair) of the mechanism, the
+        pairs of the study become the only inputs. Otherwise the inputs of the mechanism
+        remain. The study can state one end of a range or both. The other ends are those of
+        the mechanism.
         """
         input_tables = self.data.get("inputs", {})
         for pair in input_tables:
@@ -195,7 +199,7 @@ class _StudyReader:
         ------
         FileError
             If only some inputs have a list, if the lists differ in length, or if the study
-            also gives ranges or a number of samples.
+            also has ranges or a number of samples.
         """
         input_tables = self.data.get("inputs", {})
         fault = self.document.fault
@@ -256,14 +260,14 @@ class _StudyReader:
         return laws
 
     def time_law(self, path: KeyPath, item: Table) -> Law:
-        """Return the time law of an input from its table.
+        """Return the time law of an input (its motion over time) from its table.
 
         Parameters
         ----------
         path
             Keys that lead to the table in the file, for messages.
         item
-            The table, with the kind of the law and its numbers.
+            The table, with the kind of the law (such as a polynomial) and its numbers.
 
         Raises
         ------

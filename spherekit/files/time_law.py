@@ -73,7 +73,7 @@ class Polynomial:
         check_finite_fields(self)
 
     def at(self, t: ArrayLike) -> States:
-        """Return variable, rate and acceleration at times (s) of any shape."""
+        """Return variable (rad), rate and acceleration at times (s) of any shape."""
         law = np.polynomial.Polynomial(self.coefficients)
         with np.errstate(over="ignore", invalid="ignore"):
             q, dq, ddq = (law.deriv(order)(np.asarray(t, float)) for order in range(3))
@@ -85,9 +85,8 @@ class Polynomial:
 class Cycloidal:
     """A time law that moves an input from rest to rest, along a cycloid.
 
-    The variable is ``start + (stop - start) (x - sin(2 pi x) / (2 pi))`` with
-    ``x = t / duration``. Before t = 0 and after the duration it is constant. Its values
-    `start` and `stop` are in rad, the duration in s.
+    The variable (rad) of the input is ``start + (stop - start) (x - sin(2 pi x) / (2 pi))``
+    with ``x = t / duration``. Before t = 0 and after the duration (s) it is constant.
     """
 
     start: float
@@ -105,8 +104,8 @@ class Cycloidal:
         x = np.clip(np.asarray(t, dtype=np.float64) / self.duration, 0.0, 1.0)
         rise = self.stop - self.start
         turn = 2 * math.pi
-        # The angle 2 pi x. At the end it is 0 instead of 2 pi, because sin(2 pi) is not
-        # exactly 0 in float64. Rate and acceleration at the end are then exactly 0.
+        # The angle 2 pi x. At the end 0 replaces 2 pi, because sin(2 pi) is not exactly 0
+        # in float64. Rate and acceleration are then exactly 0 there.
         angle = turn * np.where(x < 1.0, x, 0.0)
         q = self.start + rise * (x - np.sin(angle) / turn)
         dq = rise / self.duration * (1 - np.cos(angle))
@@ -117,11 +116,11 @@ class Cycloidal:
 @checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class Tabulated:
-    """A time law as a table: a quintic spline through angles (rad) at rising times (s).
+    """A time law as a table of angles (rad) of an input at rising times (s).
 
-    Without further conditions the spline has no knots at the two inner points next to
-    either end (not-a-knot). It is then exact for polynomials up to the fifth degree. With
-    `rest_at_ends`, rate and acceleration are zero at both ends instead (clamped).
+    A quintic spline passes through the angles. By default its ends have no conditions of
+    their own (not-a-knot), so it is exact for polynomials up to the fifth degree. With
+    `rest_at_ends`, rate and acceleration are zero at both ends (clamped).
     """
 
     times: Numbers
@@ -211,7 +210,7 @@ def read_quantity_list(text: str, dimension: Dimension, angle_unit: AngleUnit) -
     Parameters
     ----------
     text
-        Numbers with or without units, with a plus sign between them.
+        Numbers with or without units. The plus sign between them is a separator.
     dimension
         The quantity of all numbers: an angle, a speed or a time.
     angle_unit
@@ -232,7 +231,7 @@ def read_quantity_list(text: str, dimension: Dimension, angle_unit: AngleUnit) -
 
 
 def read_polynomial_coefficients(text: str, angle_unit: AngleUnit) -> Numbers:
-    """Read the coefficients of an angle that is a polynomial in time.
+    """Read the coefficients of an angle that is a polynomial in the time t.
 
     The angle is c_0 + c_1 t + c_2 t^2 + ..., and c_0 is written first. The coefficients
     have different units: an angle, a speed (deg/s), an acceleration (deg/s2), and so on. An
@@ -241,7 +240,7 @@ def read_polynomial_coefficients(text: str, angle_unit: AngleUnit) -> Numbers:
     Parameters
     ----------
     text
-        Coefficients with or without units, with a plus sign between them.
+        Coefficients with or without units. The plus sign between them is a separator.
     angle_unit
         Unit of angles in coefficients that are written without a unit.
 

@@ -128,9 +128,11 @@ class Document:
         Parameters
         ----------
         faults
-            Key path and message of each fault. Equal faults are listed once.
+            Key path (keys that lead to the value) and message of each fault. Equal faults
+            are listed once.
         """
-        # Sorted by the line of the key path. A dictionary removes equal faults.
+        # Sorted by the line of the key path. The keys of a dictionary are unique, so equal
+        # faults vanish.
         unique_faults = dict.fromkeys(sorted(faults, key=lambda item: self.line(item[0])))
         sentences = [self.sentence(path, message) for path, message in unique_faults]
         unlisted = len(sentences) - MAX_REPORTED_FAULTS
@@ -168,7 +170,7 @@ def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     """Return the content of a pipe that the shell has opened; None for other files.
 
     Examples are ``/dev/stdin`` and ``/dev/fd/63``. A pipe can be read only once. The first
-    call therefore stores the content, and later calls return the stored one.
+    call stores the content, and later calls return the stored content.
 
     Parameters
     ----------
@@ -180,17 +182,17 @@ def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     Raises
     ------
     OSError, ValueError
-        If it cannot be read.
+        If the file or pipe cannot be read.
     """
     status = path.stat()
     is_shell_path = path.parts[1:2] in (("dev",), ("proc",))
     if not stat.S_ISFIFO(status.st_mode) or not is_shell_path:
         return None
     with path.open("rb") as stream:
-        # A pipe that was read before gives no bytes.
+        # At a second call the pipe is empty, and no bytes are read.
         content = stream.read(max_bytes)
-    # The inode number identifies the pipe. `setdefault` returns the stored content, or
-    # stores the content that was read now.
+    # The inode number identifies the pipe. `setdefault` prefers stored content to the
+    # content that was read now.
     return _pipe_contents.setdefault(status.st_ino, content)
 
 
@@ -209,7 +211,7 @@ def read_text(path: Path) -> str:
         data = read_pipe(path, MAX_BYTES + 1)
         if data is not None:
             return _decode(data, str(path))
-        # Without O_NONBLOCK, opening a named pipe would wait for a writer. Pipes are
+        # Opening a named pipe would wait for a writer without O_NONBLOCK. Named pipes are
         # refused below.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except (OSError, ValueError) as error:
@@ -340,7 +342,7 @@ def _decode(data: bytes, name: str) -> str:
 
 
 def _syntax_message(text: str, name: str, parser_message: str) -> str:
-    """Return the message about a text that is not TOML, with a hint for common mistakes.
+    """Return the message about a text that is not valid TOML, with a hint for the user.
 
     Parameters
     ----------
@@ -363,7 +365,7 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
         line = len(text.rstrip("\n").split("\n"))
         position = "at the end: "
 
-    # If a table is given twice, the line of the first one is added. The message of the
+    # If the file has a table twice, the line of the first one is added. The message of the
     # parser has the path as a tuple of quoted keys.
     repeated = _REPEATED_TABLE.search(problem)
     if repeated:

@@ -152,17 +152,19 @@ class _KeyScanner:
     def _enter_table(self) -> None:
         """Record the line of a table header, and make its table the present one.
 
-        The method is called when the header, such as ``[pairs.41]``, has been read. Its
+        TOML parsers report no lines, so this scanner records the line of each key for
+        messages. It calls the method after reading a header, such as ``[pairs.41]``. The
         parts ``pairs`` and ``41`` are in `key_parts`. The keys that follow belong to the
         present table.
         """
         outer_path = self._enter_outer_tables(self.key_parts[:-1])
         path = (*outer_path, self.key_parts[-1])
+        # A header with two brackets, ``[[name]]``, begins a table of an array.
         if self.header_depth > 1:
             path = self._begin_array_table(path)
-        # This line replaces a line that another header has recorded for the table. The
-        # header ``[pairs.41]``, for example, records its line for ``pairs``, too, which can
-        # have its own header ``[pairs]`` further down.
+        # The own header of a table counts more than a line recorded earlier. For example,
+        # the header ``[pairs.41]`` also records its line for ``pairs``, and a header
+        # ``[pairs]`` can follow.
         self.lines[path] = self.line
         self.table = path
 
@@ -185,7 +187,7 @@ class _KeyScanner:
         present line is recorded for the outer tables that have no line yet.
 
         `keys` are all parts of the header but the last one. If a part names an array of
-        tables, the last table of the array so far is meant, and its index is added.
+        tables, the last table of the array is meant, and the path contains its index.
         """
         path: KeyPath = ()
         for key in keys:

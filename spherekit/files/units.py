@@ -88,11 +88,11 @@ def construct_element(
         The class of the element.
     table
         Values by key of the file, with angles in rad and directions as unit vectors. Keys
-        that belong to no field of the class are ignored.
+        that belong to other objects are ignored.
     other_fields
         Values of further fields, by field name. They must not be in the table.
     """
-    # Keys of the file and the fields of the class have different names.
+    # A key of the file and its field of the class can have different names.
     field_by_key = KEYS[cls]  # type: ignore[index]
     table_fields = {
         field_by_key[key]: value for key, value in table.items() if key in field_by_key
@@ -103,8 +103,8 @@ def construct_element(
 def table_of(element: Any) -> dict[str, Any]:
     """Return the table that describes an element of a mechanism in a file.
 
-    The table has the values of the fields by key of the file. Fields that have their
-    default value are left out.
+    The table has the values of the fields by key of the file, with angles in rad. Fields
+    with their default value are left out.
     """
     default_by_field = {item.name: item.default for item in fields(element)}
     table: dict[str, Any] = {}
@@ -238,9 +238,9 @@ def convert_to_file(data: Table, unit: AngleUnit) -> Any:
 def angle_paths(document: Document) -> set[KeyPath]:
     """Return the locations of all angles in a mechanism file.
 
-    They are the numbers that the schema of the file declares as angles, and the two numbers
-    of a longitude and a latitude. A location is a path of keys. Each number of an array has
-    a path of its own, which ends with its index.
+    They are all numbers that the schema of the file declares as angles, including
+    longitudes and latitudes. A location is a path of keys. Each number of an array has its
+    own path, which ends with its index.
     """
     paths: set[KeyPath] = set()
 
@@ -254,8 +254,8 @@ def angle_paths(document: Document) -> set[KeyPath]:
         paths.update((*path, index) for index in range(len(angles)))
         return angles
 
-    # `convert_values` calls these functions for each value of their kind, with its path.
-    # Its result, the unchanged data, is not used.
+    # `convert_values` calls these functions for each angle, with its path. Only the
+    # recorded paths are needed, not the result.
     convert_values(
         document.data, {"angle": add_angle, "travel": add_angle, "lonlat": add_lonlat}
     )
