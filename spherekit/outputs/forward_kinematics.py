@@ -34,8 +34,9 @@ from spherekit.status import Status
 
 @dataclass(frozen=True)
 class PoseSolutions:
-    """Every configuration found at some poses or inputs, a row for each.
+    """All configurations of a mechanism at some poses of its output, or at some inputs.
 
+    Each of the k rows is one configuration. The configurations of a pose follow each other.
     A dyad is a group of two links that can be placed in two ways, which its sign 1 or -1
     distinguishes.
 
@@ -57,8 +58,8 @@ class PoseSolutions:
         k tuples, one for each configuration: the sign (1 or -1) of each dyad, 0 for groups
         that are no dyads. Groups are in the order in which they are placed.
     complete
-        (n,) for each of the n poses or sets of inputs, whether all configurations were
-        found for sure.
+        (n,) for each of the n poses or sets of inputs, whether surely no configuration is
+        missing.
     """
 
     row: Indices
@@ -71,9 +72,9 @@ class PoseSolutions:
 
 
 def output_orientations(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
-    """Return orientations (..., 3, 3) of an output link in its reference link.
+    """Return orientations (..., 3, 3) of the output link, seen from its reference link.
 
-    An output is the motion of a link relative to another one, its reference.
+    An output is the motion of one link relative to another link, its reference.
 
     Parameters
     ----------
@@ -167,10 +168,10 @@ def find_configurations(
 
 @dataclass(frozen=True)
 class Forward:
-    """Poses of an output at n inputs in m assembly modes of dyads.
+    """Poses of an output at n inputs, in m assembly modes of a mechanism of dyads.
 
-    A dyad is a group of two links that can be placed in two ways. An assembly mode is a
-    choice of the sign, 1 or -1, of every dyad.
+    A dyad is a group of two links that can be placed in two ways, which its sign 1 or -1
+    distinguishes. An assembly mode is a choice of these signs.
 
     Attributes
     ----------
@@ -181,7 +182,7 @@ class Forward:
     directions
         (m, n, 3) directions at which the output points; None if it declares no direction.
     status
-        (m, n) values of `Status`. Failed rows are NaN.
+        (m, n) values of `Status`. Poses whose status is a failure are NaN.
     """
 
     modes: tuple[tuple[int, ...], ...]
@@ -194,7 +195,8 @@ class Forward:
 class DyadConfigurations:
     """Configurations of a mechanism of dyads at n inputs in m assembly modes.
 
-    A dyad is two links that can be placed in two ways; a mode is a choice for each dyad.
+    A dyad is a group of two links that can be placed in two ways. An assembly mode is a
+    choice of one way for each dyad.
 
     Attributes
     ----------
@@ -241,7 +243,7 @@ class ForwardKinematics:
     def at(
         self, inputs: ArrayLike, modes: Sequence[tuple[int, ...]] | None = None
     ) -> Forward:
-        """Return the poses at some inputs, in several assembly modes at once.
+        """Return the poses of the output at some inputs, in several assembly modes at once.
 
         Parameters
         ----------
@@ -254,8 +256,8 @@ class ForwardKinematics:
         Raises
         ------
         SolveError
-            If a group is no dyad (ask for `solutions` then), or the inputs are not finite
-            or not as many as the mechanism has.
+            If a group of links is no dyad (ask for `solutions` then), or the inputs are not
+            finite or not as many as the mechanism has.
         """
         # Links are placed in groups, the smallest sets that are rigid when the inputs are
         # locked. Only groups that are dyads have a closed form.
@@ -301,10 +303,16 @@ class ForwardKinematics:
 
     @checked(SolveError)
     def solutions(self, inputs: ArrayLike) -> PoseSolutions:
-        """Return every configuration found at inputs (n, inputs) rad, row by row.
+        """Return every configuration found at some inputs, for any mechanism.
 
-        Mechanisms of dyads are computed in closed form, and no configuration is missed.
-        Others are solved for one row of inputs after another.
+        Mechanisms of dyads (groups of two links and three R pairs) are computed in closed
+        form, and no configuration is missed. Others are solved for one set of inputs after
+        another.
+
+        Parameters
+        ----------
+        inputs
+            (n, inputs) values of the inputs (rad).
 
         Raises
         ------
@@ -315,8 +323,8 @@ class ForwardKinematics:
         if not self.solver.assembly.has_closed_form:
             return find_configurations(self.solver, self.output, q)
         configurations = self._evaluate(q, self._modes)
-        # The status (modes, rows) is transposed, so that the modes of a row of inputs
-        # follow each other.
+        # `T` changes the axes from (modes, n) to (n, modes), so that all modes of one set
+        # of inputs follow each other.
         row, mode = np.nonzero(has_configuration(configurations.status).T)
         values = configurations.values[mode, row]
         orientations = output_orientations(
@@ -335,12 +343,12 @@ class ForwardKinematics:
 
 
 def output_rates(motion: Motion, output: Output) -> Floats:
-    """Return the output's angular velocity per unit rate of each input.
+    """Return the output's angular velocity per unit rate of each input (the Jacobian).
 
     One input moves while the others are locked. The rates of the passive (not driven)
     variables follow from the velocity equations of all loops, J_passive rates = -J_input.
-    The closure Jacobian J is the derivative of the closure equations by the variables;
-    J_passive has the columns of the passive variables, J_input that of the moving input.
+    Here J is the derivative of the loop closure equations by the variables. J_passive has
+    the columns of the passive variables, and J_input has the column of the moving input.
 
     Parameters
     ----------
@@ -352,14 +360,16 @@ def output_rates(motion: Motion, output: Output) -> Floats:
     Returns
     -------
     (n, 3, inputs) angular velocity (rad/s) of the output link relative to the link that the
-    output is relative to, in the axes of the latter. NaN in rows that failed and where the
-    inputs do not determine the motion.
+    output is relative to, in the axes of the latter. NaN for configurations that failed and
+    where the inputs do not determine the motion.
     """
     mechanism = motion.mechanism
     link = mechanism.link_number[output.link]
     base = mechanism.link_number[output.relative_to]
     is_ok = motion.status == Status.OK
     rates = nans((len(motion), 3, motion.inputs.shape[1]))
+    # Vectors are computed in ground axes and then turned to the axes of the base, the
+    # reference link of the output.
     ground_to_base = transpose(motion.rotations[is_ok, base])
     part = motion.rows(is_ok)
     linearisation = part.linearisation

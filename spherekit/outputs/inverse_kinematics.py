@@ -159,9 +159,9 @@ class Inverse:
         inverse_rows = self.normals / self.type_1[..., None]
         third_row = None
         if inverse_rows.shape[2] == 2:
-            # With two inputs the matrix is completed by a row along the direction of the
-            # output, about which it has no angular velocity. Its length has no influence on
-            # the first two columns of the inverse.
+            # With two inputs, the matrix has only two rows. The third one is along the
+            # direction of the output, about which the output has no angular velocity. The
+            # length of this row has no influence on the result.
             third_row = np.cross(inverse_rows[..., 0, :], inverse_rows[..., 1, :])
         # The columns of the inverse of a matrix are the cross products of its rows,
         # divided by the determinant.
@@ -351,10 +351,11 @@ class InverseKinematics:
         def read_results(mode: WorkingMode) -> dict[str, Array]:
             """Return the result arrays of a mode by name; the last axis is the pose.
 
-            The names are those of the attributes of `Inverse`, where they are explained.
+            The names are the attributes of `Inverse`, where they are explained.
             """
-            # How far the dyads are from being stretched or folded: the smallest margin
-            # (rad) of all dyads, and the number of the limiting dyad.
+            # A dyad is two links joined by a pair. `reach` has the smallest angle (rad) of
+            # all dyads from being stretched or folded, and the number of the dyad with this
+            # angle.
             reach = mode.reach()
             # `type_1` is the speed of the output per unit rate of each input. It is 0 at a
             # singularity of type I, where the input moves while the output rests.
@@ -365,17 +366,17 @@ class InverseKinematics:
                 "margin": reach.margin,
                 "limiting": reach.limiting,
             }
-            # While an input is locked, the possible angular velocities of the output are in
-            # a plane. The array has the unit normal of this plane for each input.
+            # With input i locked, the possible angular velocities of the output are in a
+            # plane. Its unit normal is stored for each input.
             if normals:
                 results["normals"] = np.stack(
                     [mode.output_normal(pair) for pair in mode.driven]
                 )
             if has_closing_link:
-                # An output that points in a direction can still turn about it. The turn
-                # follows from the arc of one link, the closing link: the angle between its
-                # two axes has to be this arc. The slope is the derivative of the cosine of
-                # the angle by the turn. It shows how accurate the turn is.
+                # The output link can turn about its direction. This turn follows from the
+                # arc of one link, the closing link: it must be the angle between the two
+                # axes of this link. The slope is the derivative of the cosine of the angle
+                # by the turn. It shows how accurate the turn is.
                 results["slope"] = mode.slope
             return results
 
@@ -406,20 +407,21 @@ class InverseKinematics:
         modes: Sequence[Signs],
         read_results: Callable[[WorkingMode], Mapping[str, Array]],
     ) -> dict[str, Any]:
-        """Return results of several modes at many poses.
+        """Return results of several working modes at many poses.
 
-        The poses are computed in blocks, so that the arrays stay small.
+        The poses are computed in blocks, so that the arrays fit in the cache of the
+        processor.
 
         Parameters
         ----------
         poses
-            (n, 3, 3) orientations or (n, 3) directions.
+            (n, 3, 3) orientations or (n, 3) directions of the output.
         starts
-            A direction leaves the turn of the output link about it open. If the arc of a
-            link (closing link) determines this turn, Newton's method computes it from a
-            start: (n, 3, 3) orientations of the output link. Otherwise (n, 0).
+            (n, 3, 3) orientations of the output link, or (n, 0) if they are not needed.
+            They are needed if Newton's method searches the turn of the output link about
+            its direction.
         modes
-            The signs of the dyads in each of m modes.
+            The signs of the dyads (groups of two links) in each of m modes.
         read_results
             Function that returns arrays (..., n) of one mode by their names.
 
@@ -524,16 +526,17 @@ class InverseKinematics:
 
     @checked(SolveError)
     def posed(self, poses: ArrayLike, signs: Signs) -> WorkingMode:
-        """Return one working mode at poses. Its results are computed when they are read.
+        """Return the mechanism in one working mode at poses of its output.
 
         All links have to be placed as dyads (groups of two links) from the pose alone.
+        Results of the mode, such as angles, are computed when they are read.
 
         Parameters
         ----------
         poses
             (n, 3, 3) orientations or (n, 3) directions of the output.
         signs
-            The sign of each dyad, 1 or -1.
+            The sign of each dyad, 1 or -1, for one of its two positions.
 
         Raises
         ------
@@ -545,8 +548,8 @@ class InverseKinematics:
             raise self.no_closed_form("ask for `solutions` row by row")
         pose_array = self._check_poses(poses)
         modes = self._check_modes([signs])
-        # `_place_modes` can also search the turn of the output link about its direction,
-        # from starts (n, m). Here the pose places all links, so there are no starts.
+        # `_place_modes` also serves for mechanisms in which a turn is searched from starts.
+        # None are needed here, so the array of starts is empty.
         no_starts = np.empty((len(pose_array), 0))
         return next(self._place_modes(pose_array, no_starts, modes))
 
@@ -570,20 +573,20 @@ class InverseKinematics:
             If the poses are not rotations or directions.
         """
         pose_array = self._check_poses(poses)
-        # A mechanism with a pointing output may have a closing link: if this link is taken
-        # out and the turn of the output about its direction is assumed, all other links
-        # form dyads. The turns at which the closing link fits in are searched.
+        # Some mechanisms with a pointing output consist of dyads once one link is taken out
+        # (closing link) and the turn of the output about its direction is assumed. The
+        # turns at which this link fits in are searched.
         if self._closing_link is not None:
             with np.errstate(all="ignore"):
                 return self._solve_all_turns(self._closing_link, pose_array)
         return self._solve_held_output(pose_array)
 
     def _solve_held_output(self, poses: Floats) -> PoseSolutions:
-        """Return the configurations of the mechanism while its output is held at poses.
+        """Return the configurations of the mechanism while its output is fixed in poses.
 
-        Virtual links hold the output. The angles of their pairs are the coordinates of the
-        pose. They are the inputs of the mechanism with virtual links, at which the position
-        solver finds all configurations.
+        Virtual links and pairs are added that fix the output. The angles of the virtual
+        pairs are coordinates of the pose and serve as inputs. The position solver then
+        finds all configurations of this extended mechanism.
 
         Parameters
         ----------
@@ -592,7 +595,7 @@ class InverseKinematics:
 
         Returns
         -------
-        The configurations without the virtual pairs, as those of the user's mechanism.
+        The configurations of the mechanism of the user, without the virtual pairs.
         """
         # A pointing output has the azimuth and the tilt of its direction as coordinates.
         coordinates = azimuth_tilt(poses) if self.wrist.points else euler_zyz(poses)
@@ -667,11 +670,11 @@ class InverseKinematics:
         )
 
     def _check_starts(self, near: ArrayLike | None, count: int) -> Floats:
-        """Return orientations from which the search of the output link's turn starts.
+        """Return the starts of the search for the turn of the output link.
 
-        If the pose is a direction, the output link can be turned about it by any angle. In
-        some mechanisms the arc of one link (closing link) determines this angle, which
-        Newton's method then searches. In others the pose places all links directly.
+        A direction leaves the turn of the output link about it open. In some mechanisms the
+        arc of one link (closing link) determines this turn, which is then searched. In
+        others the pose places all links directly.
 
         Parameters
         ----------
@@ -711,9 +714,13 @@ class InverseKinematics:
         return SolveError(f"{self.own.name}: outputs.{self.wrist.output.name}: {reason}")
 
     def _check_poses(self, poses: ArrayLike) -> Floats:
-        """Return orientations (n, 3, 3) or directions (n, 3) as an array.
+        """Return the poses of the user as an array, after checking them.
 
-        For a single pose n is 1. NaN is accepted.
+        Poses that are NaN are accepted; their results become NaN. For a single pose n is 1.
+
+        Returns
+        -------
+        (n, 3, 3) orientations, or (n, 3) directions if the output points.
 
         Raises
         ------
@@ -729,14 +736,14 @@ class InverseKinematics:
             expected = "directions (n, 3)" if is_direction else "rotations (n, 3, 3)"
             raise self._error(f"poses are {expected}, not {array.shape}")
         columns = array[..., None] if is_direction else array
-        # Numbers (n, k) that all have to be 1: first the squared lengths of the columns.
+        # Numbers (n, k) that all have to be 1. First the squared lengths of the columns.
         unit_numbers = np.einsum("nik,nik->nk", columns, columns)
         if not is_direction:
-            # Unit columns have the determinant 1 only if they are at right angles and
-            # right-handed.
+            # For orientations also the determinant. Together with unit columns it shows
+            # that the matrix is a rotation.
             with np.errstate(invalid="ignore"):
                 unit_numbers = np.column_stack([unit_numbers, np.linalg.det(array)])
-        # Comparisons with NaN are false, so that NaN is accepted.
+        # A comparison with NaN is false, so NaN is not wrong here.
         is_wrong = np.any(np.abs(unit_numbers - 1.0) > UNIT_POSE_TOLERANCE, axis=1)
         if np.any(is_wrong):
             expected = "unit vector" if is_direction else "rotation matrix"
@@ -746,8 +753,8 @@ class InverseKinematics:
     def _check_modes(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
         """Return the signs of the chosen working modes, or of all if `modes` is None.
 
-        A working mode is one way to assemble the mechanism at a pose. It has a sign, 1 or
-        -1, for each leg.
+        A working mode is one way to assemble the mechanism at a pose. It has one sign for
+        each group of links (see `legs`), usually 1 or -1.
 
         Raises
         ------
@@ -757,7 +764,7 @@ class InverseKinematics:
         if modes is None:
             return self.modes
         chosen = tuple(tuple(map(int, signs)) for signs in modes)
-        # The mechanism of the user. `self.mechanism` has virtual links as well.
+        # The mechanism of the user, without the virtual links that hold the output.
         mechanism = self.own
         for signs in chosen:
             if signs not in self.modes:
@@ -771,12 +778,13 @@ class InverseKinematics:
 def _close_mode(
     closing_link: DyadsWithClosingLink, directions: Floats, near: Floats, signs: Signs
 ) -> WorkingMode:
-    """Return one working mode of a pointing output, whose turn is searched.
+    """Return the mechanism in one working mode at directions of its output.
 
-    The output link points in a given direction and can turn about it. All other links but
-    one are dyads that follow. The remaining one, the closing link, joins two of them. The
-    angle between the axes of its pairs has to be its arc. The turn is therefore the root of
-    the residual: the cosine of this angle less the cosine of the arc.
+    The output link points in a direction and can turn about it. All other links but one are
+    dyads (groups of two links) that follow. The remaining one, the closing link, joins two
+    of them: the angle between its two pair axes must be its arc. The residual is the cosine
+    of this angle less the cosine of the arc. Newton's method searches the turn at which it
+    is 0.
 
     Parameters
     ----------
@@ -787,9 +795,9 @@ def _close_mode(
     near
         (n, 3, 3) orientations of the output link from whose turns Newton's method starts.
     signs
-        The sign of each dyad, then that of the closing link. The latter is the sign of the
-        slope of the residual at the root: its derivative by the turn. Poses at which the
-        method arrives at a root with the other sign have the status MODE_LOST.
+        The sign of each dyad, then that of the closing link: the sign of the derivative of
+        the residual by the turn at the solution. Poses at which the method arrives at a
+        solution with the other sign have the status MODE_LOST.
     """
     dyad_signs = signs[:-1]
     link_sign = signs[-1]
@@ -799,8 +807,8 @@ def _close_mode(
     slope = closing_link.slope(mode, directions)
     residual = np.abs(closing_link.residual(mode))
 
-    # The slope is the rate of the residual for a turn alone. Rates of the inputs need the
-    # rate of the residual for any angular velocity of the output.
+    # `slope` is the derivative of the residual by the turn alone. Rates of the inputs also
+    # need its rate for any angular velocity of the output.
     residual_rate = closing_link.residual_rate(mode)
     status = _closing_status(mode.status, residual, slope, link_sign)
     state = ClosingLinkState(residual_rate, directions, status)
@@ -810,14 +818,16 @@ def _close_mode(
 def _closing_status(
     dyad_status: SmallIntegers, residual: Floats, slope: Floats, link_sign: int
 ) -> SmallIntegers:
-    """Return whether the closing link fits after Newton's method has found the turns.
+    """Return the status of configurations, depending on whether the closing link fits.
 
-    The status is, in this order:
+    The closing link joins two other links that are placed as dyads (groups of two links).
+    The turn of the output link about its direction was searched so that this link fits. The
+    first reason that applies is the status:
 
     - OUT_OF_REACH where a dyad does not reach,
     - NOT_CONVERGED where the residual is not 0,
     - MODE_LOST where the slope has not the sign of the mode,
-    - AT_SINGULARITY where the slope is almost 0, because two roots are about to meet,
+    - AT_SINGULARITY where the slope is almost 0, because two solutions are about to meet,
     - otherwise that of the dyads.
 
     Parameters
@@ -825,7 +835,7 @@ def _closing_status(
     dyad_status
         (n,) codes of `Status` of the dyads.
     residual
-        (n,) absolute value of the cosine of the angle between the axes of the closing link
+        (n,) absolute error: the cosine of the angle between the axes of the closing link
         less the cosine of its arc.
     slope
         (n,) derivative of the residual (with its sign) by the turn.
@@ -834,13 +844,12 @@ def _closing_status(
     """
     status = dyad_status.copy()
     is_in_reach = dyad_status != Status.OUT_OF_REACH
-    # Like the sine of a dyad that is nearly stretched, a slope that is almost 0 is known
-    # with half of the digits only, so the same limit applies to it.
+    # Near a slope of 0, half of the digits of the turn are lost, as for a dyad that is
+    # nearly stretched. The same limit is used.
     is_singular = np.abs(slope) < SINGULAR_DYAD_SINE
     has_other_sign = slope * link_sign <= 0.0
-    # The residual divided by the slope is the next step of Newton's method (rad), an
-    # estimate of the error of the turn. This test alone is not enough: where a dyad is
-    # stretched the slope is infinite, so that the step is small without a root.
+    # The residual divided by the slope estimates the error of the turn (rad). Where a dyad
+    # is stretched the slope is infinite, so the residual itself is tested too.
     has_small_residual = residual < CLOSING_RESIDUAL
     has_small_step = residual < TURN_STEP_TOLERANCE_RAD * np.abs(slope)
     is_closed = has_small_residual & has_small_step

@@ -29,16 +29,16 @@ can be missed. Smaller: more time.
 
 @dataclass(frozen=True)
 class ElbowFeet:
-    """The two possible elbows of each leg at m poses, by the point half-way between them.
+    """The two possible elbows of each leg at m poses, described by their middle.
 
-    The elbow of a leg is the axis between its two links. It is in the mid-plane, at the arc
-    of a link from the base axis of the leg. Two unit vectors fulfil both conditions. They
-    differ only in the sign of the triple product n . (base axis x elbow), with the unit
-    normal n of the mid-plane:
+    A leg has two links, and its elbow is the axis between them. Base and end effector
+    mirror each other in the mid-plane. The elbow is in the mid-plane, at the arc of a link
+    from the base axis of the leg. Two unit vectors fulfil both conditions:
 
         elbow = foot + triple_product * direction.
 
-    This sign is the mode of the leg.
+    They differ only in the sign of the triple product n . (base axis x elbow), with the
+    unit normal n of the mid-plane. This sign is the mode of the leg.
 
     Attributes
     ----------
@@ -58,7 +58,11 @@ class ElbowFeet:
     triple_product_square: Floats
 
     def elbows(self, modes: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the elbows in given modes, and their triple products.
+        """Return the elbows of the legs in given modes, and their triple products.
+
+        The elbow of a leg is the axis between its two links. It can be in two positions,
+        which the sign of the triple product n . (base axis x elbow) distinguishes. n is the
+        normal of the mid-plane.
 
         Parameters
         ----------
@@ -68,9 +72,9 @@ class ElbowFeet:
         Returns
         -------
         elbows
-            (m, legs, 3) unit vectors, NaN out of reach.
+            (m, legs, 3) unit vectors at m poses, NaN out of reach.
         triple_products
-            (m, legs) numbers n . (base axis x elbow), NaN out of reach.
+            (m, legs) triple products, NaN out of reach.
         """
         with np.errstate(all="ignore"):
             # The square root of a negative square is NaN.
@@ -202,9 +206,9 @@ class MidPlane:
     def normals(self, inputs: Floats) -> Floats:
         """Return the normals of the mid-planes at given values of both inputs.
 
-        Base and end effector mirror each other in the mid-plane. The inputs determine the
-        elbows of both driven legs (the axes between the two links of each leg), and these
-        two vectors span the mid-plane.
+        Base and end effector mirror each other in the mid-plane, so its normal determines
+        the pose. Each input determines the elbow of its leg (the axis between the two links
+        of the leg). Both elbows lie in the mid-plane.
 
         Parameters
         ----------
@@ -244,10 +248,12 @@ class MidPlane:
         return np.sign(np.vecdot(self.normals(inputs)[:, None], products))
 
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
-        """Return the inputs of mid-planes in each of the four modes of the driven legs.
+        """Return the inputs for some mid-planes, in all four modes of the driven legs.
 
-        A leg of two links has two possible elbows (axes between its two links), which its
-        sign distinguishes. A mode is the signs of both driven legs.
+        This is the inverse kinematics: base and end effector mirror each other in the
+        mid-plane, so it determines the pose. The elbow of a leg (the axis between its two
+        links) has two possible positions, which its sign distinguishes. A mode is the signs
+        of both driven legs.
 
         For the mechanism of Chen et al. 2021 the modes are the four configurations of Fig.
         5. With the signs (-1, 1) both driven links point away from the middle of the base,
@@ -256,8 +262,7 @@ class MidPlane:
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes, in which base and end effector mirror
-            each other.
+            (n, 3) unit normals of the mid-planes.
 
         Returns
         -------
@@ -281,12 +286,15 @@ class MidPlane:
         return inputs_by_mode
 
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
-        """Return the mid-plane within reach of all legs that is nearest to a given one.
+        """Return the mid-plane within reach of all legs that is nearest to a wanted one.
+
+        Base and end effector mirror each other in the mid-plane. Its normal determines the
+        pose.
 
         Parameters
         ----------
         normal
-            (3,) unit normal of the given mid-plane, which may be out of reach.
+            (3,) unit normal of the wanted mid-plane, which may be out of reach.
         margin
             Least angle (rad) to the border of the reach.
 
@@ -294,12 +302,12 @@ class MidPlane:
         -------
         (3,) unit normal with n_z >= 0; NaN if no mid-plane is within reach.
         """
-        # A leg reaches the mid-plane if the angle h between its base axis and the plane is
-        # within its reach. sin(h) is the scalar product of normal and axis. Squares are
-        # compared, since the sign of h does not matter and squares are smooth.
+        # A leg reaches the mid-plane if the angle between its base axis and the plane is at
+        # most its reach. The sine of this angle is the scalar product of normal and axis.
+        # Its square is compared, since the sign does not matter.
         sine_limits = np.sin(self.reach - margin)
-        # The region of all normals of mid-planes within reach. Its border is exact; the
-        # tolerance only limits how small the parts are that can be missed.
+        # The border of the region of all normals within reach is exact. Parts of the region
+        # that are smaller than the tolerance can be missed.
         region = find_region(
             lambda normals: sine_limits**2 - (normals @ self.axes.T) ** 2,
             tolerance=REACH_MESH_ERROR_SR,

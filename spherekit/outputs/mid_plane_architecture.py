@@ -86,10 +86,10 @@ AXIS_KINDS: tuple[AxisKind, ...] = ("base", "tip", "elbow", "normal")
 
 @dataclass(frozen=True)
 class PairAxis:
-    """A rule that gives the axis of a pair at any mid-plane.
+    """What the axis of a pair is, so that it can be computed in any pose.
 
-    Base and end effector mirror each other in the mid-plane. Every pair axis is an axis of
-    a leg or the normal of the mid-plane.
+    Base and end effector mirror each other in the mid-plane. In this architecture, every
+    pair axis is an axis of a leg or the normal of the mid-plane.
 
     Attributes
     ----------
@@ -177,10 +177,10 @@ class MidPlaneArchitecture:
         return self.image @ np.array(self.output.direction)
 
     def normals_to(self, directions: Floats) -> tuple[Floats, Floats]:
-        """Return the mid-planes in which the output points at directions.
+        """Return the mid-planes for which the output points in given directions.
 
-        The mid-plane mirrors the base to the end effector. The mirror image of the constant
-        direction `home` is the direction of the output. The normal of the mid-plane is
+        The mid-plane mirrors the base to the end effector, and a constant direction of the
+        base, `home`, to the direction of the output. The normal of the mid-plane is
         therefore along the difference of both directions.
 
         Parameters
@@ -198,21 +198,20 @@ class MidPlaneArchitecture:
             `home` is possible, and the normal is NaN. The smaller it is, the larger is the
             error of the normal.
         """
-        # If the lengths of both vectors differ by rounding, the normal is wrong by the
-        # rounding error divided by the distance, which can be large.
+        # A plain difference would amplify rounding errors of the lengths if both directions
+        # are close.
         difference = _difference_of_equal_lengths(directions, self.home)
         distance = np.linalg.norm(difference, axis=1)
         with np.errstate(all="ignore"):
             return difference / distance[:, None], distance
 
     def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the angles of the mid-planes for which the output points at directions.
+        """Return the angles of the mid-planes for which the output points as wanted.
 
-        The output link is the mirror image of the base in the mid-plane. The mid-plane with
-        the unit normal (x, y, z), z >= 0, has the angles
-        phi = -2 arcsin(x), gamma = 2 arcsin(y) and omega = arctan(y / z) of Chen et al.
-        2021. The components are those in mirror axes: the axes of the base, turned by the
-        constant matrix `frame`.
+        Base and output link mirror each other in the mid-plane. A mid-plane with the unit
+        normal (x, y, z), z >= 0, has the angles phi = -2 arcsin(x), gamma = 2 arcsin(y) and
+        omega = arctan(y / z) of Chen et al. 2021. The components are those in mirror axes:
+        the axes of the base, turned by the constant matrix `frame`.
 
         Parameters
         ----------
@@ -222,9 +221,9 @@ class MidPlaneArchitecture:
         Returns
         -------
         phi, gamma, omega
-            (n,) angles (rad). They are NaN if a wanted direction is `home`, the constant
-            direction whose mirror image is the direction of the output. Every plane through
-            `home` is then a possible mid-plane.
+            (n,) angles (rad). They are NaN if a direction is `home`, the constant direction
+            of the base that is mirrored to the direction of the output. Every plane through
+            `home` is then possible.
         """
         # The second result is the distance of each direction from `home`. It tells how
         # accurate the normals are, and is not needed.
@@ -252,6 +251,7 @@ class MidPlaneArchitecture:
         -------
         (n, k, 2) derivatives of phi and of gamma by these variables.
         """
+        # (n, k, 3). The direction p of the output changes at the rate w x p.
         velocities = np.swapaxes(angular_velocities, 1, 2)  # (n, k, 3)
         direction_rates = cross(velocities, directions[:, None])
         normals, normal_rates = self._normal_rates(
@@ -262,9 +262,10 @@ class MidPlaneArchitecture:
             # sqrt(1 - x^2) is the length of (y, z), without cancellation.
             phi_by_x = -1.0 / np.hypot(y, z)
             gamma_by_y = 1.0 / np.hypot(x, z)
+            # (n, 2) derivatives of phi by x and of gamma by y, without their factor 2.
             derivatives = np.stack([phi_by_x, gamma_by_y], axis=1)  # (n, 2), without 2
-            # The normal can have z < 0. The angles are then those of the opposite normal,
-            # whose x and y have the opposite rates.
+            # The formulas of the angles are for z >= 0. If z < 0, the opposite normal is
+            # used, whose x and y have the opposite rates.
             derivatives *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
             xy_rates = normal_rates[..., :2]
             return derivatives[:, None] * xy_rates
@@ -299,19 +300,18 @@ class MidPlaneArchitecture:
             return normals, across / distance[:, None, None]
 
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
-        """Return the mid-planes nearest to orientations of the end effector.
+        """Return the mid-planes that belong to orientations of the end effector.
 
-        In the orientations that the mechanism can reach, base and end effector are mirror
-        images of each other in a plane through the centre, the mid-plane. Other
-        orientations have no mid-plane, only a nearest one.
+        In the orientations that the mechanism can reach, base and end effector mirror each
+        other in a plane through the centre, the mid-plane. For other orientations the
+        nearest mid-plane is returned.
 
-        A mid-plane with the unit normal u belongs to the orientation
-        ``frame @ mirror(u) @ image``. Here mirror(u) is the reflection in the plane. The
-        other two matrices are constant. The rotation `frame` leads from the mirror axes to
-        the axes of the base. Mirror axes are axes of the base that are chosen so that the
-        formulas of mid-planes are simple. The matrix `image` leads from the axes of the end
-        effector to the mirror axes. It contains a reflection too (determinant -1), so that
-        the orientation is a rotation.
+        A mid-plane with the unit normal u belongs to the orientation ``frame @ mirror(u) @
+        image``, where mirror(u) is the reflection in the plane. The constant rotation
+        `frame` leads from mirror axes to the axes of the base. (Mirror axes are axes of the
+        base in which the formulas are simplest.) The constant matrix `image` leads from the
+        axes of the end effector to mirror axes. It contains a reflection too (determinant
+        -1), so that the orientation is a rotation.
 
         Parameters
         ----------
@@ -326,8 +326,8 @@ class MidPlaneArchitecture:
             (n,) angle (rad) between the orientation and the nearest one that has a
             mid-plane; 0 if it has one itself.
         """
-        # The inverse of an orthogonal matrix is its transpose. This is mirror(u) if there
-        # is a mid-plane. Otherwise `mirror_of` finds the nearest reflection.
+        # Solve the formula for mirror(u). The inverse of an orthogonal matrix is its
+        # transpose. `mirror_of` finds the nearest reflection.
         improper_rotations = transpose(self.frame) @ orientations @ transpose(self.image)
         return mirror_of(improper_rotations)
 
@@ -360,11 +360,10 @@ class MidPlaneArchitecture:
         rotations[:, self.effector] = self.orientations(normals)
         placed_links = set(range(link_count) if links is None else links)
         for link in placed_links - {0, self.effector}:
-            # A link is placed by two of its axes, which must not be parallel, so they are
-            # of two kinds. A link of a leg has an axis at the base (or at the tip) and an
-            # elbow. A link that is hinged to elbows has an elbow and an axis along the
-            # normal of the mid-plane. The pairs of the link are sorted by kind (`along`),
-            # so the first and the last one have different kinds.
+            # A link is placed by two of its pair axes, which must not be parallel. The
+            # pairs are sorted by the kind of their axis: base, tip, elbow or normal of the
+            # mid-plane. The first and the last one have different kinds, so they are not
+            # parallel.
             pairs = sorted(
                 (pair for pair, ends in enumerate(self.mechanism.ends) if link in ends),
                 key=lambda pair: AXIS_KINDS.index(self.along[pair].kind),
@@ -408,8 +407,8 @@ class MidPlaneArchitecture:
         (n, 3) axes, or (1, 3) for a pair of the base, whose axis does not move. All vectors
         are in mirror axes: the axes of the base, turned by the constant matrix `frame`.
         """
-        # The kind of the axis, and for elbows and normals the sign of its direction: the
-        # axes of several pairs can point along the same elbow or opposite to it.
+        # What the axis of this pair is. Several pairs can share an elbow or the normal,
+        # some with the opposite direction, which is stated by `sense`.
         pair_axis = self.along[pair]
         if pair_axis.kind == "base":
             return self.plane.axes[pair_axis.leg][None]
@@ -450,7 +449,7 @@ class MidPlaneArchitecture:
         Parameters
         ----------
         placed
-            (n, links, 3, 3) orientations of all links.
+            (n, links, 3, 3) orientations of all links at n poses.
 
         Returns
         -------
@@ -459,7 +458,7 @@ class MidPlaneArchitecture:
         residuals
             (n, pairs) angle (rad) between two directions of each pair axis: as carried by
             the pair's first link, and as carried by its second. It is zero, up to rounding,
-            if the mechanism has the mid-plane symmetric architecture; `proof` tests this.
+            if the links fit together.
         """
         joints = revolutes(self.joints)
         return measure_pair_angles(self.mechanism.ends, joints, placed)
@@ -469,19 +468,18 @@ class MidPlaneArchitecture:
 
         In this architecture, base and end effector mirror each other in a plane. The normal
         of this mid-plane and a sign for each leg then determine the orientations of all
-        links (`place`). This formula is tested at mid-planes spread over the reach of the
-        legs, with all combinations of the signs. If the mechanism has the architecture, the
-        axes of each pair coincide in both links of the pair, and the mechanism has two
-        degrees of freedom.
+        links (`place`). The links are placed so at many mid-planes within reach, with all
+        combinations of the signs. Then the axes of each pair must coincide in both links of
+        the pair. The mechanism must also have two degrees of freedom.
 
         Returns
         -------
         gap
             Largest angle (rad) between the axis of a pair as carried by its first link and
-            as carried by its second. It has to be a rounding error.
+            as carried by its second. In this architecture it is a rounding error.
         freedoms
-            Least mobility by rank of the velocity equations, which has to be 2. It is
-            computed with the last combination of signs only.
+            Least number of degrees of freedom, from the rank of the velocity equations. It
+            has to be 2. It is computed with the last combination of signs only.
         """
         normals = _spread_normals(self.plane)
         gap = 0.0
@@ -497,12 +495,12 @@ class MidPlaneArchitecture:
     def check_reach(self, normal: Floats) -> None:
         """Raise `SolveError` if a leg does not reach the mid-plane with a normal (3,).
 
-        Base and end effector mirror each other in the mid-plane, so its normal determines
-        the pose. A leg reaches the plane if the axis between its two links (the elbow) can
-        be in it. The message names the nearest mid-plane that all legs reach.
+        Base and end effector mirror each other in the mid-plane. A leg reaches it if the
+        axis between its two links (the elbow) can be in this plane. The message names the
+        nearest mid-plane that all legs reach.
         """
-        # The axis of an elbow is NaN if the leg does not reach the plane. A sign for each
-        # leg chooses one of two elbows. Both are NaN together, so all signs are 1 here.
+        # The elbow of a leg out of reach is NaN, with either sign of the leg. So all signs
+        # are 1 here.
         elbows, _products = self.plane.elbows(normal[None], np.ones(len(self.legs)))
         short_legs = np.flatnonzero(np.isnan(elbows[0, :, 0])).tolist()
         if short_legs:
@@ -519,19 +517,18 @@ class MidPlaneArchitecture:
     ) -> FollowedRotation:
         """Return the rotation of the end effector about a fixed axis between two poses.
 
-        The end effector is the mirror image of the base in the mid-plane, so the normal of
-        this plane determines its orientation. A normal and its negative belong to the same
-        plane. The one with z >= 0 is used.
+        The end effector is the mirror image of the base in the mid-plane. The normal of
+        this plane therefore determines the pose. Of the two opposite normals of a plane,
+        the one with z >= 0 is used.
 
         Parameters
         ----------
         start, stop
-            Normals (3,) of the mid-planes of both poses. They are in mirror axes: axes of
-            the base that are turned by a constant rotation, so that formulas are simpler.
+            Normals (3,) of the mid-planes of both poses. They are in mirror axes: the axes
+            of the base, turned by the constant matrix `frame`.
         modes
-            (legs,) signs, 1 or -1, which choose one of the two elbows (axes between its two
-            links) that each leg can have at the start. The sign is that of normal . (base
-            axis x elbow), for the normal with z >= 0.
+            (legs,) signs, 1 or -1, which choose the elbow (axis between both links) of each
+            leg at the start. The sign is that of normal . (base axis x elbow).
 
         Raises
         ------
@@ -562,9 +559,9 @@ class MidPlaneArchitecture:
         turns about an axis in itself, the image turns about the same axis by twice the
         angle.
 
-        The mechanism is followed from a known configuration. A path cannot begin at a
-        singular one, but can pass through it. If the start is singular, the path therefore
-        begins shortly before it.
+        The rotation is followed step by step from a known configuration. This cannot begin
+        at a singular configuration, but can pass through one. If the start fails, the path
+        therefore begins shortly before it.
 
         Parameters
         ----------
@@ -599,25 +596,31 @@ class MidPlaneArchitecture:
     ) -> FollowedRotation:
         """Return a rotation of the end effector, followed from a pose before its start.
 
+        A path cannot begin at a singular configuration, but can pass through it. So a path
+        with a singular start begins a little earlier. Base and end effector mirror each
+        other in the mid-plane.
+
         Parameters
         ----------
         lead
             Angle (rad) of the end effector by which the path begins before the start.
         start
-            (3,) unit normal of the mid-plane at the start, in mirror axes.
+            (3,) unit normal of the mid-plane at the start, in mirror axes (axes of the base
+            that are turned by the constant matrix `frame`).
         axis
             (3,) unit vector of the axis of the rotation, in the axes of the base.
         angle
             Angle (rad) of the rotation after the start.
         modes
-            (legs,) signs, 1 or -1, which choose the elbow of each leg.
+            (legs,) signs, 1 or -1, which choose the elbow (axis between both links) of each
+            leg.
 
         Returns
         -------
         The rotation. Its angles begin at -lead and are 0 at the start.
         """
-        # 1. Turn the mid-plane back from the start, by half the angle of the end effector.
-        # `frame` is the rotation from mirror axes to the axes of the base.
+        # 1. Turn the mid-plane back from the start. It turns by half the angle of the end
+        # effector.
         axis_in_mirror_axes = self.frame.T @ axis
         rotation = rotation_about_axis(axis_in_mirror_axes, [-0.5 * lead])  # (1, 3, 3)
         first_normals = rotation @ start  # (1, 3)
@@ -669,11 +672,12 @@ def describe_mid_plane(normal: Floats) -> str:
 
 
 def _difference_of_equal_lengths(vectors: Floats, reference: Floats) -> Floats:
-    """Return the differences between unit vectors and another one, without rounded lengths.
+    """Return differences v - r of unit vectors, as if their lengths were exactly equal.
 
-    The vectors are first shortened by the rounding error by which they are longer than the
-    reference. With both lengths nearly 1, this is half of the difference of their squares,
-    |v|^2 - |r|^2 = (v - r) . (v + r), and it is subtracted along the vector v.
+    Lengths that differ by rounding would change the direction of a small difference. Each
+    vector v is therefore first shortened to the length of r. The lengths are nearly 1, so
+    their difference is half of the difference of their squares, |v|^2 - |r|^2 = (v - r) .
+    (v + r).
 
     Parameters
     ----------

@@ -55,20 +55,18 @@ def mid_plane_loci(
     output: str | None = None,
     budget: TimeLimit | None = None,
 ) -> SingularCurves | None:
-    """Return the singular curves of one type, from the mid-plane architecture.
+    """Return the singular curves of one type, for a mechanism with mid-plane architecture.
 
     Base and output mirror each other in the mid-plane. Its unit normal n and a sign for
     each leg determine a configuration. The sign chooses one of the two elbows (axes between
-    its two links) that the leg can have.
+    its two links) that the leg can have. A singular curve is therefore a curve of normals.
+    The normals n and -n belong to the same plane, so each plane is considered once.
 
-    The normals n and -n belong to the same plane. Each plane is considered once, with
-    n_z >= 0 in mirror axes (axes of the base, with z at right angles to the axes of both
-    inputs).
-
-    Every result states how complete it is. Curves of type I are computed in closed form.
-    Curves of type II are searched on a mesh of mid-planes, so closed curves that are
-    smaller than its triangles can be missed. Configurations in which the output is no
-    mirror image of the base are not searched.
+    Curves of type I (an input can move while the output rests) are computed in closed form.
+    Curves of type II (the output can move with locked inputs) are searched on a mesh of
+    mid-planes. Closed curves that are smaller than its triangles can be missed.
+    Configurations in which the output is no mirror image of the base are not searched. The
+    result states how complete it is.
 
     Parameters
     ----------
@@ -113,16 +111,18 @@ def mid_plane_loci(
 
 @dataclass(frozen=True)
 class SingularMotions:
-    """Motions at n configurations that would be possible if these were singular.
+    """A motion at each of n configurations, and how nearly it is a singular motion.
+
+    At a singular configuration some rates of the pairs solve the velocity equations while
+    the output or the inputs rest. The rates here solve these equations best.
 
     Attributes
     ----------
     rates
         (n, variables) rates of the pair variables, of unit length.
     residual
-        (n,) the larger one of two numbers that are 0 at a singular configuration, where
-        rounding errors of both have about the same size: by how much the rates fail to
-        satisfy the velocity equations, and the rotation (rad) by which a loop is open. It
+        (n,) the larger one of two errors, which are both 0 at a singular configuration: the
+        error of the velocity equations, and the rotation (rad) by which a loop is open. It
         is infinite without a configuration.
     """
 
@@ -191,17 +191,17 @@ class _MidPlaneCurveSearch:
     def find_borders(self) -> Iterator[CurveSeen]:
         """Yield the curves of type I: an input can move while the output rests.
 
-        A driven leg is then at the limit of its reach, stretched or folded. The curves are
-        circles of normals of the mid-plane, which determines the pose of the output: it is
-        the mirror image of the base in this plane. Only the parts of the circles that all
-        other legs reach are yielded. They are yielded once for each assembly mode: each of
-        these legs has a sign, 1 or -1, that chooses one of its two possible elbows (axes
-        between both links).
+        A driven leg is then at the limit of its reach, stretched or folded. Base and output
+        mirror each other in the mid-plane, whose normal determines the pose. The curves are
+        circles of such normals, as far as all other legs reach. They are yielded for each
+        assembly mode of the other legs: each of these legs has a sign, 1 or -1, that
+        chooses one of its two possible elbows (axes between both links).
         """
         leg_count = len(self.form.legs)
         for driven_leg in self.form.plane.driven:
             reason = f"leg of {self.form.name_of(driven_leg)} at the limit of its reach"
-            # Both signs of the driven leg are the same configuration at its limit.
+            # At its limit the driven leg has only one elbow, so only the sign 1 is used for
+            # it.
             for other_signs in product((1, -1), repeat=leg_count - 1):
                 signs = np.insert(np.array(other_signs), driven_leg, 1)
                 yield from self._find_zero_curves(
@@ -226,12 +226,12 @@ class _MidPlaneCurveSearch:
     def find_determinant_zeros(self, budget: TimeLimit) -> Iterator[CurveSeen]:
         """Yield the curves of type II: the output can move while the inputs are locked.
 
-        With locked inputs the velocity equations of the loops have as many unknowns, the
-        rates of the other pairs, as equations. The rates are not determined if the
-        determinant of their matrix is 0. The determinant is a function of the unit normal
-        of the mid-plane, in which base and output mirror each other. Its changes of sign
-        are searched in one assembly mode after another. A mode has a sign, 1 or -1, for
-        each leg, which chooses one of two positions of its elbow.
+        With locked inputs the velocity equations of the loops are a square system for the
+        rates of the other pairs. Its determinant is 0 if the output can move. The
+        determinant is a function of the unit normal of the mid-plane, in which base and
+        output mirror each other. Its changes of sign are searched in each assembly mode. A
+        mode has a sign, 1 or -1, for each leg, which chooses one of two positions of its
+        elbow (axis between its two links).
 
         Parameters
         ----------
@@ -243,7 +243,7 @@ class _MidPlaneCurveSearch:
                 return
             signs = np.array(mode)
 
-            # The default value binds the signs of this pass of the loop.
+            # The default value keeps the signs of this pass of the loop.
             def compute_determinant(normals: Floats, signs: Integers = signs) -> Floats:
                 """Return the determinants (n,) at mid-planes with unit normals (n, 3)."""
                 return self._compute_determinants(signs, normals)
@@ -323,16 +323,13 @@ class _MidPlaneCurveSearch:
             yield self._make_curve(normals, signs, is_closed, curve_reason)
 
     def _measure_reach(self, leg: int, normals: Floats) -> Floats:
-        """Return a measure of the reach of a leg, which is 0 at the limit of its reach.
+        """Return a smooth measure of whether a leg reaches a mid-plane, 0 at the limit.
 
-        Base and output mirror each other in the mid-plane. The elbow e, the axis between
-        the two links of the leg, is in this plane. Its angle from the base axis b of the
-        leg is the arc a of the link. Let h be the angle between b and the plane. All axes
-        in the plane have angles from h to pi - h to b. An elbow exists if a is one of them.
-
-        The measure is sin(a + h) sin(a - h). If there is an elbow, it is the square of the
-        triple product n . (b x e) with the unit normal n of the plane. If there is none,
-        the measure is negative.
+        Base and output mirror each other in the mid-plane. The elbow of a leg (the axis
+        between its two links) is in this plane. Its angle from the base axis of the leg is
+        the arc a of the link. With the angle h between base axis and plane, the measure is
+        sin(a + h) sin(a - h). It is positive if such an elbow exists, and negative if not.
+        Singularities of type I are at its zeros.
 
         Parameters
         ----------
@@ -343,24 +340,24 @@ class _MidPlaneCurveSearch:
 
         Returns
         -------
-        (n,) measures, negative out of reach. They are NaN where another leg does not reach
-        the mid-plane, because there is no configuration.
+        (n,) measures. They are NaN where another leg does not reach the mid-plane, because
+        there is no configuration.
         """
-        # (n, legs) measures of all legs.
+        # (n, legs) measures of all legs. They are also the squares of the triple products n
+        # . (base axis x elbow) with the normal n.
         measures = self.form.plane.elbow_feet(normals).triple_product_square
         others_reach = np.all(np.delete(measures, leg, axis=1) >= 0.0, axis=1)
         return np.where(others_reach, measures[:, leg], np.nan)
 
     def _find_reason(self, normals: Floats, signs: Integers) -> str:
-        """Return the reason why a curve is singular of type II, as text.
+        """Return the reason why a curve is singular of type II, as text for users.
 
-        At type II the output can move while the inputs rest. The end effector is the mirror
-        image of the base in the mid-plane, which contains the elbows of all legs (the axes
-        between the two links of each leg). The curve has one of two reasons:
+        At type II the output can move while the inputs rest. Base and end effector mirror
+        each other in the mid-plane, which contains the elbows of all legs (the axes between
+        the two links of each leg). There are two possible reasons:
 
-        - The elbows of both driven legs are on one line, so they do not determine the
-          mid-plane. This is decided by the median of the angle between them, because they
-          can also be on one line at single points of another curve.
+        - The elbows of both driven legs are on one line along the whole curve, so they do
+          not determine the mid-plane.
         - Otherwise the velocity equations of the loops depend on each other: their matrix
           has lost rank.
 
@@ -375,24 +372,27 @@ class _MidPlaneCurveSearch:
         first, second = self.form.plane.driven
         elbows, _products = self.form.plane.elbows(normals, signs)
         sine = np.linalg.norm(cross(elbows[:, first], elbows[:, second]), axis=1)
+        # The median is used because single points of another curve can also have elbows on
+        # one line.
         if np.nanmedian(sine) < COLLINEAR_ELBOWS_SINE:
             names = " and ".join(self.form.mechanism.input_pairs)
             return f"elbows of the legs of {names} along one line"
         return "the loops lose rank"
 
     def _find_configurations(self, normals: Floats, signs: Integers) -> Floats:
-        """Return the pair variables (n, variables) of mid-planes in one mode.
+        """Return the pair variables (n, variables) rad at mid-planes in one mode.
 
-        A row is NaN where a leg does not reach the mid-plane.
+        Base and output mirror each other in the mid-plane. Its normal and the signs of the
+        legs determine a configuration. The result is NaN where a leg does not reach the
+        mid-plane.
 
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes, in which base and output mirror each
-            other. A normal and the signs determine a configuration.
+            (n, 3) unit normals of the mid-planes.
         signs
-            (legs,) signs of the assembly mode, 1 or -1 for each leg, which choose one of
-            the two elbows (axes between its two links) that the leg can have.
+            (legs,) signs of the mode, 1 or -1 for each leg, which choose one of the two
+            elbows (axes between its two links) that the leg can have.
         """
         link_orientations = self.form.place(normals, signs)
         values, _residuals = self.form.values(link_orientations)
@@ -401,9 +401,9 @@ class _MidPlaneCurveSearch:
     def _compute_determinants(self, signs: Integers, normals: Floats) -> Floats:
         """Return the determinants of the velocity equations with locked inputs.
 
-        The matrix of these equations is the Jacobian of the loop closure without the
-        columns of the driven variables, which is square. If its determinant is 0, the
-        output can move while the inputs rest (type II), or the loops lose their rank.
+        If such a determinant is 0, the output can move while the inputs rest (type II), or
+        the loops lose their rank. The matrix is the Jacobian of the loop closure without
+        the columns of the driven variables, which is square.
 
         Parameters
         ----------
@@ -426,13 +426,13 @@ class _MidPlaneCurveSearch:
         return determinants
 
     def _find_singular_motions(self, values: Floats) -> SingularMotions:
-        """Return the motion at each configuration that is nearest to that of a singularity.
+        """Return the rates of the pairs that come nearest to a singular motion.
 
-        At a singular point of type I an input moves while the output rests, at one of type
-        II the output moves while the inputs rest. The rates of all pairs then solve the
-        velocity equations of the loops, together with the equations that the output (or the
-        inputs) rest. A solution other than 0 exists if the least singular value of the
-        matrix is 0. (There are at least as many equations as rates.)
+        At a singularity of type I an input moves while the output rests. At one of type II
+        the output moves while the inputs rest. The rates of all pairs then solve the
+        velocity equations of the loops together with the equations that the output (or the
+        inputs) rest. This is possible only if the least singular value of the matrix is 0.
+        Its singular vector has the rates.
 
         Parameters
         ----------
@@ -442,8 +442,8 @@ class _MidPlaneCurveSearch:
         linearisation = self.locus.tangent_space(values).linearisation
         rest_equations = self.locus.constraint.equations(linearisation)
         equations = np.hstack([linearisation.jacobian, rest_equations])
-        # The decomposition refuses NaN, so equations without a configuration are set to 0.
-        # Their closure residual becomes infinite.
+        # The decomposition cannot take NaN, so missing configurations are set to 0. Their
+        # closure residual is set to infinity below.
         _, singular_values, right_vectors = np.linalg.svd(np.nan_to_num(equations))
         closure_residual = np.nan_to_num(linearisation.closure_residual, nan=np.inf)
         least_singular_value = singular_values[:, -1]
@@ -455,11 +455,11 @@ class _MidPlaneCurveSearch:
     def _make_curve(
         self, normals: Floats, signs: Integers, is_closed: bool, reason: str
     ) -> CurveSeen:
-        """Return a singular curve with those of its points that close and are singular.
+        """Return a singular curve, without points that turn out to be open or regular.
 
-        Base and output link are mirror images of each other in the mid-plane, a plane
-        through the centre. Its unit normal and the signs of the mode determine the
-        configuration, so a curve of configurations is given by a curve of normals.
+        Base and output link mirror each other in the mid-plane, a plane through the centre.
+        Its unit normal and the signs of the mode determine the configuration, so a curve of
+        configurations is described by a curve of normals.
 
         Parameters
         ----------

@@ -23,15 +23,19 @@ from spherekit.positions.pair_states import measure_pair_angles
 class InputMidPlanes:
     """The mid-planes of a mechanism at n values of its inputs.
 
+    Base and output link mirror each other in the mid-plane. The direction of the output is
+    the mirror image of a constant direction of the base, the home direction.
+
     Attributes
     ----------
     normals
-        (n, 3) unit normals in mirror axes. They point from the home direction (a constant
-        direction of the base) to its mirror image, the direction of the output. NaN where
-        the inputs determine no mid-plane.
+        (n, 3) unit normals that point from the home direction to the direction of the
+        output. They are in mirror axes (axes of the base in which the formulas are
+        simplest). NaN where the inputs determine no mid-plane.
     driven_signs
         (n, 2) signs, 1.0 or -1.0, of the two driven legs: those of n . (base axis x elbow)
-        with the normal n. They are 0.0 if the output points in its home direction.
+        with the normal n and the elbow, the axis between both links of the leg. They are
+        0.0 if the output points in its home direction.
     """
 
     normals: Floats
@@ -74,17 +78,17 @@ class MidPlaneKinematics(ClosedKinematics):
 
     @property
     def spans(self) -> tuple[LegSpan, ...]:
-        """The range of the angle between the two outer axes of every leg.
+        """The range of the angle between the two outer axes of every leg, its reach.
 
         The outer axes are those at the base and at the output link. They mirror each other
         in the mid-plane, so the angle between them is twice the angle between one of them
-        and the mid-plane. The latter is at most the reach of the leg. It can be 0, if the
-        axis is in the mid-plane and both links of the leg lie over each other.
+        and this plane. The latter is at most the reach of the leg. It is 0 if the leg is
+        folded, with its links over each other.
         """
         plane = self.form.plane
-        # A user may give a width of the links. Links of some width cannot lie over each
-        # other, so it increases the smallest angle. Chen et al. (2021, section 3) state
-        # such a width for the driven legs only.
+        # Links of some width cannot lie over each other. A width that the user states then
+        # increases the smallest angle. Chen et al. (2021, section 3) apply it to the driven
+        # legs only.
         longest = (2.0 * plane.reach).tolist()
         return tuple(
             LegSpan(
@@ -111,19 +115,19 @@ class MidPlaneKinematics(ClosedKinematics):
         return _MidPlaneMode(self, directions=poses @ self.form.frame, signs=signs)
 
     def forward(self, inputs: Floats) -> PoseSolutions:
-        """Return the poses at inputs (n, 2) rad, once for each mode of the other legs.
+        """Return all poses at inputs (n, 2) rad (forward kinematics).
 
-        Base and output link mirror each other in the mid-plane. An elbow is the axis
-        between the two links of a leg, and all elbows lie in this plane. The inputs
-        determine the elbows of both driven legs, and thereby the mid-plane. Each other leg
-        can have two elbows. There is no pose if both driven elbows are parallel.
+        Base and output link mirror each other in the mid-plane, which contains the elbows
+        of all legs (the axes between the two links of each leg). The inputs determine the
+        elbows of both driven legs, and thereby the mid-plane. Each other leg can still have
+        two elbows, so a pose is returned once for each choice. There is no pose if both
+        driven elbows are parallel.
         """
         form = self.form  # the mid-plane architecture of the mechanism
         mid_planes = self._find_mid_planes(inputs)
         row, mode = self._list_modes(mid_planes)
         signs = np.array(self.modes)[mode]
-        # The residuals are zero up to rounding in every mechanism with this architecture,
-        # which was tested before.
+        # The residuals show whether all loops close, which is known for this architecture.
         values, _residuals = form.values(form.place(mid_planes.normals[row], signs))
         is_closed = np.isfinite(values).all(axis=1)
         row = row[is_closed]
@@ -156,15 +160,21 @@ class MidPlaneKinematics(ClosedKinematics):
         )
 
     def _list_modes(self, mid_planes: InputMidPlanes) -> tuple[Indices, Indices]:
-        """Return all pairs of a mid-plane and a mode that fit together.
+        """Return which assembly modes are possible at each mid-plane.
 
-        A mode has a sign for each leg. It fits if the driven legs have the signs that the
-        inputs determine. The signs of the other legs are free.
+        A mode has a sign for each leg. The inputs determine the signs of the driven legs.
+        The signs of the other legs are free.
+
+        Parameters
+        ----------
+        mid_planes
+            The mid-planes at some inputs, in which base and output link mirror each other.
 
         Returns
         -------
         row, mode
-            Numbers (k,) of the mid-plane and of the mode in `modes`.
+            For each of k combinations, the number of the mid-plane and that of the mode in
+            `modes`.
         """
         driven_signs_of_modes = np.array(self.modes)[:, self.form.plane.driven]
         # Axes: mid-plane, mode, driven leg.
@@ -229,22 +239,20 @@ class _MidPlaneMode:
 
     @cached_property
     def _input_rates(self) -> InputRates:
-        """Rates of the inputs for any angular velocity of the output, in base axes.
+        """Rates of the inputs for any angular velocity of the output, in axes of the base.
 
         The elbow e is the axis between the two links of a driven leg. It is in the
-        mid-plane with the normal n. The derivative of e . n = 0 by time is the equation
+        mid-plane with the normal n, in which base and output link mirror each other. The
+        derivative of e . n = 0 by time is
 
             e' . n + e . n' = 0.
 
         The input rotates the elbow about the base axis, so e' is the rate of the input
-        times (base axis x e). The normal is n = (p - m) / ``|p - m|`` with the direction p
-        of the output and its constant home direction m. For the angular velocity w of the
-        output, p' = w x p. This gives
+        times (base axis x e). The direction p of the output is the mirror image of the
+        constant home direction m, so n = (p - m) / ``|p - m|``. For the angular velocity w
+        of the output, p' = w x p. This gives
 
             rate = (e x p) . w / (n . (base axis x e) ``|p - m|``).
-
-        (The derivative of the length ``|p - m|`` changes n along itself only, which does
-        not count, since e . n = 0.)
 
         The denominator is 0 at a singularity of type I, where the input can move while the
         output rests. The leg is then at the limit of its reach, or the output points in its
@@ -258,8 +266,8 @@ class _MidPlaneMode:
         # The elbows and directions are in mirror axes, from which `frame` leads to the axes
         # of the base.
         numerators_in_base = numerators @ self.form.frame.T
-        # The sense is -1.0 if the variable of the pair decreases while the elbow rotates
-        # about the base axis in the positive sense.
+        # The variable of a pair can be counted against the rotation of the elbow. The sense
+        # is then -1.0.
         senses = self.form.plane.senses[driven]
         return InputRates(numerators_in_base * senses[:, None], denominators)
 

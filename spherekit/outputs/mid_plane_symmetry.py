@@ -198,11 +198,11 @@ def _find_legs(
 
 @dataclass(frozen=True)
 class _ElbowStructure:
-    """The axes of all pairs, and the links that hold the elbows of the legs in one plane.
+    """What all pair axes are in a mechanism whose base and output link mirror each other.
 
-    A leg is two links that join the base to the output link. Its elbow is the axis between
-    them. The plane is the mid-plane, about which base and output link are mirror images of
-    each other.
+    They mirror each other in the mid-plane. A leg is two links that join base and output
+    link. Its elbow is the axis between them. Further links, the carriers, hold the elbows
+    of all legs in the mid-plane.
 
     Attributes
     ----------
@@ -210,8 +210,8 @@ class _ElbowStructure:
         What the axis of each pair is, by the number of the pair: an axis of a leg, or the
         normal of the mid-plane.
     elbow_carriers
-        Numbers of the links that are hinged to legs at their elbows. They all turn about
-        the normal of the mid-plane.
+        Numbers of the carriers. They are hinged to legs at their elbows, and they all turn
+        about the normal of the mid-plane.
     """
 
     pair_axes: dict[int, PairAxis]
