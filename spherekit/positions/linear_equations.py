@@ -28,16 +28,15 @@ def condition_numbers(matrices: Floats) -> Floats:
 
 
 def left_inverse(matrices: Floats) -> Floats:
-    """Return the left inverses (n, columns, rows) of matrices (n, rows, columns).
+    """Return left inverses B (n, columns, rows) of matrices A (n, rows, columns): B A = 1.
 
-    A left inverse B of A satisfies B A = 1. If A has more rows than columns, B is the
-    pseudoinverse. Then x = B b solves A x = b only if the extra equations agree with the
-    others.
+    With more rows than columns, B is the pseudoinverse. Then x = B b is the least-squares
+    solution of A x = b.
 
     Returns
     -------
-    The inverses. They are NaN for singular matrices, and for all matrices if there are
-    fewer rows than columns, or no columns.
+    The inverses. An inverse is NaN if the columns of the matrix depend on each other. All
+    are NaN if the matrices have fewer rows than columns, or no columns.
     """
     n, rows, columns = matrices.shape
     if rows == columns:
@@ -53,9 +52,9 @@ def left_inverse(matrices: Floats) -> Floats:
     if rows < columns or not columns:
         return nans((n, columns, rows))
     is_finite = all_finite(matrices, (1, 2))[:, None, None]
-    # The pseudoinverse by the singular value decomposition A = U S V^T: B = V S^-1 U^T. The
-    # decomposition fails for NaN, so these matrices are replaced by zero. Zero matrices
-    # have rank zero and become NaN at the end.
+    # Pseudoinverse by the singular value decomposition A = U S V^T: B = V S^-1 U^T. NumPy's
+    # decomposition fails for NaN, so such matrices are replaced by zero matrices. Their
+    # rank is zero, so their inverses become NaN in the last line.
     left_vectors, singular_values, right_vectors = np.linalg.svd(
         np.where(is_finite, matrices, 0.0), full_matrices=False
     )
@@ -69,9 +68,10 @@ def left_inverse(matrices: Floats) -> Floats:
 
 
 def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
-    """Return the solutions x (n, columns) of A x = b with the least norm.
+    """Return the solutions x (n, columns) of n systems of linear equations A x = b.
 
-    If the equations contradict each other, the sum of squared errors is minimal.
+    If a system has many solutions, the one with the least norm is returned. If the
+    equations contradict each other, x minimises the sum of squared errors.
 
     Parameters
     ----------
@@ -82,12 +82,11 @@ def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
 
     Returns
     -------
-    (n, columns) solutions x. They can be very large if a matrix is nearly singular, so
-    callers limit the size of a step that they take.
+    (n, columns) solutions x. They are very large if a matrix is nearly singular, so a
+    caller that takes x as a step has to limit the step.
     """
-    # Square regular matrices have exact solutions, which `solve` computes fastest. It fails
-    # for all n if the matrices are not square or one of them is exactly singular. The
-    # pseudoinverse then solves all n.
+    # `solve` is fastest, but fails if the matrices are not square or one of the n is
+    # singular. Then the pseudoinverse is used for all n.
     try:
         return np.asarray(np.linalg.solve(matrices, right_sides[..., None])[..., 0])
     except np.linalg.LinAlgError:

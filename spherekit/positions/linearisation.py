@@ -79,18 +79,24 @@ class Linearisation:
 
     @cached_property
     def rotations(self) -> Floats:
-        """(n, bodies, 3, 3) rotations from body axes to the axes of body 0."""
+        """(n, bodies, 3, 3) rotations from the axes of each body to those of body 0.
+
+        There is one matrix for each of n configurations. The bodies are placed one after
+        the other, from body 0 along pairs (joints).
+        """
         if self.known_rotations is not None:
             return self.known_rotations
-        # Bodies are placed along the pairs of a spanning tree, from body 0. Each placement
-        # is a pair, a body that is placed (parent), and a body that it places (child).
+        # `placements` lists pairs, each with a body that is placed already (parent) and the
+        # body that the pair places (child).
         rotations = np.empty((len(self.values), self.tree.count, 3, 3))
         rotations[:, 0] = _IDENTITY
-        # `states` has the frame of each pair in the axes of its first and second body. Both
-        # frames coincide in space. So the second frame, transposed, leads from the second
-        # body to the common frame, and the first frame from there to the first body.
+        # `states` has two frames of each pair: `first` in the axes of its first body,
+        # `second` in the axes of its second body. In space they are one frame, which gives
+        # the rotation from the second body to the first.
         first_from_second = self.states.first @ transpose(self.states.second)
         for pair, parent, child in self.tree.placements:
+            # A pair can also lead from its second body to its first one; then the rotation
+            # is inverted.
             is_forward = self.tree.ends[pair][0] == parent
             parent_from_child = (
                 first_from_second[:, pair]
@@ -148,16 +154,19 @@ class Linearisation:
 
     @cached_property
     def residual(self) -> Floats:
-        """(n, equations) closure residuals (rad), zero if all loops are closed.
+        """(n, equations) errors of loop closure (rad) at n configurations.
 
-        A chord is a pair that is not in the spanning tree by which bodies are placed; it
-        closes one loop. First come three components for each loop: the rotation vector from
-        the frame of the chord in its second body to its frame in the first body. Then
-        follow the differences of locked variables from the values at which they are locked.
+        All are zero if the loops are closed. Newton's method solves residual = 0. The
+        bodies are placed along a tree of pairs (joints). Each pair outside the tree, a
+        chord, closes one loop. Its two bodies each determine a frame of the chord. The
+        rotation vector from the frame in the second body to that in the first is the error:
+        three components for each loop.
+
+        Some variables can be locked at given values. Their differences from these values
+        are appended.
         """
-        # The chords, and the first and second body of each. `states` has two frames of each
-        # pair, one in each body. They depend on the variable of the pair such that they
-        # coincide in space if the loop is closed.
+        # The number, the first body and the second body of each chord. `states` contains
+        # the frame of each pair in the axes of its first and of its second body.
         chords, firsts, seconds = self.tree.closing
         first_frames = self.rotations[:, firsts] @ self.states.first[:, chords]
         second_frames = self.rotations[:, seconds] @ self.states.second[:, chords]
@@ -195,10 +204,10 @@ class Linearisation:
     def vector_rates_of_pairs(self, first_w: Floats, second_w: Floats) -> Floats:
         """Return the time derivatives (n, variables, 3) of the velocity vectors.
 
-        Each pair variable has a velocity vector: the angular velocity of the second body of
-        the pair relative to the first at unit rate of the variable. For an R pair it is the
-        unit vector of its axis, which turns with the bodies. The formula depends on the
-        kind of pair.
+        Each variable of a pair (joint) has a velocity vector: the angular velocity of the
+        second body of the pair relative to the first at unit rate of the variable. For a
+        revolute pair it is the unit vector of the axis. Its derivative is needed for
+        accelerations. The formula depends on the kind of pair.
 
         Parameters
         ----------

@@ -59,20 +59,22 @@ def newton(
     last_step: float = 0.0,
     longest_step: float = np.inf,
 ) -> tuple[Floats, NewtonSteps]:
-    """Take Newton steps from many starts side by side.
+    """Take Newton steps from n start values at the same time.
+
+    Each start is a row of the arrays. Its steps end on their own.
 
     Parameters
     ----------
     compute_steps
-        Takes values (k, variables) and the rows (k,) to which they belong, and returns the
-        Newton steps (k, variables).
+        Function that computes the steps. It takes the values (k, variables) of some rows
+        and the numbers (k,) of these rows, and returns the Newton steps (k, variables).
     values
         (n, variables) start values (rad). They are not changed.
     max_steps
-        Largest number of steps of a row.
+        Largest number of steps from a start.
     last_step
-        A row ends after a step in which no variable changes by more (rad). It also ends
-        with a step that is NaN.
+        The steps from a start end when no variable changes by more than this (rad), or when
+        the step is NaN.
     longest_step
         Largest change of a variable (rad) in one step. Longer steps are shortened.
 
@@ -81,7 +83,8 @@ def newton(
     values
         (n, variables) values after the last step, converged or not.
     newton_steps
-        The sizes of the first two steps, which show whether the start was near a solution.
+        Size of the first step of each start (rad), and the ratio of the second step to the
+        first. Both are small if the start was near a solution.
     """
     values = values.copy()
     active_rows = np.arange(len(values))
@@ -94,10 +97,11 @@ def newton(
             first_step[active_rows] = length
         elif step_number == 1:
             second_step[active_rows] = length
-        # Longer steps keep their direction.
+        # Steps longer than the limit are shortened in the same direction. `TINY_STEP_RAD`
+        # avoids division by zero.
         fraction = np.minimum(1.0, longest_step / np.maximum(length, TINY_STEP_RAD))
         values[active_rows] += step * fraction[:, None]
-        active_rows = active_rows[length > last_step]
+        active_rows = active_rows[length > last_step]  # Rows with a longer step go on.
         if not len(active_rows):
             break
     contraction = second_step / np.maximum(first_step, TINY_STEP_RAD)
@@ -167,7 +171,10 @@ class Closure:
         max_steps: int = 12,
         longest_step: float = 0.5,
     ) -> Linearisation:
-        """Close the loops by Newton's method, independently for each sample.
+        """Close the loops of bodies by Newton's method, independently for each sample.
+
+        The unknowns are the variables of the pairs (joints), for example angles of revolute
+        pairs.
 
         Parameters
         ----------
@@ -182,8 +189,8 @@ class Closure:
 
         Returns
         -------
-        The errors of the loops at the last values, and their derivatives by the variables.
-        The loops may still be open, so the caller checks these errors.
+        The loops linearised at the last values: their closure errors, and the derivatives
+        by the variables. The loops can still be open, so the caller checks the errors.
         """
         linearisation, _ = self.solve_and_report_steps(
             values, fixed, max_steps=max_steps, longest_step=longest_step
@@ -197,7 +204,9 @@ class Closure:
         max_steps: int,
         longest_step: float = 0.5,
     ) -> tuple[Linearisation, NewtonSteps]:
-        """Close the loops as `solve` does, and report whether the starts were near.
+        """Close the loops as `solve` does, and report the sizes of the first steps.
+
+        Small first steps show that the start values were near a solution.
 
         Parameters
         ----------
@@ -213,19 +222,22 @@ class Closure:
         Returns
         -------
         linearisation
-            The closure at the last values.
+            The loops linearised at the last values: their closure errors, and the
+            derivatives.
         newton_steps
-            The sizes of the first two steps, small if the start was near a solution.
+            For each sample the first step (rad), and the ratio of the second step to the
+            first.
         """
         # The passive variables, which are not fixed, are the unknowns of Newton's method.
         passive = np.delete(np.arange(values.shape[1]), fixed)
         values = values.copy()
 
         def compute_steps(passive_values: Floats, rows: Indices) -> Floats:
-            """Return the Newton steps of the passive variables of some rows.
+            """Return Newton steps (k, passive variables) of the samples `rows`.
 
-            With the Jacobian J and the residual F of the closure, J step = -F. The steps
-            are zero for rows that are closed up to rounding.
+            They solve J step = -F with the closure errors F and their derivatives J.
+            Samples that are closed up to rounding have zero steps, so that they end at
+            once.
             """
             all_values = values[rows]
             all_values[:, passive] = passive_values

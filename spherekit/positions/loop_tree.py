@@ -144,25 +144,26 @@ class LoopTree:
         return np.ascontiguousarray(left_vectors[:, self.count - 1 :].T)
 
     def jacobian(self, vectors: Floats) -> Floats:
-        """Return the matrix of the velocity equations of all loops.
+        """Return the matrices of the velocity equations of all loops, for n configurations.
 
-        The angular velocities of the pairs around each loop add up to zero. These are three
-        equations for each loop. A pair counts with the sign +1 if the loop passes it from
-        its first to its second body, with -1 in the opposite sense, and with 0 if it is not
-        in the loop (`signs`).
+        Bodies are joined by pairs (joints). Around each closed loop, the angular velocities
+        of the pairs add up to zero: three equations for each loop. A pair has the sign +1
+        if the loop passes from its first to its second body, -1 if it passes in the
+        opposite sense. The sign is 0 if the pair is not in the loop (`signs`).
 
         Parameters
         ----------
         vectors
-            (n, variables, 3) velocity vector of each variable, in common axes: the angular
-            velocity of the second body of the pair relative to the first one at unit rate.
+            (n, variables, 3) velocity vector of each pair variable, in common axes: the
+            angular velocity of the second body of the pair relative to the first at unit
+            rate.
 
         Returns
         -------
-        (n, 3 loops, variables) matrices J. Rates with J rates = 0 keep the loops closed.
+        (n, 3 loops, variables) matrices J. The loops stay closed at rates with J rates = 0.
         """
         n, variables, _ = vectors.shape
-        # Axes: sample, loop, component of the vector, variable.
+        # Axes: configuration, loop, component of the vector, variable.
         blocks = self.signs[None, :, None, :] * np.swapaxes(vectors, 1, 2)[:, None]
         loop_count = len(self.chords)  # each pair outside of the tree closes one loop
         return np.ascontiguousarray(blocks.reshape(n, 3 * loop_count, variables))
@@ -183,14 +184,15 @@ class LoopTree:
 def rank_mobility(
     tree: LoopTree, vectors: Floats, rank_tolerance: float = RANK_TOLERANCE
 ) -> Floats:
-    """Return the mobility (n,) of configurations, by the rank of the velocity equations.
+    """Return the mobility (degrees of freedom) of n configurations, as an array (n,).
 
-    The mobility is the number of variables less the rank of the Jacobian.
+    The mobility is the number of pair variables less the rank of the velocity equations.
+    The rank also counts correctly if constraints are redundant.
 
     Parameters
     ----------
     tree
-        The loops.
+        The bodies, the pairs (joints) that join them, and the loops that they form.
     vectors
         (n, variables, 3) velocity vector of each variable: the angular velocity of the
         second body of its pair relative to the first one at unit rate.
@@ -205,13 +207,14 @@ def rank_mobility(
 def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     """Return the number of redundant velocity equations, and the pairs in their loops.
 
-    The velocity equations state that the angular velocities of the pairs around each loop
-    add up to zero. They are three equations for each loop.
+    The velocity equations state that the angular velocities of the pairs (joints) around
+    each closed loop add up to zero. These are three equations for each loop. An equation is
+    redundant if it follows from the others.
 
     Parameters
     ----------
     tree
-        The loops.
+        The bodies, the pairs, and the loops that they form.
     vectors
         (variables, 3) velocity vector of each variable in one configuration: the angular
         velocity of the second body of its pair relative to the first one at unit rate.
@@ -219,7 +222,7 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     Returns
     -------
     count
-        Number of equations less their rank.
+        Number of equations less the rank of their matrix.
     pairs
         Numbers of the pairs in the loops whose equations depend on each other.
     """
@@ -229,10 +232,11 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     jacobian = tree.jacobian(vectors[None])[0]
     left_vectors, singular_values, _ = np.linalg.svd(jacobian)
     rank = int(np.sum(singular_values > RANK_TOLERANCE * singular_values[0]))
-    # The left null space consists of the dependencies between equations. Each dependency
-    # has three components for each loop: axes are loop, component, dependency.
+    # The remaining left singular vectors are the linear dependencies between the equations.
+    # Axes: loop, component of its vector equation, dependency.
     dependencies = left_vectors[:, rank:].reshape(len(tree.chords), 3, -1)
     loop_weights = np.linalg.norm(dependencies, axis=(1, 2))
+    # A loop takes part if one of its equations has a weight in a dependency.
     takes_part = np.any(tree.signs[loop_weights > RANK_TOLERANCE] != 0.0, axis=0)
     pairs = {tree.pair_of_variable[variable] for variable in np.flatnonzero(takes_part)}
     return len(jacobian) - rank, tuple(sorted(pairs))

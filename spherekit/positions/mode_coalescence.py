@@ -47,31 +47,30 @@ rounding errors count as a dependence, and each value takes longer.
 def make_mode_coalescence(
     solver: PositionSolver, max_cost_s: float = np.inf
 ) -> "ModeCoalescence | None":
-    """Return the functions of a mechanism whose signs change where modes meet.
+    """Return the functions of the input that change their signs where assembly modes meet.
 
-    An assembly mode is one of the ways in which the mechanism can be put together at an
-    input: a solution of its closure equations. Two modes meet at an input where their
-    configurations coincide.
+    An assembly mode is one way to assemble the mechanism at an input: a solution of its
+    closure equations. Two modes meet at an input where their configurations coincide. A
+    search for sign changes finds these inputs.
 
-    There is one function of the input for each group (links that are placed together). It
-    is the product of the determinants of the group's equations in all real and complex
-    modes. Before two modes meet, both are real, and their determinants have opposite signs,
-    so their product is negative. Behind the meeting both are conjugate complex, and their
-    product is positive. So the function changes its sign.
+    Each group (links that are placed together) has one function: the product of the
+    determinants of its equations in all real and complex modes. Before two modes meet, both
+    are real, and their determinants have opposite signs. So their product is negative.
+    Behind the meeting both modes are conjugate complex, and their product is positive.
 
-    The functions are known for mechanisms with one input whose groups are trains of wheels,
-    dyads and triads, or a single group of three loops.
+    The functions exist for mechanisms with one input. The groups must be trains of wheels,
+    dyads (two links), triads (four links), or a single group of three loops.
 
     Parameters
     ----------
     solver
         The mechanism.
     max_cost_s
-        Longest time (s) that one value may take for a group of three loops.
+        Largest computing time (s) of one value, for a group of three loops.
 
     Returns
     -------
-    The functions; None if they are not known or take too long.
+    The functions; None for other mechanisms, or if the computation takes too long.
     """
     if len(solver.driven) != 1:
         return None
@@ -82,9 +81,10 @@ def make_mode_coalescence(
     mode_count = prod(order.root_count for order in orders)
     if mode_count > MAX_COMPLEX_MODES:
         return None
-    # One link is removed for each loop of a group.
+    # An elimination order removes one link for each loop of its group.
     max_loops = max((len(order.removed_links) for order in orders), default=0)
     if max_loops > MAX_LOOPS_BESIDE_OTHERS:
+        # A group with many loops is slow, so other groups must not multiply its modes.
         is_only_group = len(solver.assembly.groups) == 1
         if not is_only_group or COSTS_S[max_loops] > max_cost_s:
             return None
@@ -92,12 +92,16 @@ def make_mode_coalescence(
 
 
 def find_first_orders(solver: PositionSolver) -> list[EliminationOrder] | None:
-    """Return an elimination order of each group that is not a train of wheels.
+    """Return one elimination order of each group, to count the modes of the group.
 
-    An elimination order states how the equations of a group are solved. All orders of a
-    group give the same number of solutions (roots), so the first one shows how many modes
-    the group has. The result is None if the equations of a group cannot be solved by
-    elimination: if it has contacts, more loops than `COSTS_S` has, or no order.
+    A group consists of links that are placed together. An elimination order states how its
+    equations are solved. All orders of a group give the same number of solutions (roots),
+    so the first order is enough. Trains of wheels are left out, since they have one mode.
+
+    Returns
+    -------
+    The orders. None if a group cannot be solved by elimination: if it has contacts, has
+    more loops than `COSTS_S` has, or has no order.
     """
     first_orders = []
     for position, group in enumerate(solver.assembly.groups):
@@ -114,16 +118,19 @@ def find_first_orders(solver: PositionSolver) -> list[EliminationOrder] | None:
 
 @dataclass(frozen=True)
 class OrderTrial:
-    """An elimination order of a group, with what it gives at the test inputs.
+    """An elimination order of a group, with the determinants that it gives at test inputs.
+
+    A group consists of links that are placed together by equations for unknown angles. The
+    determinants show whether the order works, and on which other groups they depend.
 
     Attributes
     ----------
     order
         The order in which the angles are eliminated. None for a train of wheels, which has
-        a single mode and needs no elimination.
+        one mode and needs no elimination.
     determinants
-        (test inputs, modes) determinants of the group's equations. The modes of the group
-        are combined with all modes of the groups that are placed before.
+        (test inputs, modes) determinants of the derivatives of the equations. A mode is a
+        solution of the group, combined with a solution of each group that is placed before.
     """
 
     order: EliminationOrder | None
@@ -155,16 +162,18 @@ class ModeCoalescence:
     def __init__(self, solver: PositionSolver) -> None:
         """Choose an elimination order for each group, and find on which groups it depends.
 
-        A group is a set of bodies that are placed together, by equations for the unknown
-        angles. Its elimination order states in which order these angles are eliminated. A
-        group depends on another one that is placed before if it has other determinants in
-        other modes of that group.
+        A group is a set of bodies that are placed together. An elimination order states in
+        which order the unknown angles of the group are eliminated from its equations.
+
+        A group can have several modes (solutions). The determinants of a group can depend
+        on the modes of groups that are placed before. Only those modes have to be combined
+        later.
         """
         self.solver = solver
         self.groups = solver.assembly.groups
-        # For each group its elimination order, None for trains of wheels.
+        # For each group its elimination order; None for a train of wheels.
         self._orders: list[EliminationOrder | None] = []
-        # For each group the earlier groups on whose modes its determinants depend.
+        # For each group the numbers of the earlier groups on which its determinants depend.
         self._dependences: list[frozenset[int]] = []
         for position in range(len(self.groups)):
             trial = self._choose_order(position)
@@ -175,18 +184,24 @@ class ModeCoalescence:
     def _choose_order(self, position: int) -> OrderTrial:
         """Return an elimination order that works for a group at the test inputs.
 
-        It is the first order whose determinants are finite at these inputs. If there is
-        none, it is the last one, and the functions of this class are NaN. All earlier
-        groups must have their orders already.
+        An elimination order states in which order the unknown angles of the group (bodies
+        placed together) are eliminated. It works if all determinants are finite. If no
+        order works, the last one is returned, and the functions of this class are NaN.
+
+        Parameters
+        ----------
+        position
+            Position of the group in solving order. All earlier groups must have their
+            orders.
         """
-        # A different value for each input: (test inputs, inputs).
+        # Shape (test inputs, inputs): the inputs of a test differ from each other.
         test_inputs = np.add.outer(TEST_INPUTS_RAD, np.arange(len(self.solver.driven)))
         orders: Sequence[EliminationOrder | None] = (None,)
         if position not in self.solver.wheel_trains:
             orders = find_elimination_orders(self.groups[position])
         for order in orders:
-            # On which earlier groups the determinants depend is not known yet, so the modes
-            # of all of them are combined.
+            # It is not known yet on which earlier groups the determinants depend. So all
+            # modes of all earlier groups are combined.
             determinants = self._compute_determinants(
                 position, order, q=test_inputs, combined_groups=frozenset(range(position))
             )
@@ -219,13 +234,13 @@ class ModeCoalescence:
     def __call__(self, position: int, q: Floats) -> Floats:
         """Evaluate the function of a group, whose sign changes where two modes meet.
 
-        A group is a set of bodies that are placed together, and a mode is one solution of
-        its equations. The function is the product of the determinants of these equations in
-        all modes, real and complex.
+        A group is a set of bodies that are placed together. A mode is one solution of its
+        equations, real or complex. The determinant of a mode is that of the derivatives of
+        the equations. The function is the product of the determinants of all modes.
 
-        The product of two real modes that are about to meet is negative, because their
-        determinants have opposite signs. Beyond the meeting both modes are complex and
-        conjugate, so their product is positive.
+        Two real modes that are about to meet have determinants with opposite signs. So
+        their product is negative. Beyond the meeting both modes are complex and conjugate,
+        and their product is positive.
 
         Parameters
         ----------
@@ -236,8 +251,8 @@ class ModeCoalescence:
 
         Returns
         -------
-        (n,) values. NaN if not all modes were computed, as when there are infinitely many,
-        or if the product exceeds float64.
+        (n,) values. NaN if modes are missing (for example if there are infinitely many), or
+        if the product exceeds float64.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             determinants = self._compute_determinants(
@@ -246,15 +261,16 @@ class ModeCoalescence:
                 q=q[:, None],
                 combined_groups=self._dependences[position],
             )
-            # Complex modes come in conjugate pairs, so that the product is real.
+            # Complex modes come in conjugate pairs, so the product is real.
             function = np.prod(determinants, axis=1).real
         return np.where(np.isfinite(function), function, np.nan)
 
     def configurations(self, q: Floats) -> Complexes:
-        """Return the pair angles of all complex modes of a mechanism of R pairs.
+        """Return the pair angles of all real and complex modes at one value of the inputs.
 
-        A mode is a solution of the equations of all groups. Complex ones have no
-        configuration, but can become real if sizes or inputs change.
+        A mode is a solution of the closure equations of a mechanism of revolute pairs. A
+        complex mode is not a real configuration, but can become real if sizes or inputs
+        change.
 
         Parameters
         ----------
@@ -263,17 +279,19 @@ class ModeCoalescence:
 
         Returns
         -------
-        (modes, pairs) complex angles (rad). NaN for modes that were not computed, as when
-        there are infinitely many.
+        (modes, pairs) complex angles (rad). NaN for modes that were not found, for example
+        if there are infinitely many.
         """
         with np.errstate(all="ignore"):
+            # The links are placed group by group, in all modes of all groups.
             body_from_link = self._place_links(
                 group_count=len(self.groups),
                 q=q[None],
                 combined_groups=frozenset(range(len(self.groups))),
             )
-            # All links are in one body now, so both frames of a pair have the same axes.
-            # There is one value of the inputs, at index 0: (pairs, modes, 3, 3) remains.
+            # All orientations are now in common axes, so the two frames of a pair differ
+            # only by its angle. The index 0 selects the single value of the inputs: (pairs,
+            # modes, 3, 3) remains.
             pairs = range(len(self.solver.joints))
             first_frames, second_frames = self._pair_frames(pairs, body_from_link)[:, :, 0]
             return measure_complex_angles(first_frames, second_frames).T
@@ -288,33 +306,34 @@ class ModeCoalescence:
         """Return the determinants of a group's equations in all its complex modes.
 
         A group is a set of bodies that are placed together. A mode is one real or complex
-        solution of its equations. The determinant of a mode is that of the matrix of
-        derivatives of the equations by the unknown angles. It is zero where two modes meet.
+        solution of its equations. The determinant is that of the derivatives of the
+        equations by the unknown angles. It is zero where two modes meet.
 
-        Groups that are placed earlier have modes, too. The determinants are computed for
-        each combination of a mode of the group with one mode of each combined group.
+        A group that is placed earlier has modes, too. The determinants are computed for
+        each combination of a mode of this group with one mode of each earlier group.
 
         Parameters
         ----------
         position
             Position of the group in solving order.
         order
-            The order in which its angles are eliminated. None for a train of wheels, which
-            has a single mode that meets no other: its determinant is set to 1.
+            The order in which the unknown angles are eliminated. None for a train of
+            wheels. It has one mode, which cannot meet another one, so its determinant is
+            set to 1.
         q
             (n, inputs) values of the inputs (rad).
         combined_groups
-            Positions of the earlier groups all of whose modes are combined. The other
-            earlier groups are placed in their first mode only, which is enough if the
-            determinants are the same in each of their modes.
+            Positions of the earlier groups on whose modes the determinants can depend. All
+            their modes are combined. Other earlier groups are placed in their first mode
+            only.
 
         Returns
         -------
-        (n, combinations) determinants. For each combination of modes of earlier groups, the
-        modes of the group itself follow one another.
+        (n, combinations) determinants. The mode of this group changes fastest along the
+        axis.
         """
         group = self.groups[position]
-        # Modes that could not be computed are NaN, which is no reason for a warning.
+        # Modes that could not be computed are NaN; NumPy must not warn of them.
         with np.errstate(all="ignore"):
             body_from_link = self._place_links(position, q, combined_groups)
             if order is None:
@@ -395,36 +414,38 @@ class ModeCoalescence:
     ) -> GroupGeometry:
         """Return the equations of a group, in each mode of the earlier groups.
 
-        The geometry has a single axis of samples. Its samples are all modes at the first
-        value of the inputs, then all modes at the next value, and so on. Results are
-        divided by value of the inputs again with `separate_inputs`.
+        A group is a set of bodies that are placed together, and a mode is one solution of
+        its equations. The result has one axis for the n values of the inputs and the modes.
+        On it, all modes at the first value come first, then those at the second.
+        `separate_inputs` divides results by value of the inputs again.
 
         Parameters
         ----------
         group
-            The group.
+            The bodies, and the pairs (joints) that join them.
         body_from_link
-            For each link the rotation (n, modes, 3, 3) from its axes to those of its body,
-            at n values of the inputs, in the modes of the earlier groups.
+            For each link the rotation (n, modes, 3, 3) from its axes to those of its
+            body (a set of links that are placed already), at n values of the inputs.
         """
+        # Axes of `frames`: first or second body, pair, input value, mode, 3, 3.
         frames = self._pair_frames(group.pairs, body_from_link)
         return GroupGeometry(group, frames.reshape(2, len(group.pairs), -1, 3, 3))
 
     def _pair_frames(
         self, pairs: Iterable[int], body_from_link: Sequence[Complexes]
     ) -> Complexes:
-        """Return the frames of pairs in both their bodies.
+        """Return the frames of revolute pairs in the axes of both their bodies.
 
-        A body is a set of links whose relative orientations are known. A mode is a real or
-        complex solution of the closure equations. In a complex mode the frames are complex.
+        A body is a set of links with known relative orientations. A mode is a solution of
+        the closure equations. In complex modes the frames are complex, too.
 
         Parameters
         ----------
         pairs
             Numbers of the pairs.
         body_from_link
-            For each link the rotation (n, modes, 3, 3) from its axes to those of its body,
-            at n values of the inputs.
+            For each link the rotation (n, modes, 3, 3) from the axes of the link to those
+            of its body, at n values of the inputs and in each mode.
 
         Returns
         -------
@@ -440,26 +461,26 @@ class ModeCoalescence:
         return np.array([first_frames, second_frames])
 
     def _find_dependence(self, position: int, determinants: Complexes) -> frozenset[int]:
-        """Return the positions of the earlier groups on whose modes a group depends.
+        """Return the positions of the earlier groups on which the determinants depend.
 
-        A group is a set of bodies that are placed together, and a mode of it is one
-        solution of its equations, with the determinant of their derivatives by the unknown
-        angles. A group depends on the modes of an earlier group if its determinants differ
-        between them.
+        A group is a set of bodies that are placed together. Its modes are the solutions of
+        its equations. Groups that are placed earlier have modes, too. The group depends on
+        an earlier one if its determinants differ between the modes of that one. Later
+        computations combine the modes of these groups only.
 
         Parameters
         ----------
         position
             Position of the group in solving order.
         determinants
-            (test inputs, modes) determinants of the group. For each mode of the earlier
-            groups, the determinants in all modes of the group itself follow one another.
+            (test inputs, modes) determinants of the derivatives of the group's equations.
+            The mode of the group itself changes fastest along the axis.
         """
         # The axes become: test input, mode of each earlier group, mode of the group itself.
         mode_counts = [self._count_modes(number) for number in range(position + 1)]
         determinants = determinants.reshape(len(TEST_INPUTS_RAD), *mode_counts)
-        # The modes of the group itself can have another order in another mode of an earlier
-        # group. The product of their determinants does not depend on this order.
+        # In another mode of an earlier group, the modes of the group can be in another
+        # order. Products over the modes of the group do not depend on their order.
         products = np.prod(determinants, axis=-1)
         first_earlier_axis = 1
         return frozenset(
@@ -470,11 +491,12 @@ class ModeCoalescence:
 
 
 def measure_complex_angles(first_frames: Complexes, second_frames: Complexes) -> Complexes:
-    """Return the complex angles about the z axis from first frames to second frames.
+    """Return the complex angles about the z axis that turn first frames into second frames.
 
-    If x and y are axes of the first frame, the x axis x2 of the second frame is
-    x cos(angle) + y sin(angle). So x . x2 + i y . x2 = exp(i angle). The equations also
-    hold for complex angles, with scalar products without conjugation.
+    Complex angles occur in complex solutions of the closure equations. With the axes x and
+    y of the first frame, the second x axis is x2 = x cos(angle) + y sin(angle). So x . x2 +
+    i y . x2 = exp(i angle). This also holds for complex angles, if the scalar products have
+    no conjugation.
 
     Parameters
     ----------
@@ -493,20 +515,23 @@ def measure_complex_angles(first_frames: Complexes, second_frames: Complexes) ->
 
 
 def separate_inputs(solutions: Complexes, input_count: int) -> Complexes:
-    """Divide the solutions of a group by value of the inputs.
+    """Reshape the solutions of a group so that values of the inputs have their own axis.
+
+    A group is a set of bodies that are placed together; its solutions are its modes. It is
+    solved for each value of the inputs and each mode of the groups placed earlier.
 
     Parameters
     ----------
     solutions
-        (n * earlier modes, modes of the group, ...) solutions, first those at the first
-        value of the inputs.
+        (n * earlier modes, modes of the group, ...) solutions. All those at the first value
+        of the inputs come first.
     input_count
-        Number n of values of the inputs.
+        Number n of different values of the inputs.
 
     Returns
     -------
-    (n, earlier modes * modes of the group, ...) solutions. For each earlier mode, the modes
-    of the group follow one another.
+    (n, earlier modes * modes of the group, ...) solutions. The mode of the group changes
+    fastest along the second axis.
     """
     return solutions.reshape(input_count, -1, *solutions.shape[2:])
 

@@ -171,23 +171,24 @@ class ModeMeeting:
         }
 
     def describe(self, input_pair: str, passed: bool) -> str:
-        """Return a sentence about the meeting, for reports and error messages.
+        """Return a sentence about a meeting of modes, for reports and error messages.
 
-        At a meeting, configuration curves of assembly modes cross. A smooth curve through
-        it can belong to one mode below the input and to another mode above it.
-        `successors` maps the number of the former mode to that of the latter. The meeting
-        is `resolved` if it is known which modes continue each other.
+        An assembly mode is one way to assemble the mechanism. Its configurations form a
+        curve over the input. At a meeting such curves cross. A smooth curve through the
+        crossing can belong to one mode below this input and to another mode above it.
+        `successors` maps the number of the lower mode to that of the upper mode. `resolved`
+        says whether this assignment is known.
 
         Parameters
         ----------
         input_pair
             Name of the input pair.
         passed
-            Whether assembly modes follow their smooth curves through crossings (option
-            "pass"). Otherwise (option "end") a mode keeps the signs of its dyads, and is
-            not continued by a mode with other signs.
+            Whether the user wants modes to follow their smooth curves through crossings
+            (option "pass"). With "end", a mode ends where its smooth curve goes on in
+            another mode.
         """
-        # Modes that meet at one configuration, such as "0 and 1". Each set occurs once.
+        # Modes with the same configuration at the meeting, as text such as "0 and 1".
         meeting_modes = [
             " and ".join(map(str, numbers))
             for numbers in dict.fromkeys(self.modes)
@@ -201,8 +202,8 @@ class ModeMeeting:
             return f"{event}; which of them continue each other is not known"
         if passed:
             return f"{event}; each follows its smooth curve through it"
-        # `successors` has only modes that change. Without any, each smooth curve belongs to
-        # the same mode below and above the input.
+        # `successors` lists only curves that change their mode. If it is empty, none
+        # changes.
         if not self.successors:
             return f"{event}; each stays on its smooth curve"
         changes = listing(
@@ -221,17 +222,18 @@ def find_mode_meetings(
 ) -> tuple[ModeMeeting, ...]:
     """Return the inputs at which modes meet, with the modes that continue each other.
 
-    Crossings at the same input make one meeting.
+    An assembly mode is one way to assemble the mechanism.
+    The configurations of a mode form a curve over the input. Two modes meet where their
+    curves cross. All crossings at the same input belong to one meeting.
 
     Parameters
     ----------
     solver
         The mechanism, which has one input.
     assembly_modes
-        All modes over the range of the input.
+        All modes (ways to assemble the mechanism) over the range of the input.
     crossings
-        Configurations in this range at which curves cross, as `find_crossings` returns
-        them, in any order.
+        Configurations in this range at which curves cross, in any order.
 
     Returns
     -------
@@ -246,6 +248,7 @@ def find_mode_meetings(
     # One list for each input at which curves cross, with the crossings at this input.
     crossings_by_input: list[list[Crossing]] = []
     for crossing in sorted(crossings, key=input_of):
+        # Inputs that differ by less than rounding and search errors count as equal.
         is_at_last_input = bool(crossings_by_input) and (
             input_of(crossing) - input_of(crossings_by_input[-1][0])
             < SAME_CROSSING_INPUT_RAD
@@ -259,7 +262,8 @@ def find_mode_meetings(
     gaps = np.diff(inputs, prepend=-np.inf, append=np.inf)
     meetings = []
     for k, crossings_at_input in enumerate(crossings_by_input):
-        # Modes are compared at this distance below and above the input.
+        # The modes just below the input are compared with those just above it. The distance
+        # stays below the gap to the next meeting.
         distance = min(
             COMPARISON_DISTANCE_RAD, MAX_COMPARISON_RATIO * min(gaps[k], gaps[k + 1])
         )
@@ -367,23 +371,26 @@ def _find_coincident_modes(values: Floats) -> Bools:
 
 
 def _measure_misses(nodes: InputPathNodes, step: float, values: Floats) -> Floats:
-    """Return how far modes, continued to another input, are from configurations at it.
+    """Return how far each mode, continued to another input, is from given configurations.
+
+    The mode is continued by its Taylor polynomial of second order. A small distance shows
+    that a configuration lies on the same smooth curve as the mode.
 
     Parameters
     ----------
     nodes
-        Configuration of each mode at one input, with first and second derivatives.
+        Configuration of each mode at one input, with its first derivatives `slope` and
+        second derivatives `bend` by the input.
     step
-        Step (rad) from this input to the other one, with its sign.
+        Difference (rad) of the other input from this one, with its sign.
     values
         (k, variables) configurations (rad) at the other input.
 
     Returns
     -------
-    (modes, k) largest difference of any variable (rad); NaN if the mode or the
+    (modes, k) largest absolute difference of a variable (rad). NaN if the mode or the
     configuration does not exist.
     """
-    # Taylor polynomial of second order.
     continued_values = nodes.values + step * nodes.slope + 0.5 * step**2 * nodes.bend
     return np.asarray(max_abs(wrap(continued_values[:, None] - values[None]), axis=2))
 
@@ -453,20 +460,20 @@ def follow_smooth_curves(
 
 
 def _continues_another_curve(number: int, successors: Mapping[int, int]) -> bool:
-    """Return whether a mode keeps its number at a meeting, but continues another curve.
+    """Return whether another curve takes the number of a mode behind a meeting.
 
-    Where curves of modes meet, each curve continues in one mode behind the meeting. If
-    another curve continues in the mode with this number, two curves have the same number
-    behind the meeting. The caller then drops one of them.
+    At a meeting, curves of assembly modes cross. A curve can continue in a mode with
+    another number. If one curve keeps its number and another curve takes the same number,
+    both would have it. The caller then drops one of them.
 
     Parameters
     ----------
     number
         The number of an assembly mode.
     successors
-        For each mode whose curve continues in a mode with another number: both numbers. All
-        other modes keep their numbers. For falling inputs these are the `predecessors` of
-        the meeting.
+        For each mode whose curve continues in a mode with another number: its number, and
+        that of the other mode. Modes that are not listed keep their numbers. If the input
+        falls, these are the `predecessors` of the meeting.
     """
     keeps_number = number not in successors
     is_successor_of_another = number in successors.values()

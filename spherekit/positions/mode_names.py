@@ -45,21 +45,21 @@ class NamedModes(NamedTuple):
 def assign_mode_names(
     solver: PositionSolver, assembly_modes: Sequence[AssemblyMode]
 ) -> NamedModes:
-    """Return assembly modes with the names that the file gives them.
+    """Return the assembly modes of a mechanism with the names that its file gives them.
 
-    In the file a name has one configuration: values of all inputs and of some other pairs.
-    The name is given to the mode that is nearest to this configuration at these inputs. If
-    the user drives other pairs than the file does, the file may lack the value of an input.
-    Such a name has no meaning, and is left out without a message.
+    An assembly mode is one way to assemble the mechanism. For each name the file lists a
+    configuration: values of all inputs and of some other pairs. The mode nearest to it
+    receives the name. The user can choose other inputs than the file. If the value of such
+    an input is missing in a configuration, the name is skipped without a message.
 
     Parameters
     ----------
     solver
-        The mechanism with the names (`mechanism.modes`).
+        The mechanism. `mechanism.modes` has the values (rad) of pairs for each name.
     assembly_modes
-        Its modes.
+        All its modes.
     """
-    # Names of modes by their index, and sentences about names that fit no mode.
+    # Names by the index of their mode, and sentences about names that no mode has.
     names: dict[int, str] = {}
     unused_names: list[str] = []
     if not assembly_modes:
@@ -68,7 +68,7 @@ def assign_mode_names(
     for name, angles_by_pair in solver.mechanism.modes.items():
         if not set(inputs) <= angles_by_pair.keys():
             continue
-        # `reason` states why no mode has the name. It is empty if one has it.
+        # `reason` says why the name fits no mode; it is empty if it fits mode `index`.
         index, reason = _find_named_mode(solver, assembly_modes, angles_by_pair)
         if not reason and index in names:
             reason = (

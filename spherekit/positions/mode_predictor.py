@@ -58,19 +58,21 @@ RANGE_END_TOLERANCE = 1e-14
 
 
 class ModePrediction(NamedTuple):
-    """Predicted configurations of an assembly mode at n samples.
+    """Predicted configurations of an assembly mode (one way to assemble) at n samples.
 
-    They are interpolated between nodes, which are verified configurations of the mode.
+    They are start values of Newton's method. They are interpolated between known
+    configurations of the mode, the nodes.
 
     Attributes
     ----------
     values
-        (n, variables) predicted variables (rad).
+        (n, variables) predicted pair variables (rad).
     spread
-        (n,) largest change of a variable between the two nodes around the sample (rad),
-        with which the error of the prediction is compared. Zero if the values are exact.
+        (n,) largest change of a variable between the two nodes around the sample (rad). The
+        permitted error of the prediction is proportional to it. Zero if the values are
+        exact.
     status
-        (n,) OK, or why the mode has no configuration at the sample.
+        (n,) OK, or a code that says why the mode has no configuration at the sample.
     """
 
     values: Floats
@@ -104,7 +106,10 @@ class ModeCurve:
     tried_steps: int = 0
 
     def interpolate(self, q: Floats) -> tuple[Floats, Floats]:
-        """Interpolate between the nodes by cubic Hermite polynomials.
+        """Interpolate the configurations of a mode between its nodes by cubic polynomials.
+
+        The nodes are verified configurations, at the values `inputs` of the only input,
+        with the derivatives `slopes` of the variables by the input.
 
         Parameters
         ----------
@@ -117,12 +122,13 @@ class ModeCurve:
             (n, variables) interpolated variables (rad).
         spread
             (n,) largest difference of a variable between the two nodes around q (rad). The
-            error of the interpolated values is judged in comparison with it.
+            permitted error of the interpolated values is proportional to it.
         """
+        # A curve of one node is constant.
         if len(self.inputs) == 1:
             return np.repeat(self.values, len(q), axis=0), np.zeros(len(q))
-        # Each q is between the nodes k and k + 1. Beyond an end of the curve, the
-        # polynomial of the last interval is continued.
+        # q lies between the nodes k and k + 1. Beyond the ends, the last polynomial goes
+        # on.
         k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, len(self.inputs) - 2)
         width = (self.inputs[k + 1] - self.inputs[k])[:, None]
         fraction = (q - self.inputs[k])[:, None] / width
@@ -149,27 +155,28 @@ class ModeCurve:
 
 
 class ModeOverGrid(NamedTuple):
-    """An assembly mode at the n samples of an input grid.
+    """Configurations of an assembly mode (one way to assemble) at n samples of inputs.
 
-    It replaces the prediction of the mode from a curve (`ModeCurve`): configurations at the
-    samples are known exactly, and no other inputs can be predicted.
+    It is used with several inputs. With one input, `ModeCurve` interpolates between known
+    configurations. Here the configurations at the samples themselves are known, and no
+    others.
 
     Attributes
     ----------
     values
         (n, variables) pair variables (rad), NaN where the mode was not reached.
     status
-        (n,) OK, or why the last path towards the sample ended before it.
+        (n,) OK, or a code that says why the last path towards the sample ended.
     """
 
     values: Floats
     status: SmallIntegers
 
     def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
-        """Return the configurations at samples, by their numbers `rows` (m,).
+        """Return the configurations at the samples with the numbers `rows` (m,).
 
-        The inputs `q` (m, inputs) of the samples are not used. If `rows` is None, the
-        inputs are no samples, and only a `ModeCurve` has a prediction.
+        The inputs `q` (m, inputs) are only counted. This function has the same parameters
+        as that of `ModeCurve`, where `rows` can be None.
         """
         assert rows is not None
         return ModePrediction(
@@ -183,16 +190,17 @@ class ModeOverGrid(NamedTuple):
 def follow_each(
     closure: Closure, driven: int, values: Floats, low: float, high: float
 ) -> list[ModeCurve]:
-    """Follow the assembly modes through configurations over the range of the input.
+    """Follow assembly modes from n configurations over the range of the only input.
 
-    From each configuration the input moves to both ends of the range by verified steps. At
-    a dead centre the input is stationary, and variables have no derivatives by the input.
-    A mode through a dead centre is followed from a point near it instead.
+    From each configuration the input moves to both ends of the range, in steps that are
+    verified to stay on the mode. At a dead centre the input is stationary, so the variables
+    have no derivatives by the input. A mode that starts there is followed from a point
+    nearby.
 
     Parameters
     ----------
     closure
-        The loops of the whole mechanism.
+        The loops of the whole mechanism, as equations for the pair variables.
     driven
         Number of the variable of the input.
     values
@@ -205,17 +213,18 @@ def follow_each(
     -------
     The curve of each configuration, as far as its mode reaches.
     """
-    # Next to a dead centre, the closure Jacobian with locked input is nearly singular: its
-    # least singular value is below `DEAD_CENTRE_RATIO` times the greatest one.
+    # At a dead centre the equations for the other variables are singular. A nearly singular
+    # start counts as one: ratio of the least to the greatest singular value below
+    # `DEAD_CENTRE_RATIO`.
     start_nodes = _evaluate_nodes(closure, driven, values)
     is_regular = ~is_nearly_singular(closure.linearise(values), [driven], DEAD_CENTRE_RATIO)
     is_regular &= all_finite(start_nodes.slope, 1)
-    # All regular configurations are followed together, which is faster. Those at a dead
-    # centre are followed one by one.
+    # Regular starts are followed together, which is faster; dead centres one by one.
     regular_starts = start_nodes.rows(is_regular)
     regular_curves = iter(
         _follow_from_nodes(closure, driven, starts=regular_starts, low=low, high=high)
     )
+    # The curves are returned in the order of the configurations.
     curves = []
     for configuration, is_regular_start in zip(values, is_regular, strict=True):
         if is_regular_start:

@@ -114,21 +114,28 @@ class ModeSearch:
         search: bool = True,
         independent: bool = False,
     ) -> None:
-        """Search the assembly modes of a mechanism at the samples of its inputs.
+        """Find the assembly modes of a mechanism at the samples of its inputs.
 
-        The links are placed group by group. A dyad (two links) closes in two ways, which
-        its sign (1 or -1) distinguishes. A train of wheels has one way, and the sign 0. If
-        there are no other groups, a mode is a combination of signs. Otherwise modes are
-        followed by Newton's method: over the range of a single input, or from sample to
-        sample of several inputs. `search` says whether to search for modes other than the
-        mode of the reference pose. `independent` says whether the samples are unrelated to
-        each other, and no motion.
+        An assembly mode is one way to assemble the mechanism. The links are placed in
+        groups. A dyad (two links) closes in two ways, told apart by its sign (1 or -1). A
+        train of wheels closes in one way, with the sign 0. If there are no other groups, a
+        mode is a combination of signs (closed form). Otherwise modes are followed by
+        Newton's method.
+
+        Parameters
+        ----------
+        solver, input_grid
+            The mechanism, and the sampled values of its inputs.
+        search
+            Whether to search for modes other than that of the reference pose.
+        independent
+            Whether the samples are unrelated to each other, and do not form a motion.
         """
         self.solver = solver
         self.input_grid = input_grid
-        # Results. `claim` states how complete the modes are, and `methods` how the modes of
-        # each group were found. `probes` is the number of values of the inputs at which
-        # modes were searched. At `crossings` curves of configurations cross.
+        # Results. `claim` says how complete the modes are, `methods` how those of each
+        # group were found, `probes` at how many values of the inputs they were searched. At
+        # the configurations `crossings` curves of modes cross.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
@@ -141,9 +148,8 @@ class ModeSearch:
             self._find_modes_over_samples(search, independent)
         else:
             self._find_modes_over_range(search)
-        # The mechanism can be assembled at no sample. This is an error for a motion. For
-        # independent samples a mode without configurations is returned, so that each sample
-        # has a row, with the status that it has no configuration.
+        # Without any mode, a motion is an error. Independent samples get an empty mode, so
+        # that each has a row that states that it has no configuration.
         if not self.assembly_modes:
             if not independent:
                 raise SolveError(_explain_failure(solver, input_grid))
@@ -158,25 +164,27 @@ class ModeSearch:
         return AssemblyMode(0, signs, ModeOverGrid(values, status))
 
     def _find_modes_over_samples(self, search: bool, independent: bool) -> None:
-        """Find the modes of a mechanism with several inputs at the samples.
+        """Find the assembly modes of a mechanism with several inputs at the samples.
 
-        Results are stored in `assembly_modes`, `claim` (how complete they are), `probes`
-        (number of samples at which they were searched) and `methods`.
+        An assembly mode is one way to assemble the mechanism. The modes are stored in
+        `assembly_modes`. `claim` states how complete they are, `probes` at how many samples
+        they were searched, and `methods` how.
 
         Parameters
         ----------
         search
             Whether to search for modes other than that of the reference pose.
         independent
-            Whether the samples are unrelated to each other, and not a motion. A dyad can be
-            closed in two ways, which its sign tells apart. Modes in which every dyad has
-            the same sign then share a number, although no path joins them.
+            Whether the samples are unrelated to each other, and not a motion. A dyad (two
+            links) closes in two ways, told apart by its sign. For independent samples,
+            configurations with equal signs of all dyads share a mode number. No path has to
+            join them.
 
         Raises
         ------
         PlanError
-            If a group has redundant constraints, and the number of degrees of freedom, by
-            the rank of the velocity equations, is not the number of inputs.
+            If a group has redundant constraints, and the rank of the velocity equations
+            shows another number of degrees of freedom than there are inputs.
         """
         # The constructor runs the search.
         sampled_modes = SampledModes(
@@ -185,29 +193,30 @@ class ModeSearch:
         self.assembly_modes = sampled_modes.assembly_modes
         self.methods = sampled_modes.methods
         self.claim = sampled_modes.claim
+        # Number of samples at which modes were searched.
         self.probes = sampled_modes.probes
         self._check_mobilities(sampled_modes.mobilities)
 
     def _check_mobilities(self, mobilities: Sequence[int]) -> None:
-        """Raise an error if the starts of a search show another mobility than expected.
+        """Raise an error if the mechanism has another mobility than it has inputs.
 
-        The number of inputs in the file is in doubt in two cases: if the first start has
-        fewer degrees of freedom than there are inputs, or if no start led to a mode. The
-        least number of all starts is then compared with the inputs, because a singular
-        configuration has more degrees of freedom than the mechanism, but never fewer.
+        The mobility is known at the start configurations of a search. It is compared in two
+        cases: if the first start has fewer degrees of freedom than there are inputs, or if
+        no mode was found. The least mobility of all starts counts, because singular
+        configurations have more degrees of freedom than the mechanism, but never fewer.
 
         Parameters
         ----------
         mobilities
-            Numbers of degrees of freedom at the starts, from the rank of the velocity
-            equations. The first one is that of the reference pose, if there is one. The
-            list is empty if no group has redundant constraints: counting links and pairs is
-            enough then.
+            Degrees of freedom at the starts, from the rank of the velocity equations. The
+            first start is the reference pose, if there is one. Empty if no group has
+            redundant constraints; then the mobility follows from the numbers of links and
+            pairs.
 
         Raises
         ------
         PlanError
-            If the least number is not the number of inputs.
+            If the least mobility is not the number of inputs.
         """
         if not mobilities:
             return
@@ -225,12 +234,13 @@ class ModeSearch:
         self.crossings = modes.crossings
 
     def _find_closed_form_modes(self, search: bool) -> None:
-        """Find the modes of a mechanism of dyads and trains of wheels.
+        """Find the assembly modes of a mechanism of dyads and trains of wheels.
 
-        A dyad closes in two ways, which its sign distinguishes. A mode is a combination of
-        signs with which the mechanism closes at some input. The results are stored in
-        `assembly_modes`, `claim` (how complete they are), `probes` (number of inputs at
-        which they were searched) and `methods`.
+        An assembly mode is one way to assemble the mechanism. A dyad (two links) closes in
+        two ways, told apart by its sign. A mode is a combination of signs with which the
+        mechanism closes at some input. The modes are stored in `assembly_modes`. `claim`
+        states how complete they are, `probes` at how many inputs they were searched, and
+        `methods` how.
 
         Parameters
         ----------
@@ -240,12 +250,12 @@ class ModeSearch:
         Raises
         ------
         PlanError
-            If constraints are redundant, and the mobility by rank is not the number of
-            inputs. It is the least one of `RANKED_CONFIGURATIONS` configurations, because
-            singular configurations have a larger mobility than the mechanism.
+            If constraints are redundant, and the mobility from the rank of the velocity
+            equations is not the number of inputs.
         """
         solver = self.solver
         all_signs = []
+        # The mode of the reference pose comes first and has the number 0.
         if solver.reference is not None:
             all_signs.append(signs_at(solver, solver.reference))
         if search or not all_signs:
@@ -265,16 +275,19 @@ class ModeSearch:
     def _find_closing_signs(self, q: Floats) -> list[tuple[int, ...]]:
         """Return the combinations of signs with which the mechanism closes at some input.
 
+        A dyad (group of two links) closes in two ways, told apart by its sign. One
+        combination of signs of all groups is one assembly mode.
+
         Parameters
         ----------
         q
-            (k, inputs) values of the inputs (rad), which are examined in portions.
+            (k, inputs) values of the inputs (rad). They are examined in portions.
 
         Returns
         -------
-        The signs of all groups in each mode, once for each portion with the mode. Of one
-        portion, one mode more than the limit is returned at most. It shows the caller that
-        there are more modes than are kept.
+        The signs of all groups in each mode. A mode that occurs in several portions is
+        listed for each. A portion lists at most one mode more than the limit
+        `MAX_ASSEMBLY_MODES`. The extra mode shows the caller that there are too many.
         """
         all_signs = []
         has_redundant_group = any(group.redundant for group in self.groups)
@@ -298,22 +311,23 @@ class ModeSearch:
         check_mobility(self.solver, min(mobilities))
 
     def _select_probed_inputs(self) -> tuple[Floats, Completeness]:
-        """Return the inputs at which the modes of dyads are searched.
+        """Return the inputs at which the assembly modes of dyads are searched.
 
-        Groups of links are dyads or trains of wheels here. With one input, the attribute
-        `crossings` (configurations at which modes meet and none ends) is set as well.
+        An assembly mode is one way to assemble the mechanism. All groups of links are dyads
+        (two links) or trains of wheels here. With one input, `self.crossings` is set as
+        well: configurations at which curves of modes cross.
 
         Returns
         -------
         q
             (k, inputs) values of the inputs (rad).
         claim
-            How complete the modes at these inputs are, with the reason in words.
+            How complete the modes found at these inputs are, with the reason in words.
         """
         grid = self.input_grid
-        # Groups whose links are all placed by gear ratios, so that they have one mode at
-        # any input. If there are no other groups, one input is enough. Reports state the
-        # reason as "complete: wheels in mesh have one", that is one mode.
+        # A train of wheels is placed by gear ratios, so it has one mode at any input. If
+        # all groups are trains, one input is enough. Reports read "complete: wheels in mesh
+        # have one" (mode).
         wheel_trains = self.solver.wheel_trains
         if len(wheel_trains) == len(self.groups):
             reason = "wheels in mesh have one" if wheel_trains else "no loop has to close"
@@ -326,18 +340,16 @@ class ModeSearch:
                 reason = f"modes at all {len(grid)} samples"
                 sentence = f"All assembly modes were found at the {len(grid)} samples."
             return q, Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
-        # Modes appear or vanish only at turning points of the input. One input between each
-        # two of them is examined. `max_cost_s` limits the time of one evaluation in the
-        # search for turning points, and `max_time_s` its whole time. Beyond these limits
-        # the turning points are unknown.
+        # Modes appear or vanish only at turning points of the input, so one input between
+        # each two of them is enough. The search for turning points is limited: `max_cost_s`
+        # for one evaluation, `max_time_s` in all.
         low, high = grid.range
         turning_points = find_input_turning_points(
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
         self.crossings = turning_points.crossings
-        # Where turning points are unknown, inputs at equal distances are examined:
-        # `PROBED_RANGE_INPUTS` over the whole range. The claim says that the modes are
-        # complete if no turning point can have been missed.
+        # Where the turning points are unknown, inputs at equal distances are examined
+        # instead. `claim` states whether a turning point can have been missed.
         step = np.ptp(grid.q) / (PROBED_RANGE_INPUTS - 1)
         return turning_points.probes(step)[:, None], turning_points.claim(step)
 

@@ -142,51 +142,50 @@ class ModesOverRange:
     """
 
     def __init__(self, solver: PositionSolver, input_grid: InputGrid, search: bool) -> None:
-        """Search the assembly modes of a mechanism over the range of its input.
+        """Find the assembly modes of a mechanism over the range of its only input.
 
-        An assembly mode is one of the ways to assemble the mechanism. Its configurations
-        at increasing values of the input form a curve. The mode of the reference pose is
-        followed first. All others are searched if `search` asks for them, if there is no
-        reference pose, or if its mode is not in the range.
+        An assembly mode is one way to assemble the mechanism. Its configurations over the
+        input form a curve. The mode of the reference pose (configuration that the file
+        describes) is followed first. All others are searched if `search` is true, or if the
+        first step gives no mode in the range.
         """
         self.solver = solver
         self.input_grid = input_grid
-        # Results. `claim` states how complete the modes are. `methods` has the method by
-        # which the configurations of each group were computed; a group is a set of links
-        # that are placed together. `probes` is the number of examined inputs.
-        # At `crossings` curves of configurations cross.
+        # Results. `claim` says how complete the modes are. `methods` says how each group
+        # (links that are placed together) was solved. `probes` is the number of inputs at
+        # which modes were searched. At the configurations `crossings` curves of modes
+        # cross.
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
         self.claim = REFERENCE_ONLY
         self.probes = 0
         self.crossings: tuple[Crossing, ...] = ()
-        # Where a mode ends inside the range, the input turns back, and the configurations
-        # continue as another mode of the same component. `_components` has the number of
-        # the component of each mode. `_curves` has the curves that were followed in arc
-        # length, through the turning points of the input.
+        # A component is a connected curve of configurations. Where the input turns back on
+        # it, one mode ends and another begins. `_components` has the number of the
+        # component of each mode. `_curves` has the components that were followed along
+        # their arc length.
         self._components: list[int] = []
         self._curves: list[ArcCurve] = []
-        # The number of degrees of freedom at each start, from the rank of the velocity
-        # equations. It is computed if a group has redundant constraints, because counting
-        # links and pairs then gives a wrong number. Otherwise the list stays empty.
+        # Degrees of freedom at each start, from the rank of the velocity equations. They
+        # are computed only with redundant constraints, where counting links and pairs is
+        # wrong.
         self._mobilities: list[int] = []
         self._steps_along_modes = 0
-        # The curves of so many modes, from the first one in `assembly_modes` on, were
-        # already followed beyond the ends of the mode.
+        # Number of modes that `_follow_modes_beyond_their_ends` has treated, from the first
+        # on.
         self._extended_modes = 0
         self._progress = ProgressReporter("searching assembly modes")
 
         self._add_reference()
         if search or not self.assembly_modes:
             self.claim = self._search_all_modes()
-        # A configuration from which a curve is followed must have one degree of freedom. If
-        # there is no mode, the mechanism may have more or fewer degrees of freedom. An
-        # error then says so. The least number is compared, because singular configurations
-        # have more. If no number was computed, it is 1 by counting.
+        # Without any mode, the mechanism may have the wrong number of degrees of freedom.
+        # The error then says so. The least number counts, since singular configurations
+        # have more. If none was computed, the number is 1 by counting links and pairs.
         if not self.assembly_modes:
             check_mobility(solver, min(self._mobilities, default=1))
-        # Enough: the limit of modes, or of steps along them, is reached.
+        # The search has stopped at the limit of modes, or of steps along them.
         if self._has_enough_modes:
             reason = (
                 f"stopped at {counted(len(self.assembly_modes), 'mode')} after "
@@ -214,13 +213,15 @@ class ModesOverRange:
     def _add_reference(self) -> None:
         """Add the assembly mode of the reference pose, if there is one.
 
-        The reference pose is the configuration in which a file gives the axes of all pairs.
+        The reference pose is the configuration in which the file gives the axes of all
+        pairs. An assembly mode is one way to assemble the mechanism, with its
+        configurations over the input.
 
         Raises
         ------
         PlanError
-            If the reference pose cannot move, by the rank of its velocity equations. Other
-            modes, whose search would take long, are then not searched.
+            If the pose cannot move, by the rank of its velocity equations. The error comes
+            before the long search for other modes.
         """
         solver = self.solver
         if solver.reference is None:
@@ -228,23 +229,22 @@ class ModesOverRange:
         values = solver.shift_near_samples(solver.reference, self.input_grid.q)
         (curve,) = self._follow_configurations(values)
         self._add_mode(curve)
-        # If the input is still not in the range, the mode may end before the range begins.
-        # This matters for wheels (`gear_phases`), whose configurations may never repeat, so
-        # that the input has no period. The whole curve through the pose is then followed,
-        # beyond the turning points of the input at which the mode ends. Other modes on it
-        # may reach the range.
+        # The mode of the pose may end before the range begins. For wheels (`gear_phases`),
+        # other modes on the same curve of configurations may reach the range. That curve is
+        # followed beyond the turning points of the input. Without wheels, the later search
+        # finds these modes.
         if not self.assembly_modes and solver.gear_phases is not None:
             self._add_modes_on_curve(values[0])
-        # `_follow_configurations` has appended the degrees of freedom of the pose, if a
-        # group has redundant constraints. `check_mobility` raises the error.
+        # `_follow_configurations` has stored the degrees of freedom of the pose, if a group
+        # has redundant constraints.
         if self._mobilities and self._mobilities[0] < 1:
             check_mobility(solver, self._mobilities[0])
 
     def _follow_configurations(self, values: Floats) -> list[ModeCurve | None]:
-        """Close configurations and follow them over the range.
+        """Close nearly closed configurations, and follow each over the range of the input.
 
-        If a group has redundant constraints, the mobility of each configuration is appended
-        to `_mobilities`.
+        If a group of links has redundant constraints, the mobility (degrees of freedom) of
+        each configuration is appended to `_mobilities`.
 
         Parameters
         ----------
@@ -253,20 +253,19 @@ class ModesOverRange:
 
         Returns
         -------
-        The curve of each configuration. It is None if the rank of the velocity equations
-        does not leave one degree of freedom.
+        The curve of each configuration over the input. None if its mobility, from the rank
+        of the velocity equations, is not 1.
         """
         solver = self.solver
         values = solver.closure.solve(values, fixed=solver.driven).values
-        # With redundant constraints, the rank of the velocity equations decides whether a
-        # configuration can move. Without them, all can move, because the numbers of links
-        # and pairs leave one degree of freedom.
+        # Counting links and pairs gives one degree of freedom. With redundant constraints,
+        # only the rank of the velocity equations shows whether a configuration can move so.
         is_mobile = np.ones(len(values), dtype=bool)
         if any(group.redundant for group in self.groups):
             mobilities = [solver.compute_mobility(row) for row in values]
             self._mobilities += mobilities
             is_mobile = np.array(mobilities) == 1
-        # All mobile configurations are followed together.
+        # All mobile configurations are followed together, which is faster.
         low, high = self.input_grid.range
         curves = iter(
             follow_each(
@@ -280,17 +279,20 @@ class ModesOverRange:
         return [next(curves) if mobile else None for mobile in is_mobile]
 
     def _add_mode(self, curve: ModeCurve | None, component: int | None = None) -> bool:
-        """Add the mode of a curve, if it is in the range, and return whether it is.
+        """Add the assembly mode of a curve, and return True, if the curve is in the range.
+
+        An assembly mode is one way to assemble the mechanism. Its configurations over the
+        input form the curve.
 
         Parameters
         ----------
         curve
-            The curve, with rising values of the input. None if the configuration does not
-            have one degree of freedom, so that it was not followed.
+            The curve, with rising values of the input. None if the start was not followed,
+            because it has not one degree of freedom.
         component
             Number of the component to which the mode belongs. A component is a connected
-            curve of configurations, on which the input can turn back. None if the component
-            is new.
+            curve of configurations; it has several modes if the input turns back on it.
+            None if the component is new.
         """
         if curve is None:
             return False
@@ -298,21 +300,19 @@ class ModesOverRange:
         low, high = self.input_grid.range
         if curve.inputs[0] > high or curve.inputs[-1] < low:
             return False
-        # Every group of links has a matrix: the three axes of a dyad (two links and three
-        # R pairs), or the velocity equations of another group. The sign of its determinant
-        # is constant in a mode. It is computed at the middle of the curve, because the
-        # curve may begin at a dead centre, where the determinant is zero. `least` is the
-        # reciprocal condition number below which a sign counts as unknown; with 0 none
-        # does.
+        # Each group (links placed together) has a determinant: of the three axes of a dyad,
+        # or of the velocity equations of another group. Its sign is constant in a mode. It
+        # can be zero at the ends of the curve, so the middle is used. With `least` 0, a
+        # sign is returned even if the determinant is small.
         middle_values = curve.values[len(curve.values) // 2]
         (determinant_signs,) = group_signs(self.solver, middle_values[None], least=0.0)
         self.assembly_modes.append(
             AssemblyMode(
                 number=len(self.assembly_modes),
-                # A dyad closes in two ways, which its sign (1 or -1) distinguishes. Other
-                # groups have 0 here.
+                # A dyad (two links) closes in two ways, told apart by its sign (1 or -1).
+                # Other groups have 0.
                 signs=signs_at(self.solver, middle_values),
-                # The configurations from which Newton's method starts at other inputs.
+                # The known configurations, from which others of the mode are computed.
                 guide=curve,
                 group_signs=tuple(determinant_signs.tolist()),
             )
@@ -323,34 +323,38 @@ class ModesOverRange:
         return True
 
     def _search_all_modes(self) -> Completeness:
-        """Search further modes in the whole range, and return how complete they are.
+        """Search further assembly modes in the whole range; return how complete they are.
 
-        If the input does not determine how far wheels have rolled, there are infinitely
-        many modes, and only some are searched. Otherwise, elimination is tried first. It
-        finds all configurations of a group of links at an input, as the roots of a
-        polynomial. If it does not apply to all groups, modes are searched from random
-        starts.
+        An assembly mode is one way to assemble the mechanism. The best method that applies
+        is used:
+
+        - Free wheels (the input does not determine how far they have rolled) have
+        infinitely many modes, and only some are searched.
+        - Elimination finds all configurations at an input, as roots of polynomials.
+        - Otherwise modes are searched from random starts.
         """
         solver = self.solver
         # `gear_phases` is None for a mechanism without wheels.
         if solver.gear_phases is not None and not self.assembly_modes:
-            # The reference pose has given no mode of a mechanism with wheels. Its first
-            # modes are those of all configurations at the first sample.
+            # Mechanisms with wheels need a first mode. Here the reference pose
+            # (configuration in the file) has given none, so all configurations at the first
+            # sample are computed.
             self._compute_modes_at(self.input_grid.q[:1])
         if self._has_free_wheels:
             return self._find_with_free_wheels()
         if can_find_all_modes(solver):
             completeness = self._find_by_elimination()
-            # None if a polynomial could not be solved completely at one of the inputs.
+            # None: at some input the polynomial was not solved completely, so modes may be
+            # missing.
             if completeness is not None:
                 return completeness
         return self._find_by_random_search()
 
     def _find_by_random_search(self) -> Completeness:
-        """Find modes from random starts, and return how complete they are.
+        """Find assembly modes from random starts, and return how complete they are.
 
-        The attribute `methods` is set for all groups: dyads are solved in closed form, and
-        other groups by random starts if no other method has solved them before.
+        The attribute `methods` says how each group of links is solved: dyads (two links) in
+        closed form, the others by random starts unless another method was stored before.
         """
         methods: list[SolutionMethod | None] = []
         for group, method in zip(self.groups, self.methods, strict=True):
@@ -362,8 +366,8 @@ class ModesOverRange:
         self.methods = methods
         statistics = self._search_from_random_starts()
         if not self.assembly_modes:
-            # The random search leaves out configurations near a dead centre. The solution
-            # of all groups at one input, the middle sample, includes them.
+            # Random starts leave out configurations near a dead centre. Solving all groups
+            # at the middle sample also finds these.
             q = self.input_grid.q
             self._compute_modes_at(q[len(q) // 2][None])
         return Completeness(
@@ -373,16 +377,15 @@ class ModesOverRange:
         )
 
     def _find_with_free_wheels(self) -> Completeness:
-        """Find some of the modes, if wheels can be put together in any position.
+        """Find some assembly modes, if the input leaves free how far wheels have rolled.
 
-        The input does not determine how far some wheels have rolled. Each position in which
-        they can be put together has its own curve of configurations, so there are
-        infinitely many curves. These are followed:
+        Each position in which the wheels are put together has its own curve of
+        configurations. There are infinitely many such curves. A mode is a part of a curve
+        on which the input rises or falls. These curves are followed:
 
-        - If the reference pose has a mode in the range, it is in `assembly_modes` already.
-          Its curve is followed beyond the ends of the mode.
-        - Otherwise all configurations are searched at a few inputs in turn, until one input
-          has some. The curves through these are followed.
+        - The curve of the reference pose, if its mode is in `assembly_modes` already.
+        - Otherwise the curves through all configurations at one input. A few inputs are
+        tried in turn, until one has configurations.
 
         Returns
         -------
@@ -397,70 +400,65 @@ class ModesOverRange:
                 break
             self._compute_modes_at(q[row : row + 1])  # adds 1 to `probes`
         self._follow_modes_beyond_their_ends()
-        # `probes` is the number of inputs at which configurations were searched. It is 0 in
-        # the first case.
+        # No input was searched, so all modes are on the curve of the reference pose.
         if not self.probes:
             return AS_ASSEMBLED
         reason = f"modes found at {counted(self.probes, 'input')}"
         return Completeness(Guarantee.SAMPLED, reason)
 
     def _find_by_elimination(self) -> Completeness | None:
-        """Find all modes at one input in each interval between turning points.
+        """Find all assembly modes at one input in each interval between turning points.
 
-        Two modes meet, and end, at a turning point of the input. Between two turning points
-        the number of modes is constant, so one input in each interval shows all of them.
-        Elimination reduces the closure equations of each group of links at this input to a
-        polynomial, whose roots are all configurations of the group.
+        Modes begin and end only at turning points of the input, where two modes meet.
+        Between two turning points their number is constant, so one input shows all of them.
+        Elimination reduces the closure equations of a group of links to a polynomial. Its
+        roots are all configurations of the group at this input.
 
-        The attribute `crossings` is set: the configurations at which curves cross, so that
-        modes meet and none ends.
+        The attribute `crossings` is set: configurations at which curves of modes cross.
 
         Returns
         -------
-        How complete the modes are; None if modes may be missing at one of the inputs.
+        How complete the modes are. None if elimination has not found all modes at an input.
         """
         low, high = self.input_grid.range
         turning_points = find_input_turning_points(
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
         self.crossings = turning_points.crossings
-        # Turning points may be missed in parts of the range. There inputs are examined at
-        # this distance from each other.
+        # Where turning points may have been missed, inputs at this distance are examined.
         step = (high - low) / PROBED_INTERVALS
         self._compute_modes_at(turning_points.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
         completeness = turning_points.claim(step)
-        # The gap is the width of the widest interval in which turning points may have been
-        # missed, 0 if there is none.
+        # The gap is the widest interval in which turning points may have been missed.
         if not turning_points.gap(step):
             return completeness
-        # A mode that begins and ends between two examined inputs has not been found. Two
-        # searches may find it. At the end of a mode the curve of its configurations turns
-        # back and continues as another mode, so curves are followed beyond the ends of the
-        # modes. The other search begins at random starts.
+        # A mode that begins and ends between two examined inputs is still missing. Two
+        # searches may find it: along the curves beyond the ends of known modes, and from
+        # random starts.
         self._follow_modes_beyond_their_ends()
         statistics = self._search_from_random_starts()
-        # A component is a connected curve of configurations.
+        # A component is a connected curve of configurations, with one or more modes.
         found_components = statistics.describe("components")
         reason = f"{completeness.reason}; between them {found_components}"
         return replace(completeness, reason=reason)
 
     def _compute_modes_at(self, inputs: Floats) -> None:
-        """Compute all configurations at inputs (n, 1) in rad, and add their modes.
+        """Compute all configurations at inputs (n, 1) in rad, and add their assembly modes.
 
-        The loop ends after an input at which some configurations may be missing, or when
-        no further mode may be added. The caller then searches from random starts. `probes`
-        counts the inputs at which configurations were computed.
+        The computation stops early at an input where configurations may be missing, because
+        the caller then searches from random starts. It also stops if there are enough
+        modes. The attribute `probes` counts the inputs.
         """
         for q in inputs:
             if self._has_enough_modes:
                 break
             configurations = enumerate_assemblies(self.solver, q)
             self.probes += 1
-            # Each group of links has a method that computes its configurations. Some find
-            # all of them and some may miss a few. The result is only as complete as the
-            # least complete method at any input so far, which is stored for each group.
+            # Each group of links is solved by a method that finds all configurations, or
+            # may miss some. For each group the least complete method at any input is
+            # stored.
             self.methods = [
                 least_complete(old_method, new_method)
                 for old_method, new_method in zip(
@@ -477,28 +475,28 @@ class ModesOverRange:
         component: int | None = None,
         batch_size: int = STARTS_FOLLOWED_TOGETHER,
     ) -> Indices:
-        """Follow configurations that are on no known mode, and add their modes.
+        """Follow configurations that are on no known mode, and add their assembly modes.
 
-        Each configuration is followed over the range of the input. The result is a new
-        mode, which may contain others of the configurations. These need no mode of their
-        own.
+        An assembly mode is one way to assemble the mechanism, as a curve of configurations
+        over the input. Its curve may contain several of the given configurations. Only one
+        of them has to be followed.
 
         Parameters
         ----------
         values
             (n, variables) closed configurations (rad).
         component
-            Number of the component (connected curve of configurations) of all new modes.
-            None if it is not known.
+            Number of the component (connected curve of configurations, of one or more
+            modes) to which all new modes belong. None if it is not known.
         batch_size
-            Number of configurations that are followed together, which is faster. Larger:
-            more of them are on the same mode, and are followed for nothing.
+            Number of configurations that are followed together. Larger: fewer array
+            operations, but more curves that turn out to be the same.
 
         Returns
         -------
         (n,) number of the component of each configuration. It is -1 for a configuration
-        without a mode: it cannot move, no part of its curve is in the range, or no further
-        modes are added because there are enough.
+        without a mode: it cannot move, its curve is outside the range, or there are enough
+        modes.
         """
         components = self._find_components(values, first_mode=0)
         (waiting_rows,) = np.nonzero(components < 0)
@@ -506,10 +504,11 @@ class ModesOverRange:
             batch = waiting_rows[:batch_size]
             curves = self._follow_configurations(values[batch])
             for row, curve in zip(batch.tolist(), curves, strict=True):
-                # The mode of an earlier row of the batch may contain this configuration.
+                # An earlier configuration of the batch may have added the mode of this one.
                 if components[row] < 0 and not self._has_enough_modes:
                     self._add_mode_of_row(row, curve, values, components, component)
             waiting_rows = waiting_rows[batch_size:]
+            # Drop those that the new modes contain.
             waiting_rows = waiting_rows[components[waiting_rows] < 0]
         return components
 
@@ -521,9 +520,11 @@ class ModesOverRange:
         components: Indices,
         new_component: int | None,
     ) -> None:
-        """Add the mode of one configuration, and note which others are on the new modes.
+        """Add the assembly mode of one configuration; find which others are on it.
 
-        If the mode ends inside the range, the modes that continue it are added, too.
+        A component is a connected curve of configurations. Where the input turns back on
+        it, one mode ends and another begins. If the mode ends inside the range, the other
+        modes of its component are added, too.
 
         Parameters
         ----------
@@ -534,35 +535,37 @@ class ModesOverRange:
         values
             (n, variables) all configurations (rad).
         components
-            (n,) number of the component of each configuration, -1 if it is not known. It is
-            changed in place.
+            (n,) number of the component of each configuration, -1 if it is not known. This
+            function changes the array.
         new_component
             Number of the component of the new mode; None if it is not known.
         """
         first_new_mode = len(self.assembly_modes)
-        if not self._add_mode(curve, new_component):
+        if not self._add_mode(curve, new_component):  # not in the range
             return
         self._follow_modes_beyond_their_ends()
         components[row] = self._components[first_new_mode]
+        # Other configurations may be on the modes that were just added.
         unknown = np.flatnonzero(components < 0)
         components[unknown] = self._find_components(values[unknown], first_new_mode)
 
     def _find_components(self, values: Floats, first_mode: int) -> Indices:
-        """Return on which component each configuration is, if it is on a known mode.
+        """Return the component of each configuration that is on a known assembly mode.
 
-        A component is a connected curve of configurations, and consists of one or more
-        modes.
+        A component is a connected curve of configurations. It consists of one or more
+        modes, because the input can turn back on it.
 
         Parameters
         ----------
         values
             (n, variables) closed configurations (rad).
         first_mode
-            Number of the first mode that is compared; all later ones are, too.
+            Number of the first mode to compare with. Modes with larger numbers are
+            compared, too.
 
         Returns
         -------
-        (n,) number of the component, or -1 if the configuration is on none of these modes.
+        (n,) number of the component, or -1 if the configuration is on none of the modes.
         """
         components = np.full(len(values), -1, dtype=np.intp)
         rotations = self.solver.closure.linearise(values).rotations
@@ -575,11 +578,11 @@ class ModesOverRange:
         return components
 
     def _is_on_mode(self, mode: AssemblyMode, values: Floats, rotations: Floats) -> Bools:
-        """Return whether configurations are on an assembly mode.
+        """Return whether configurations (n,) are on an assembly mode.
 
-        A configuration is on the mode if all links have the same rotations as in the mode
-        at the same input. The configuration of a mode takes long to compute. It is computed
-        only for inputs at which a prediction of the mode is near the given configuration.
+        A configuration is on the mode if all links are oriented as in the mode at the same
+        input. Computing the configurations of the mode takes long. So a quick prediction
+        first rules out most of the given ones.
 
         Parameters
         ----------
@@ -600,39 +603,38 @@ class ModesOverRange:
         return is_on_mode
 
     def _is_near_prediction(self, mode: AssemblyMode, values: Floats) -> Bools:
-        """Return whether configurations (n, variables) in rad may be on an assembly mode.
+        """Return whether configurations (n, variables) in rad can be on an assembly mode.
 
-        The mode is predicted at their inputs, by interpolation between its verified
-        configurations. A configuration that is far from the prediction is not on the mode.
+        This quick test rules out configurations that are far from the mode. The mode is
+        interpolated between its known configurations, at the inputs of the given ones.
         """
         driven = list(self.solver.driven)
-        passive_angles = [v for v in self.solver.angles if v not in driven]
+        passive_angles = [v for v in self.solver.angles if v not in driven]  # not inputs
         assert isinstance(mode.guide, ModeCurve)
         prediction = mode.guide.predict(values[:, driven])
         deviation = wrap(prediction.values - values)[:, passive_angles]
-        # `spread` is the change of the variables between two verified configurations. The
-        # error of the interpolation between them is assumed to be smaller.
+        # `spread` is the change of the variables between the known configurations on both
+        # sides. The error of the interpolation is assumed to be smaller.
         is_near = max_abs(deviation, axis=1) < prediction.spread + MODE_DISTANCE_RAD
         # The status is not OK at inputs that the mode does not reach.
         return is_near & (prediction.status == Status.OK)
 
     def _follow_modes_beyond_their_ends(self) -> None:
-        """Add the modes that are on the same curves as modes that end inside the range.
+        """Add the modes that continue known modes beyond an end inside the range.
 
-        Where a mode ends, for example because the input turns back, its configuration curve
-        continues as another mode. The whole curve, a component, is followed. All modes on
-        it get the number of the component of the first one. Only modes that were added
-        since the last call are considered.
+        An assembly mode ends where the input turns back. The curve of configurations
+        continues there as another mode. The whole curve (component) is followed, and each
+        piece on which the input rises or falls becomes a mode. Modes that were treated by
+        an earlier call are skipped.
         """
         for assembly_mode in self.assembly_modes[self._extended_modes :]:
             self._extended_modes += 1
-            # The guide of a mode is the curve of its verified configurations over the
-            # input. Both ends have the status OK if the mode covers the whole range.
+            # `guide` is the curve of known configurations of the mode. If both its ends are
+            # OK, the mode covers the whole range.
             guide = assembly_mode.guide
             if not isinstance(guide, ModeCurve) or guide.ends == (Status.OK, Status.OK):
                 continue
-            # The middle of the mode represents it. The ends may be singular, and a curve
-            # cannot be followed from a singular configuration.
+            # The curve is followed from the middle, because the ends may be singular.
             middle_values = guide.values[len(guide.values) // 2]
             was_followed = any(
                 followed_curve.passes(middle_values[None]).all()
@@ -646,18 +648,18 @@ class ModesOverRange:
     def _add_modes_on_curve(self, values: Floats, component: int | None = None) -> None:
         """Add the modes in the range that are on the curve through a configuration.
 
-        A configuration curve consists of all configurations that the mechanism can reach
-        without being taken apart. A mode is a part of it on which the input rises or falls.
+        The curve consists of all configurations that the mechanism can reach without being
+        taken apart. An assembly mode is a piece of it on which the input rises or falls.
 
         Parameters
         ----------
         values
             (variables,) the configuration (rad). Nothing is added if it is singular.
         component
-            Number that the curve has as a component. None if the component is new.
+            Number of the component (connected curve) of the new modes. None if it is new.
         """
-        # The curve of a mechanism with free wheels need not close: it can go on for ever. A
-        # shorter part is followed.
+        # With free wheels, configurations need not repeat, so the curve can be endless. A
+        # shorter part of it is followed.
         longest = MAX_CURVE_LENGTH_RAD
         if self._has_free_wheels:
             longest = MAX_ROLLED_CURVE_LENGTH_RAD
@@ -666,8 +668,8 @@ class ModesOverRange:
         except SolveError:  # a curve cannot be followed from a singular configuration
             return
         self._curves.append(curve)
-        # The input rises or falls on each piece of the curve, so each piece is one mode. It
-        # is added by the configuration in its middle.
+        # Each piece on which the input rises or falls is one mode. The configuration in its
+        # middle is followed to add it.
         low, high = self.input_grid.range
         # Growth of the only input after which all configurations repeat.
         (period,) = self.solver.periods
@@ -678,11 +680,11 @@ class ModesOverRange:
         self._add_new_modes(middles.reshape(-1, curve.nodes.values.shape[1]), component)
 
     def _search_from_random_starts(self) -> SearchStatistics:
-        """Add the modes to which random starts over the range lead.
+        """Add the assembly modes to which random starts over the range lead.
 
-        A component is a connected curve of configurations. Components are numbered from 0.
-        The search ends when many starts have led to each component, because few components
-        can then be missing.
+        A component is a connected curve of configurations, with one or more modes. The
+        search ends when each known component was reached from many starts. Then a missing
+        component is unlikely.
 
         Returns
         -------
@@ -691,14 +693,14 @@ class ModesOverRange:
         low, high = self.input_grid.range
         rounds = random_starts(self.solver, np.array([low]), np.array([high]))
         variable_count = len(self.solver.mechanism.variable_owners)
-        # `random_starts` makes the first `RANGE_ROUNDS` rounds of starts together, so the
-        # search has at least so many rounds. Later it makes one round at a time.
+        # `random_starts` yields the first `RANGE_ROUNDS` rounds together, later single
+        # rounds.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
-        # All modes of the known components are needed, or a start that leads to another of
-        # their modes would count as a new component.
+        # First complete the known components. Otherwise a start on a missing mode of one of
+        # them would count as a new component.
         self._follow_modes_beyond_their_ends()
         while statistics.needs_more_starts and not self._has_enough_modes:
-            # The number of starts that were made, and the configurations that closed.
+            # Number of starts, and the closed configurations to which they led.
             start_count, values, _ = next(rounds)
             # The number of the component of each configuration, -1 for none.
             components = self._add_new_modes(

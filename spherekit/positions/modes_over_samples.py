@@ -55,38 +55,37 @@ REFERENCE_ONLY = Completeness(Guarantee.COMPONENT, "the mode of the reference po
 
 
 class SolutionNumbers:
-    """Numbers the solutions that a random search counts.
+    """Numbers the solutions that a search from random starts can reach.
 
-    The search ends if it has reached each solution often enough. There are two kinds of
-    solutions:
+    The search counts how often it reaches each solution, and ends if each was reached often
+    enough. A solution is one of these:
 
-    - single configurations that were computed before the search,
-    - sheets: a sheet is the set of configurations that verified steps reach from one start,
-      at most one at each sample of the inputs.
+    - a single configuration that was computed before the search,
+    - a sheet: all configurations that verified steps reach from one start, at most one at
+    each sample of the inputs.
 
-    Configurations are nodes of a graph, which are numbered in the order in which they are
-    added to it.
+    The configurations are nodes of a graph, numbered in the order in which they are added.
 
     Attributes
     ----------
     count
-        Number of solutions.
+        Number of solutions of both kinds.
     sheet_count
-        Number of those that are sheets.
+        Number of sheets.
     """
 
     def __init__(self) -> None:
         """Begin without solutions."""
         self.count = 0
         self.sheet_count = 0
-        # (nodes,) number of the solution to which each node belongs, or -1.
+        # (nodes,) number of the solution to which each configuration belongs, or -1.
         self._solution_of_node = np.empty(0, dtype=np.intp)
 
     def number_nodes(self, is_solution: Bools) -> None:
-        """Make some nodes solutions of their own.
+        """Number single configurations as solutions, before any sheet is followed.
 
-        `is_solution` has one entry for each node of the graph. The other nodes belong to no
-        solution.
+        `is_solution` (nodes,) says which nodes of the graph are solutions. The others get
+        -1.
         """
         self.count = int(np.sum(is_solution))
         self._solution_of_node = np.full(len(is_solution), -1, dtype=np.intp)
@@ -95,9 +94,9 @@ class SolutionNumbers:
     def number_sheet(self, node_count: int) -> None:
         """Give the nodes of a new sheet the number of its solution.
 
-        The nodes of the sheet were added to the graph before, so they are the ones without
-        a number. A node that an earlier sheet has reached belongs to that sheet.
-        `node_count` is the number of all nodes of the graph.
+        The nodes of the sheet are those that were added to the graph since the last call. A
+        node of an earlier sheet stays with that sheet. `node_count` is the number of all
+        nodes of the graph.
         """
         new_count = node_count - len(self._solution_of_node)
         self._solution_of_node = np.append(
@@ -154,31 +153,36 @@ class SampledModes:
         search: bool = True,
         shares_numbers: bool = False,
     ) -> None:
-        """Search the assembly modes of a mechanism at the samples of its inputs.
+        """Find the assembly modes of a mechanism at the samples of its inputs.
 
-        An assembly mode is one of the ways to assemble the mechanism. Configurations are
-        the nodes of a graph, and verified paths between neighbouring samples join them to
-        modes. A sheet is the set of nodes that such paths reach from one start. `search`
-        says whether to search for modes other than the mode of the reference pose.
+        An assembly mode is one way to assemble the mechanism. Configurations are nodes of a
+        graph, and verified steps between neighbouring samples join them to modes. All nodes
+        that such steps reach from one start are called a sheet.
 
-        In each mode, every group of links has a sign: the sign of a determinant. If
-        `shares_numbers` is true, modes with the same signs that occur on separate parts of
-        a path of samples count as one mode, so that there are fewer of them.
+        Parameters
+        ----------
+        solver, input_grid
+            The mechanism, and the samples of its inputs.
+        search
+            Whether to search for modes other than that of the reference pose.
+        shares_numbers
+            Whether modes on separate parts of a path of samples count as one mode if all
+            their groups of links have equal signs (signs of determinants). This gives fewer
+            modes.
         """
         self.solver = solver
         self.input_grid = input_grid
-        # Results. `claim` states how complete the modes are. `methods` has the method by
-        # which the configurations of each group of links were computed. `probes` is the
-        # number of samples at which they were computed, plus the number of random starts.
-        # `mobilities` are the numbers of degrees of freedom of the configurations from
-        # which sheets were followed.
+        # Results. `claim` says how complete the modes are. `methods` says how each group of
+        # links was solved. `probes` is the number of samples at which all was computed,
+        # plus the number of random starts. `mobilities` are degrees of freedom at starts of
+        # sheets.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
         self.probes = 0
         self.mobilities: list[int] = []
         self._graph = ConfigurationGraph(solver, input_grid)
-        # The solutions whose hits a search from random starts counts.
+        # Counts how often a search from random starts reaches each solution.
         self._solutions = SolutionNumbers()
         self._progress = ProgressReporter("searching assembly modes")
 
@@ -187,10 +191,10 @@ class SampledModes:
         if not search:
             reference_node = self._reach_reference(is_enumerated=False)
         # 2. Search other modes, also if the reference pose reaches no sample.
-        # - If all configurations at all samples can be computed, they are computed first.
-        #   The reference pose is then looked up among them.
-        # - Otherwise the sheet of the reference pose is followed first, and then those from
-        #   random starts.
+        # - If possible, all configurations at all samples are computed. The reference pose
+        # is then one of them.
+        # - Otherwise sheets are followed, first from the reference pose, then from random
+        # starts.
         if search or reference_node is None:
             is_enumerated = self._can_enumerate
             if is_enumerated:
@@ -205,11 +209,10 @@ class SampledModes:
     def _can_enumerate(self) -> bool:
         """Whether all configurations can be computed at one sample or more.
 
-        Each group of links must then be a dyad or a train of wheels, which have closed
-        forms, or elimination must reduce its closure equations to a polynomial
-        (`can_enumerate`). This is impossible for groups with redundant equations. It is
-        also impossible for free wheels: if the inputs do not determine how far wheels have
-        rolled, there are infinitely many configurations.
+        Each group of links must be a dyad (two links) or a train of wheels, which have
+        formulas, or reduce to a polynomial by elimination. This is impossible in two cases:
+        with redundant equations, and with free wheels. Free wheels roll by amounts that the
+        inputs do not determine, so there are infinitely many configurations.
         """
         solver = self.solver
         gear_phases = solver.gear_phases
@@ -217,9 +220,9 @@ class SampledModes:
         has_redundant_equations = any(group.redundant for group in self.groups)
         if not can_enumerate(solver) or has_redundant_equations or has_free_wheels:
             return False
-        # Try it at a few samples. Failures at some samples are no obstacle. An elimination
-        # fails at every sample if a link has an arc of 0 or 180 deg: its two axes coincide,
-        # the link rotates freely, and there are infinitely many configurations.
+        # Try a few samples; one success is enough. Elimination fails at every sample if
+        # both axes of a link coincide (arc of 0 or 180 deg), because the link can then
+        # rotate freely.
         rows = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
         tried_configurations = enumerate_configurations(solver, self.input_grid.q[rows])
         return bool(np.any(tried_configurations.is_complete))
@@ -289,8 +292,9 @@ class SampledModes:
     def _reach_reference(self, is_enumerated: bool) -> int | None:
         """Return a node of the graph that belongs to the mode of the reference pose.
 
-        A node is one configuration at one sample. Verified steps lead from the reference
-        pose to the samples. The set of configurations that they reach is called a sheet.
+        The reference pose is the configuration that the file describes. A node of the graph
+        is one configuration at one sample. Verified steps lead from the pose to the
+        samples. The configurations that they reach are called a sheet.
 
         Parameters
         ----------
@@ -300,9 +304,8 @@ class SampledModes:
 
         Returns
         -------
-        The node, or None: without a reference pose, if no sample is reached, if the pose
-        has another mobility than there are inputs (`_follow_sheet` tests this), or if no
-        configuration reached is a node.
+        The number of the node. None if there is no reference pose, if it reaches no node,
+        or if its mobility is not the number of inputs.
         """
         solver = self.solver
         if solver.reference is None:
@@ -330,23 +333,23 @@ class SampledModes:
     def _follow_sheet(self, values: Floats) -> ModeOverGrid | None:
         """Return the sheet that verified steps reach from a configuration.
 
-        A sheet is a set of configurations, at most one at each sample of the inputs. Steps
-        lead from sample to neighbouring sample. They are verified: tests detect a step that
-        leads to configurations of another assembly mode.
+        A sheet is a set of configurations of one assembly mode, at most one at each sample
+        of the inputs. Steps lead from sample to neighbouring sample. Tests reject steps
+        that could lead to another mode.
 
         Parameters
         ----------
         values
-            (1, variables) the configuration (rad). Its loops are closed first, with the
-            inputs kept.
+            (1, variables) the configuration (rad). Its loops are closed first, at constant
+            inputs.
 
         Returns
         -------
-        The configurations at the samples, or None if no sample is reached.
+        The configurations at the samples. None if no sample is reached, or if the mobility
+        at the start is not the number of inputs.
 
-        If a group has redundant equations, the mobility is computed from the rank of the
-        velocity equations, and appended to `mobilities`. If it is not the number of inputs,
-        the inputs do not determine the motion, and the result is None.
+        The mobility (degrees of freedom) is computed only if a group of links has redundant
+        equations. It is then appended to `mobilities`.
         """
         driven = list(self.solver.driven)
         closed_values = self.solver.closure.solve(values, driven).values
@@ -372,9 +375,10 @@ class SampledModes:
         self._progress.report_if_due(lambda: f"{self._solutions.count} followed")
 
     def _assign_solutions(self, values: Floats, samples: Indices) -> Indices:
-        """Return to which solutions configurations belong; new ones become solutions.
+        """Return the numbers of the solutions to which configurations belong.
 
-        A search from random starts calls this, to count how often it reaches each solution.
+        A search from random starts counts with them how often it reaches each solution. A
+        configuration that belongs to none becomes part of a new solution.
 
         Parameters
         ----------
@@ -385,7 +389,7 @@ class SampledModes:
 
         Returns
         -------
-        (m,) number of the solution of each configuration, or -1 (`_assign_solution`).
+        (m,) number of the solution of each configuration, or -1 if it has none.
         """
         return np.array(
             [
@@ -396,12 +400,12 @@ class SampledModes:
         )
 
     def _assign_solution(self, values: Floats, sample: int) -> int:
-        """Return to which solution a configuration belongs; a new one becomes a solution.
+        """Return the number of the solution to which a configuration belongs.
 
-        From a new configuration, verified steps lead to neighbouring samples, from there to
-        the next ones, and so on. All configurations that they reach are called a sheet.
-        They become nodes of the graph, and the sheet is the new solution. No further sheet
-        is followed once there are `MAX_ASSEMBLY_MODES`.
+        Configurations are nodes of a graph. From a new configuration, verified steps lead
+        to neighbouring samples of the inputs, and so on. All configurations that they
+        reach, a sheet, are added as nodes and form a new solution. There are at most
+        `MAX_ASSEMBLY_MODES` sheets.
 
         Parameters
         ----------
@@ -410,15 +414,15 @@ class SampledModes:
 
         Returns
         -------
-        Number of the solution, or -1 if the configuration belongs to none.
+        Number of the solution, or -1 if there is none.
         """
         node = self._find_node(values, sample)
         if node < 0 and not self._is_sheet_limit_reached:
             sheet = self._follow_sheet(values[None])
             if sheet is not None:
                 self._add_sheet(sheet)
-                # The first steps lead from the configuration to the nearest samples, also
-                # to its own. If they fail their tests, the sheet lacks the configuration.
+                # The steps also lead to the sample of the configuration itself. If their
+                # tests fail, the sheet does not contain it.
                 node = self._find_node(values, sample)
         return self._solutions.find(node) if node >= 0 else -1
 
@@ -441,28 +445,27 @@ class SampledModes:
         return max(MAX_ASSEMBLY_MODES, MOST_MODE_ROWS // len(self.input_grid))
 
     def _search_modes(self) -> Completeness:
-        """Search modes from random starts, and return how complete they are.
+        """Search assembly modes from random starts, and return how complete they are.
 
-        This is the method for mechanisms not all of whose configurations can be computed.
-        Random starts are made at all samples. Each configuration that closes gives a sheet:
-        the set of configurations that verified steps reach from it.
+        This method is used if not all configurations can be computed. Each start that
+        closes gives a sheet: all configurations that verified steps reach from it, at most
+        one at each sample of the inputs.
         """
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
-            # The inputs do not determine how far wheels have rolled, so that there are
-            # infinitely many modes.
+            # Free wheels: the inputs do not determine how far they have rolled.
             return self._search_free_wheels()
         if gear_phases is not None and not self._solutions.count:
-            # The reference pose gave no mode. The first ones come from the solution of all
-            # groups at one sample, in which trains of wheels are placed by gear ratios.
+            # Without a mode of the reference pose, wheels need a start. All groups of links
+            # are solved at the first sample, where gear ratios place the wheels.
             self._search_sample(0)
         self.methods = [
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
         ]
         statistics = self._search(np.arange(len(self.input_grid)))
         if not self._solutions.count:
-            # Random starts skip configurations next to a dead centre. The solution of all
-            # groups at one sample includes them.
+            # Random starts leave out configurations near a dead centre. Solving all groups
+            # at the middle sample also finds these.
             self._search_sample(len(self.input_grid) // 2)
         reason = statistics.describe("modes")
         if self._is_sheet_limit_reached:
@@ -474,12 +477,15 @@ class SampledModes:
         )
 
     def _search_free_wheels(self) -> Completeness:
-        """Search modes if the inputs do not determine how far wheels have rolled.
+        """Find some assembly modes, if the inputs leave free how far wheels have rolled.
 
-        There are infinitely many modes then, so only some of them can be found. If there is
-        a mode of the reference pose, it is the only one. Otherwise modes are searched at up
-        to `MAX_SEARCHED_SAMPLES` samples, until one has configurations. The result says how
-        complete the modes are.
+        Each way to mesh the wheels gives other modes, so there are infinitely many. A mode
+        of the reference pose (configuration in the file) is enough. Without it, up to
+        `MAX_SEARCHED_SAMPLES` samples are searched, until one has configurations.
+
+        Returns
+        -------
+        How complete the modes are.
         """
         has_reference_mode = self._solutions.count > 0
         if has_reference_mode:
@@ -507,11 +513,11 @@ class SampledModes:
             self._assign_solution(configuration, sample)
 
     def _search(self, samples: Indices) -> SearchStatistics:
-        """Add the sheets of configurations to which random starts lead.
+        """Find configurations from random starts, and add the sheets through them.
 
-        A sheet is the set of configurations that steps from sample to sample reach from one
-        configuration, at most one at each sample. Each step is tested, so that it does not
-        lead to another sheet (`verified_steps.py`).
+        A sheet is a set of configurations of one assembly mode, at most one at each sample
+        of the inputs. Verified steps from sample to sample lead from one configuration to
+        all of its sheet.
 
         Parameters
         ----------
@@ -520,21 +526,20 @@ class SampledModes:
 
         Returns
         -------
-        Number of starts, and how often each solution was reached: a sheet, or a single
-        configuration that was computed before. The search ends when these numbers say so
-        (`SearchStatistics.needs_more_starts`), or when no further sheet is allowed.
+        How often each solution was reached. A solution is a sheet, or a single
+        configuration that was computed before. The search ends if these counts make a
+        missing solution unlikely, or at the limit of sheets.
         """
         q = self.input_grid.q
         low = np.min(q, axis=0)
         high = np.max(q, axis=0)
         starts = random_starts(self.solver, low, high, samples=q[samples])
         variables = len(self.solver.mechanism.variable_owners)
-        # The work of a start grows with the number of variables, so fewer are allowed. At
-        # least `RANGE_ROUNDS` rounds are made.
+        # With more variables each start takes longer, so fewer starts are allowed.
         statistics = SearchStatistics(variables, min_rounds=RANGE_ROUNDS)
         while statistics.needs_more_starts and not self._is_sheet_limit_reached:
-            # A round gives the number of its starts, the configurations that closed, and
-            # the position in `samples` of each.
+            # Number of starts of this round, the closed configurations to which they led,
+            # and the index in `samples` of each configuration.
             start_count, values, rows = next(starts)
             solutions = self._assign_solutions(values, samples[rows])
             statistics.add(start_count, hits=solutions, total=self._solutions.count)
@@ -545,23 +550,23 @@ class SampledModes:
     def _collect_modes(
         self, reference_node: int | None, shares_numbers: bool
     ) -> list[AssemblyMode]:
-        """Return the assembly modes, from the modes of the graph.
+        """Return the assembly modes, numbered and sorted, from the modes of the graph.
 
-        A mode of the graph is a list: the number of its node (configuration) at each
-        sample, or -1. If there are more modes than `_mode_limit`, the modes with the most
-        samples are kept. The attribute `claim`, which states how complete the modes are,
-        then mentions this limit.
+        A mode of the graph is an array with the number of its configuration (node) at each
+        sample, -1 where it has none. At most `_mode_limit` modes stay, those with most
+        samples. The attribute `claim`, on the completeness of the modes, then mentions the
+        limit.
 
         Parameters
         ----------
         reference_node
-            A node of the mode of the reference pose, which becomes mode 0 if it is kept.
-            None if there is no such node.
+            A node of the mode of the reference pose, which becomes mode 0. None if there is
+            no such node.
         shares_numbers
-            Whether modes are united if they have no sample of a path in common, and equal
-            signs of all groups of links. There are then fewer modes. The sign of a dyad
-            (two links and three pairs) is that of the triple product of its axes. The sign
-            of another group is that of the determinant of its velocity equations.
+            Whether to unite modes that have no sample in common and equal signs of all
+            groups of links, so that there are fewer. The sign of a group is that of a
+            determinant: of the three axes of a dyad (two links), or of the velocity
+            equations of another group.
         """
         graph = self._graph
         # The largest modes come first.
@@ -595,39 +600,38 @@ class SampledModes:
         ]
 
     def _signs_of_modes(self, modes: Sequence[Indices]) -> SmallIntegers:
-        """Return the sign of each group of links in each mode.
+        """Return the sign of each group of links in each assembly mode.
 
-        The sign of a group is that of the determinant of a matrix: of the three axes of a
-        dyad (two links and three R pairs), or of the velocity equations of another group.
-        It is the same in all configurations of a mode, except singular ones, where it is
-        uncertain. It is therefore computed at one configuration that is not singular.
+        The sign is that of a determinant: of the three pair axes of a dyad (two links), or
+        of the velocity equations of another group. It is constant in a mode, but uncertain
+        in singular configurations. So it is computed at one regular configuration.
 
         Parameters
         ----------
         modes
-            For each mode the numbers (n,) of its nodes at the n samples. A node is a
-            configuration at a sample; -1 means that the mode has none there.
+            For each mode the number (n,) of its configuration at each of n samples, -1
+            where the mode has none.
 
         Returns
         -------
         (modes, groups) the signs, 1 or -1.
         """
-        # A mode all of whose nodes are singular has the sign at its first node. With
-        # `least` 0 a sign is computed however small the determinant is.
+        # A mode with only singular configurations uses the first one. With `least` 0, a
+        # sign is returned even if the determinant is small.
         regular_nodes = [self._graph.regular_node(mode) for mode in modes]
         return group_signs(self.solver, self._graph.values[regular_nodes], least=0.0)
 
     def _unite_separate_modes(self, modes: Sequence[Indices]) -> list[Indices]:
-        """Return the modes, with modes united that have equal signs and separate samples.
+        """Unite modes with equal signs that occur at separate samples, to have fewer modes.
 
-        Assembly modes can occur on separate parts of a path of samples. Two of them with
-        equal signs of all groups of links get one number, so that there are fewer modes.
+        The samples are a path. A mode can end on it, and another one with equal signs of
+        all groups of links can begin later. Both then get one number.
 
         Parameters
         ----------
         modes
-            (n,) for each mode. A mode has the number of its node (a configuration) at each
-            sample of a path, or -1.
+            For each mode the number (n,) of its configuration (node of a graph) at each of
+            n samples, -1 where the mode has none.
 
         Returns
         -------
@@ -639,9 +643,8 @@ class SampledModes:
             modes_by_signs.setdefault(tuple(signs), []).append(mode)
         united_modes = []
         for modes_of_signs in modes_by_signs.values():
-            # `share_numbers` unites modes that have no nodes at the same or at neighbouring
-            # samples. At neighbouring samples, the united mode would seem continuous from
-            # one to the other, although no verified step joins them.
+            # Only modes with a gap between them are united. Without a gap, the united mode
+            # would seem to be continuous, although no verified step joins its parts.
             united_modes += share_numbers(
                 sorted(modes_of_signs, key=self._graph.first_node)
             )
@@ -652,8 +655,8 @@ class SampledModes:
     ) -> AssemblyMode:
         """Return an assembly mode with all data from which it can be computed again.
 
-        Links are placed in groups, one group after another. At given inputs each group can
-        be placed in several ways. An assembly mode is one choice for all groups.
+        An assembly mode is one way to assemble the mechanism. Links are placed in groups,
+        each of which can be placed in several ways. A mode selects one way for each group.
 
         Parameters
         ----------
@@ -663,13 +666,13 @@ class SampledModes:
             (n,) the configuration of the mode at each sample of the inputs, as its number
             in the graph of all configurations; -1 if the mode has none there.
         group_signs
-            (groups,) sign of each group of links in this mode. Two ways to place a group
-            that meet at a singularity have opposite signs.
+            (groups,) sign of a determinant of each group in this mode. It differs between
+            two ways to place a group that meet at a singularity.
         """
         return AssemblyMode(
             number=number,
-            # A dyad (a group of two links) can be placed in two ways, computed by a
-            # formula. A sign selects one of them.
+            # A dyad (group of two links) is placed by a formula in two ways; its sign
+            # selects one.
             signs=self._select_dyad_solutions(group_signs),
             # Groups without a formula are placed by Newton's method, which starts at these
             # configurations.
@@ -711,12 +714,14 @@ class SampledModes:
     def _collect_configurations(self, configuration_numbers: Indices) -> ModeOverGrid:
         """Return the configurations of a mode at all n samples of the inputs.
 
+        The mode is one way to assemble the mechanism. It has no configuration at some
+        samples. There the pair variables are NaN, and the status is OUT_OF_REACH.
+
         Parameters
         ----------
         configuration_numbers
             (n,) the configuration at each sample, as its number in the graph of all
-            configurations; -1 if the mode has none there. The result then has the status
-            OUT_OF_REACH and pair variables NaN.
+            configurations; -1 where the mode has none.
         """
         is_reached = configuration_numbers >= 0
         reached_configurations = configuration_numbers[is_reached]

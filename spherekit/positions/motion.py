@@ -230,23 +230,22 @@ class Motion(ArrayRows):
     def kantorovich_error(self) -> Floats:
         """(n,) upper bounds (rad) of the errors of the pair variables, one for each row.
 
-        Each row is a computed configuration. It closes the loops of links only up to
-        rounding errors. So its pair variables differ a little from those of the exact
-        configuration, whose loops are closed. The Newton-Kantorovich theorem bounds this
-        difference.
+        A row is one computed configuration. Because of rounding it closes the loops only
+        nearly. Its variables differ from those of the exact closed configuration nearby.
+        The Newton-Kantorovich theorem bounds this difference.
 
-        The bound is infinite near a dead centre, where the theorem does not apply. It is
-        NaN in rows without a configuration.
+        The bound is infinite near a dead centre, where the theorem does not apply, and NaN
+        in rows without a configuration.
         """
-        # If no row was solved, there is nothing to bound.
+        # No row has a configuration.
         if np.all(np.isnan(self.residual)):
             return nans(len(self))
         bounds = bound_by_kantorovich(
-            # How far the loops can be open. This includes the rounding of the link sizes.
+            # Bound of the closure errors, including the rounding of the link sizes.
             residual_bound=self.residual_bound,
             # How much the pair variables change per unit change of the residuals.
             sensitivity=self.sensitivity,
-            # How much the Jacobian of a loop changes per radian.
+            # Bound of the second derivatives of the closure errors (1/rad).
             curvature=self._curvature_bound,
             loop_count=self.linearisation.tree.loop_count,
         )
@@ -293,13 +292,17 @@ class Motion(ArrayRows):
 def make_motion(solver: PositionSolver, values: Floats) -> Motion:
     """Return closed configurations as a motion, without determining their assembly modes.
 
+    A motion is a table of configurations, one in each row. It is the input of most
+    analyses. Without their assembly modes (ways to assemble), all rows have the mode number
+    0.
+
     Parameters
     ----------
     solver
         The mechanism with its inputs.
     values
-        (n, variables) configurations (rad), which need not be neighbours. All rows have the
-        status OK, also singular ones.
+        (n, variables) configurations (rad) in any order. Also singular ones get the status
+        OK.
     """
     linearisation = solver.closure.linearise(values)
     configurations = ModeConfigurations(
@@ -328,29 +331,28 @@ def arrange_rows(
     configurations: ModeConfigurations,
     is_path: bool,
 ) -> Motion:
-    """Return the configurations of some modes at common samples as a motion.
+    """Return the configurations of some assembly modes at common samples as a motion.
 
-    An assembly mode is one of the ways to assemble the mechanism at given inputs. A row of
-    the motion is the configuration of one mode at one sample of the inputs.
+    An assembly mode is one way to assemble the mechanism. A motion is a table: each row is
+    the configuration of one mode at one sample of the inputs.
 
     Parameters
     ----------
     solver
         The mechanism with its inputs.
     assembly_modes
-        The modes. The tuple is empty if the modes of the configurations were not
-        determined. The rows then have 0 as the number of their mode.
+        The modes. Empty if they were not determined; all rows then have the mode number
+        0.
     q
         (samples, inputs) values of the inputs (rad).
     sample
         (samples,) numbers of the samples.
     configurations
-        The configurations in the order of the rows: mode after mode, in each the samples in
-        order. They have the pair variables, the rotations of all links, the status and the
-        closure residual. `singular_error` has bounds of the errors of the variables in rows
-        near dead centres.
+        The configurations in the order of the rows: all samples of the first mode, then
+        those of the next. Near dead centres, `singular_error` bounds the errors of the
+        variables.
     is_path
-        Whether successive samples are neighbours.
+        Whether successive samples are neighbours on a path of the inputs.
     """
     # The samples are repeated for each mode.
     mode_numbers = [mode.number for mode in assembly_modes] or [0]

@@ -27,14 +27,16 @@ def position_analysis_of(
 ) -> PositionAnalysis:
     """Return the position analysis of a mechanism over the ranges of its inputs.
 
-    The analyses of the last few geometries are kept, so that modes are searched only once.
+    The analysis finds the assembly modes (ways to assemble the mechanism), which takes
+    long. So the results for the last few geometries are stored and used again.
 
     Parameters
     ----------
     mechanism
         The mechanism. Its masses, loads and joint limits are ignored.
     crossings
-        What a mode does where configuration curves cross, as in `PositionAnalysis`.
+        What a mode does where curves of configurations cross: "end", or "pass" to follow
+        the smooth curve.
     """
     geometry = kinematics_only(mechanism)
     return _POSITION_ANALYSES.get(
@@ -53,25 +55,26 @@ def kinematics_only(mechanism: Mechanism) -> Mechanism:
 
 
 def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
-    """Return the groups of a mechanism in the order in which they are solved.
+    """Return the groups of links of a mechanism, in the order in which they are placed.
 
-    A group is a set of bodies that are placed together by closing their loops. Counting
-    links and pairs gives too few degrees of freedom if constraints are redundant. Closed
-    configurations are then searched, and the rank of their velocity equations gives the
-    number.
+    A group is a set of links that are placed together by closing their loops. Counting
+    links and pairs gives too few degrees of freedom if constraints are redundant. Then
+    closed configurations are searched, and the rank of their velocity equations counts
+    instead.
 
     Raises
     ------
     PlanError
-        If the mobility is not the number of inputs, neither by counting nor by rank.
+        If the degrees of freedom, by counting or else by rank, are not the number of
+        inputs.
     SolveError
         If the mechanism cannot be assembled anywhere.
     """
     try:
         return plan_assembly(mechanism)
-    except CountError:  # by counting, the mechanism does not move as its inputs require
-        # `driven_at` checks that all inputs can be driven. The position analysis searches
-        # configurations, and plans the groups by rank.
+    except CountError:  # counting gives another number of degrees of freedom than inputs
+        # The position analysis searches configurations, and counts by rank. `driven_at`
+        # first checks that all inputs can be driven.
         position_analysis = position_analysis_of(driven_at(mechanism))
         return position_analysis.assembly
 

@@ -20,21 +20,19 @@ IndexRange = slice | list[int]
 
 
 def pair_angle(first_frames: Floats, second_frames: Floats) -> Floats:
-    """Return the variable (...) of an R pair (rad), from the frames of its two links.
+    """Return the angles (...) of revolute pairs (rad), from the frames of their two links.
 
     Parameters
     ----------
     first_frames, second_frames
-        (..., 3, 3) frames `Revolute.first` and `Revolute.second` of the pair in its first
-        and its second link, turned to common axes. Both have the pair axis in the z column.
+        (..., 3, 3) frames of the pair in its first and its second link, turned to common
+        axes. Columns are x, y and z, with z along the pair axis.
 
     Returns
     -------
-    Angle about the pair axis, from the x column of the first frame to the x column of the
-    second.
+    Angle about z from the x axis of the first frame to the x axis of the second.
     """
-    # The x column of the second frame has the components cos and sin of the angle along the
-    # x and y columns of the first frame.
+    # The second x axis has the components cos and sin of the angle along the first x and y.
     x_of_second = second_frames[..., 0]
     cosine = np.sum(first_frames[..., 0] * x_of_second, axis=-1)
     sine = np.sum(first_frames[..., 1] * x_of_second, axis=-1)
@@ -44,14 +42,16 @@ def pair_angle(first_frames: Floats, second_frames: Floats) -> Floats:
 def measure_pair_angles(
     ends: Sequence[tuple[int, int]], joints: Sequence[Revolute], rotations: Floats
 ) -> tuple[Floats, Floats]:
-    """Measure the variables of R pairs between links whose orientations are known.
+    """Measure the angles of revolute pairs between links with known orientations.
+
+    The gaps of the axes show whether the orientations fit together.
 
     Parameters
     ----------
     ends
         Numbers of the first and the second link of each pair.
     joints
-        The joint of each pair.
+        The geometry of each pair: its frame (z along the axis) in each of its two links.
     rotations
         (n, links, 3, 3) rotations from link axes to common axes.
 
@@ -60,9 +60,8 @@ def measure_pair_angles(
     angles
         (n, pairs) variables of the pairs (rad).
     axis_gaps
-        (n, pairs) angle (rad) between the axis of each pair as its first link carries it
-        and as its second link carries it. The angles are zero if the orientations close all
-        loops.
+        (n, pairs) angle (rad) between the axis of the pair fixed in its first link and that
+        fixed in its second link. Zero if the orientations close all loops.
     """
     first_links, second_links = np.array(ends).T
     first_frames = rotations[:, first_links] @ np.array([joint.first for joint in joints])
@@ -86,8 +85,9 @@ def iterate_contact_profiles(
 ) -> Iterator[tuple[int, tuple[ContactProfile, ...]]]:
     """Yield the number of each contact pair, and the profiles of its two links.
 
-    R pairs have no profiles and are left out. In the result, `ContactProfile.variable` is
-    an index among the variables of all joints, not among the variables of one joint.
+    A contact pair joins two links by rolling or sliding profiles. Revolute pairs are left
+    out. `ContactProfile.variable` counts the variables of one joint; in the result it is
+    the index among the variables of all joints.
     """
     for pair, first_variable, joint in enumerate_joints(joints):
         profiles = joint.contact_profiles
@@ -114,20 +114,20 @@ def list_rolling_variables(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
 
 
 class JointsOfKind(NamedTuple):
-    """The pairs of one kind in a list of pairs.
+    """The pairs of one kind, with their positions in a list of pairs of several kinds.
 
-    A joint is the geometry of a pair: its axis, or the profiles of a contact.
+    Pairs of one kind are evaluated together, in one array operation.
 
     Attributes
     ----------
     kind
-        The class of their joints, for example `Revolute`.
+        The class of the joints, for example `Revolute`.
     joints
-        The joint of each of these pairs.
+        The geometry of each of these pairs: its axis, or the profiles of a contact.
     pairs
-        Indices of these pairs among all pairs.
+        Indices of these pairs in the whole list.
     variables
-        Indices of their variables among the variables of all pairs.
+        Indices of their variables among the variables of the whole list.
     """
 
     kind: Kind
@@ -138,13 +138,14 @@ class JointsOfKind(NamedTuple):
 
 @lru_cache(maxsize=512)
 def group_joints_by_kind(joints: tuple[Joint, ...]) -> tuple[JointsOfKind, ...]:
-    """Return the joints sorted by kind (revolute, rolling, sliding), to evaluate together.
+    """Return the joints grouped by kind (revolute, rolling, sliding).
 
-    The kinds are in the order of their first occurrence. Results are cached, because the
-    same joints are evaluated again and again. Their numbers are stored as slices if they
-    are consecutive, and as lists otherwise.
+    Joints of one kind are then evaluated together, in one array operation. Kinds are in the
+    order of their first occurrence. The results are cached, because the same joints are
+    evaluated again and again.
     """
-    # Numbers of the pairs and of their variables, which are numbered pair after pair.
+    # Variables are numbered pair after pair. For each kind: numbers of its pairs and
+    # variables.
     pairs_by_kind: dict[Kind, list[int]] = {}
     variables_by_kind: dict[Kind, list[int]] = {}
     for pair, first_variable, joint in enumerate_joints(joints):
@@ -173,12 +174,15 @@ def _as_slice(indices: list[int]) -> IndexRange:
 
 
 def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairStates:
-    """Return the frames and curvatures of all pairs at n samples.
+    """Return the frames and curvatures of all pairs (joints) at n samples.
+
+    The states contain the frame of each pair in its first and in its second link, and for
+    contacts the curvatures of both profiles.
 
     Parameters
     ----------
     joints
-        The joints of the pairs.
+        The geometry of each pair, for example its axis, or the profiles of a contact.
     values
         (n, variables) values of their variables (rad), pair after pair.
     """
@@ -195,6 +199,7 @@ def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairState
     # The states of a single kind are in the order of the pairs already.
     if len(states_of_kinds) == 1:
         return states_of_kinds[0]
+    # Put the results of the kinds back into the order of the pairs.
     states = PairStates.blank(n, len(joints))
     for pairs, states_of_kind in zip(pairs_of_kinds, states_of_kinds, strict=True):
         states.assign_pairs(pairs, states_of_kind)
@@ -202,21 +207,20 @@ def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairState
 
 
 def has_penetration(joints: Sequence[Joint], states: PairStates) -> Bools:
-    """Return (n,) whether the profiles of any contact enter each other.
+    """Return (n,) whether the two profiles of any contact enter each other.
 
-    Two profiles touch at a point with a common tangent. The first body is on the left of
-    this tangent, the second one on the right. A geodesic curvature is positive if a profile
-    turns to the left. The bodies enter each other next to the contact point if the first
-    profile turns less to the left than the second. The result is also True if both
-    curvatures are equal up to `EQUAL_CURVATURE`, because such profiles do not determine the
-    motion.
+    Two profiles touch at a point with a common tangent, the first body on its left, the
+    second on its right. A geodesic curvature is positive if the profile turns to the left.
+    The bodies enter each other if the first profile turns less to the left than the second.
+    Equal curvatures (up to `EQUAL_CURVATURE`) also give True, because such profiles do not
+    determine the motion.
 
     Parameters
     ----------
     joints
-        The joints of all pairs.
+        The geometry of all pairs, contacts and others.
     states
-        Their states at n samples.
+        The curvatures and frames of all pairs at n samples.
     """
     is_contact = [bool(joint.contact_profiles) for joint in joints]
     curvatures = states.curvatures[:, is_contact]
