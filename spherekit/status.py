@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """The outcome of one sample, or of one number of it.
+    """The outcome of one sample (one input value) of an analysis, or of one of its results.
 
     OK means that there is a result. All other values are reasons why there is none.
     `STATUS_MEANING` has the texts for users, which also say what to do.

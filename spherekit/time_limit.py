@@ -38,20 +38,21 @@ class TimeLimit:
         return time.process_time() - self._start
 
     def part(self, share: float, what: str | None = None) -> "TimeLimit":
-        """Return a limit for a share of the remaining time.
+        """Return a limit for a share of the remaining time, for a part of a search.
 
         Parameters
         ----------
         share
-            Share of the remaining time, from 0 to 1.
+            Share of the remaining processor time, from 0 to 1.
         what
-            Name of a part of the search with progress reports of its own. By default the
-            part continues the reports of the whole search.
+            Name of the part, if it has progress reports of its own. By default the part
+            continues the reports of the whole search.
         """
         remaining = self.seconds - self.taken
         part = TimeLimit(max(0.0, share * remaining), what or self.what)
         if what is None:
-            # The reporter knows when it reported last, so reports stay some seconds apart.
+            # The shared reporter knows the time of its last report, so reports stay seconds
+            # apart.
             part._progress = self._progress
         return part
 

@@ -49,7 +49,7 @@ CONTAINER_TYPES: Mapping[Any, Any] = {
 
 
 def type_fault(name: str, value: Any, annotation: Any) -> str:
-    """Return a message if a value does not have a type, else an empty text.
+    """Return a message if a value does not have the type that is expected, else "".
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
     value
         Its value.
     annotation
-        A class or a type of `typing`. An annotation in quotes has to be resolved before.
+        The expected type: a class or a type of `typing`, but not an annotation in quotes.
     """
     if has_type(value, annotation):
         return ""
@@ -82,11 +82,11 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
 
 
 def has_type(value: Any, annotation: Any) -> bool:
-    """Return whether a value has a type, as far as this module can decide.
+    """Return whether a value has the type of an annotation, as far as this can be decided.
 
-    Kinds of types are tried in turn: any value, arrays, simple types such as `int`,
-    choices (`Literal`), unions, containers with their items, classes and protocols. A value
-    of a type that is none of these counts as right.
+    Kinds of types are tried in turn: any value, arrays, simple types such as `int`, choices
+    (`Literal`), unions, containers with their items, classes and protocols. For an
+    annotation of another kind the result is true.
 
     Parameters
     ----------
@@ -98,14 +98,15 @@ def has_type(value: Any, annotation: Any) -> bool:
     if annotation is Any:
         return True
     # `Array` is an array of any numbers. It may contain Python objects: numbers of another
-    # arithmetic, such as balls (with error bounds) or quad precision.
+    # An `Array` may contain Python objects. These are numbers of another arithmetic, such
+    # as intervals with error bounds or quad precision.
     if _is_object_array(value) and annotation == Array:
         return True
     # Other arrays contain numbers of NumPy, or texts if the annotation names `str`.
     if annotation is ArrayLike or get_origin(annotation) is np.ndarray:
         return _is_array_like(value, is_text_array(annotation))
     if annotation in SIMPLE_TYPES:
-        # In Python True is an integer; as a number it is nearly always a mistake.
+        # In Python True is an integer. Used as a number, True is nearly always a mistake.
         is_truth_value = isinstance(value, bool | np.bool_)
         return isinstance(value, SIMPLE_TYPES[annotation]) and (
             is_truth_value == (annotation is bool)
@@ -124,6 +125,7 @@ def has_type(value: Any, annotation: Any) -> bool:
         return inspect.isclass(value) and (
             base_class is Any or issubclass(value, base_class)
         )
+    # Here `origin` is the class of a generic type, for example `Foo` for `Foo[int]`.
     cls = origin or annotation
     if getattr(cls, "_is_protocol", False):
         return _may_implement(value, cls)
@@ -145,7 +147,7 @@ def _is_array_like(value: Any, of_texts: bool) -> bool:
 def _is_container(value: Any, origin: Any, item_types: tuple[Any, ...]) -> bool:
     """Return whether a value is a container whose items have the stated types.
 
-    Items of an iterator are not checked, since reading them would use them up.
+    Items of an iterator are not checked, since reading would use them up.
 
     Parameters
     ----------
@@ -154,8 +156,8 @@ def _is_container(value: Any, origin: Any, item_types: tuple[Any, ...]) -> bool:
     origin
         The type of the container, such as `tuple` or `Mapping`.
     item_types
-        The types of its items: for a tuple of fixed length one for each item, for a mapping
-        the types of keys and of values.
+        The types of the items: for a tuple of fixed length one for each item, for a mapping
+        the types of keys and of values. For other containers one type.
     """
     if isinstance(value, str | bytes) or not isinstance(value, CONTAINER_TYPES[origin]):
         return False

@@ -16,7 +16,9 @@ from spherekit.quantity import field_unit_of
 
 @dataclass(frozen=True)
 class TypeWording:
-    """How the types are written for one kind of reader: of Python, a file or a command.
+    """How types are described to one kind of reader: of Python code, a file or a command.
+
+    For example, `int` is "a whole number" in a message about a file.
 
     Parameters
     ----------
@@ -159,9 +161,10 @@ def read_value(
     read_simple_value: Callable[[Any, Any], Any],
     split_items: Callable[[Any], Sequence[Any]],
 ) -> Any:
-    """Return the value of a type from a text or an entry of a file.
+    """Read a value of a stated type from a text of a command or an entry of a file.
 
-    The members of a union are tried in their order; the first that can be read is taken.
+    The members of a union are tried in order, and the first that can be read is returned.
+    The two functions know how the source writes values.
 
     Parameters
     ----------
@@ -170,15 +173,15 @@ def read_value(
     source
         The text or entry.
     read_simple_value
-        Called with a simple type, a choice, or a number with a unit (`Annotated`) and its
-        source; returns the value.
+        Called with a type that is neither a union nor a tuple, and its source. It returns
+        the value.
     split_items
         Called with the source of a tuple; returns the sources of its items.
 
     Raises
     ------
     ValueError
-        If the source does not read as the type. The two functions raise it as well.
+        If the source cannot be read as this type. The two functions raise it as well.
     """
     origin = get_origin(annotation)
     arguments = get_args(annotation)

@@ -105,19 +105,24 @@ class CurveSeen:
 
 @dataclass(frozen=True)
 class SingularCurves:
-    """The curves of one type of singularity of a mechanism.
+    """All curves of singular configurations of one type, of a mechanism with two inputs.
+
+    Along a curve of type II the output can move while the inputs rest. Along a curve of
+    type I the output rests while an input moves. In a self-motion both rest while other
+    links move.
 
     Attributes
     ----------
     kind
-        The type.
+        The type: "I", "II" or "self-motion".
     curves
         The curves; none if every configuration is of the type.
     claim
-        The guarantee of completeness: what is known of curves that were not found.
+        What is known of curves that the search may have missed.
     stray
-        (n, V) singular configurations (rad) from which no curve could be followed, because
-        curves cross at them, or because all configurations around them are singular.
+        (n, V) values of the V pair variables (rad) at n singular configurations from which
+        no curve could be followed. Curves cross there, or all configurations around are
+        singular.
     everywhere
         Whether every configuration is of the type.
     """
@@ -217,20 +222,21 @@ def singular_curves(
 def _follow_new_curves(
     search: LocusPointSearch, points: LocusPoints, curves: list[SingularCurve]
 ) -> list[Floats]:
-    """Follow curves from the singular configurations that are on none of the given curves.
+    """Follow curves from the singular configurations that are on none of the known curves.
 
     Parameters
     ----------
     search
-        The search, with the locus and the time limit.
+        The search for singular configurations of one type (the locus), with its time limit.
     points
         Singular configurations from which curves may be followed.
     curves
-        The curves that were followed before. New ones are appended, in place.
+        The curves that were followed before. New curves are appended, in place.
 
     Returns
     -------
-    Variables (1, V), in rad, of each point from which no curve could be followed.
+    For each point from which no curve could be followed, its V pair variables (1, V) in
+    rad.
     """
     # Points that are on no curve yet.
     is_remaining = np.ones(len(points), dtype=bool)
@@ -243,7 +249,8 @@ def _follow_new_curves(
         if not search.time_limit.goes_on(f"curve {len(curves) + 1} of type {kind}"):
             break
         (rows,) = np.nonzero(is_remaining)
-        # At most CURVES_AT_ONCE starts, spread evenly over the remaining points.
+        # At most CURVES_AT_ONCE starts, spread evenly over the remaining points. Together
+        # they take less time than one by one.
         stride = -(-len(rows) // CURVES_AT_ONCE)
         start_rows = rows[::stride]
         new_curves = trace_curves(locus, points.rows(start_rows), search.time_limit)
@@ -273,16 +280,15 @@ def _remove_points_on_curve(
 def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[CurveSeen]:
     """Yield the parts of a followed curve that are singular in the type of the report.
 
-    In type I the output rests while an input moves. In type II the output can move while
-    the inputs rest. A curve that was followed for one type can have nodes of another type.
-    An example is self-motions on a curve of type II: only other links move. Such nodes
-    separate the parts.
+    A curve was followed as a series of singular configurations (its nodes). In type I the
+    output rests while an input moves. In type II the output can move while the inputs rest.
+    Some nodes of a curve can be of another type. For example, on a curve of type II only
+    links that do not move the output may be able to move. Such nodes separate the parts.
 
-    A curve of type I can have points that are also of type II, and a curve of type II
-    points that are also of type I. These points are located on each part.
+    Some points of a part can be of types I and II at once. These points are located, too.
 
-    The nodes of a closed curve are listed from an arbitrary first node. A part that passes
-    this node is yielded as two parts.
+    The nodes of a closed curve are listed from an arbitrary first node. If a part passes
+    this node, two parts are yielded.
 
     Parameters
     ----------
@@ -296,9 +302,11 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     def measure_other_type(points: LocusPoints) -> Floats:
         """Return a number (n,) for each point, zero at singularities of the other type.
 
-        The rates of the inputs (for type II) or of the output (for type I) are linear
-        functions of the possible motions. The number is the determinant of their matrix. If
-        it is 0, there is a motion in which these rates are 0.
+        If the report is on type II, the other type is I, and the output should rest. If it
+        is on type I, the inputs should rest. Their rates are linear functions of the
+        possible motions of the mechanism. The number is the determinant of the matrix of
+        these functions. If the determinant is 0, a motion exists in which these rates are
+        0.
         """
         space = other_locus.tangent_space(points.values)
         return other_locus.measure(space).value
@@ -324,13 +332,13 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
 
 
 def _find_runs(is_included: Bools) -> list[tuple[int, int]]:
-    """Return the runs of successive items of a sequence that are included.
+    """Return where the runs of successive true items are in a sequence of truth values.
 
     For example, F T T F T has the runs (1, 3) and (4, 5).
 
     Returns
     -------
-    For each run the index of its first item, and the index after its last one.
+    For each run the index of its first item, and the index after its last item.
     """
     runs: list[tuple[int, int]] = []
     start = 0

@@ -43,16 +43,20 @@ range of that input. Larger: other edges are taken for such ones."""
 
 @dataclass(frozen=True)
 class _EdgePoints:
-    """Linearly interpolated points on k edges of a mesh of singular configurations.
+    """Points on k edges of a mesh whose vertices are singular configurations.
+
+    The points are interpolated linearly, so they are only near the singular surface.
 
     Attributes
     ----------
-    values, motions
-        (k, V) variables (rad), and rates of the singular motion, in which the inputs or the
-        output rest.
+    values
+        (k, V) values of the V pair variables (rad).
+    motions
+        (k, V) rates of the variables in the singular motion, in which the inputs (type II)
+        or the output (type I) rest.
     edge_vectors
         (k, V) differences of the variables from the first to the second end of each edge
-        (rad), reduced by whole periods.
+        (rad). Whole periods, such as 2 pi, are subtracted.
     """
 
     values: Floats
@@ -229,20 +233,23 @@ class SingularSurface:
         return variable_periods(self.view.locus.closure)
 
     def _interpolate(self, edges: Indices, part: Floats | float) -> _EdgePoints:
-        """Return points on edges, by linear interpolation.
+        """Return points on edges of the mesh, by linear interpolation between the two ends.
+
+        They are starts of Newton's method, which moves them onto the surface.
 
         Parameters
         ----------
         edges
-            (k, 2) vertices of the edges.
+            (k, 2) numbers of the vertices at the ends of each edge.
         part
-            (k, 1) or a number: position on each edge, from 0 to 1.
+            (k, 1) position on each edge, from 0 (first end) to 1. One number for all edges
+            is allowed.
         """
         first, second = self.nodes.values[edges.T]
         first_motion, second_motion = self.nodes.motions[edges.T]
         edge_vectors = less_periods(second - first, self.periods)
-        # The sign of a singular motion is arbitrary. The motion at the second end gets the
-        # sign of that at the first.
+        # A singular motion (inputs or output at rest) is known up to its sign. The motion
+        # at the second end gets the sign that agrees with the motion at the first end.
         second_motion *= np.sign(np.vecdot(first_motion, second_motion))[:, None]
         values = first + part * edge_vectors
         motions = first_motion + part * (second_motion - first_motion)
@@ -251,20 +258,19 @@ class SingularSurface:
     def _correct(self, guess: _EdgePoints, equation_rows: Floats) -> LocusPoints:
         """Move points on edges of the mesh onto the surface of singular configurations.
 
-        A guess is a point on a straight edge of the mesh, with an interpolated singular
-        motion. This is a motion in which the inputs or the output rest, given by unit rates
-        of all variables. Newton's method moves both onto the surface. A point at more than
-        half the length of the edge from its guess may belong to another part of the
-        surface. Its residual is set to NaN, so that it counts as failed.
+        Newton's method solves for the pair variables and the singular motion together. The
+        singular motion is a vector of rates with which the inputs or the output rest. A
+        point that moves by more than half the length of its edge may be on another part of
+        the surface. Its residual is set to NaN, so that the point counts as failed.
 
         Parameters
         ----------
         guess
-            Points on k edges.
+            Points on k edges, with interpolated singular motions.
         equation_rows
-            (k, 2, V) for each point two rows, by which the V variables are multiplied. The
-            products stay the same as at the guess. These two conditions fix the point in
-            the two directions along the surface, so that Newton's method moves it across.
+            (k, 2, V) two conditions for each point, which fix the point in the two
+            directions along the surface. Newton's method then moves the point only across.
+            The product of each row with the V variables stays the same as at the guess.
 
         Returns
         -------
@@ -277,30 +283,31 @@ class SingularSurface:
         )
         distance = np.linalg.norm(points.values - guess.values, axis=1)
         edge_length = np.linalg.norm(guess.edge_vectors, axis=1)
-        # The negated comparison also includes points that are NaN.
+        # The negated comparison is also true for points that are NaN.
         points.residual[~(distance < 0.5 * edge_length)] = np.nan
         return points
 
     def _subdivide(
         self, edge_numbers: Indices, edge_points: LocusPoints, is_inside: Bools
     ) -> Self:
-        """Return the mesh with additional vertices on edges, and without some old vertices.
+        """Return the mesh with new vertices on some edges, and without some old vertices.
 
-        The mesh of triangles covers a surface of singular configurations (the locus). There
-        are two uses. To refine the mesh, all edges get a vertex in their middle, and all
-        old vertices remain. To cut the mesh at a limit of an input, the edges across the
-        limit get a vertex at the limit, and the old vertices beyond it are removed.
+        The method has two uses. To refine the mesh, all edges get a vertex in their middle,
+        and all old vertices remain. To cut the mesh at a limit of an input, the edges
+        across the limit get a vertex at the limit. The old vertices beyond the limit are
+        removed.
 
-        Each triangle is replaced by smaller triangles between its corners that remain and
-        the new vertices on its sides. A triangle that has to be cut at a side without a new
-        vertex is removed. So are vertices that then belong to no triangle.
+        Each triangle is replaced by smaller triangles between its remaining corners and the
+        new vertices on its sides. A triangle is removed if one of its sides has to be cut
+        but has no new vertex. Vertices that then belong to no triangle are removed, too.
 
         Parameters
         ----------
         edge_numbers
             (k,) numbers, as in `list_edges`, of the edges that get a new vertex.
         edge_points
-            The k new vertices. Those that could not be moved onto the locus are left out.
+            The k new vertices. Those that Newton's method could not move onto the surface
+            of singular configurations (the locus) are left out.
         is_inside
             (n,) whether each old vertex remains.
         """
@@ -334,25 +341,26 @@ class SingularSurface:
 def _subdivide_triangle(
     corners: list[int], side_vertices: list[int], is_inside: list[bool]
 ) -> list[tuple[int, ...]]:
-    """Return the triangles that cover the inside part of a triangle.
+    """Return smaller triangles that cover the remaining part of one triangle of a mesh.
 
-    When a mesh is cut at a limit, a side across the limit has a new vertex at the limit,
-    and the part with the corners outside is removed. When a mesh is refined, all corners
+    If the mesh is cut at a limit, some corners are outside and are removed. Each side
+    across the limit then has a new vertex at the limit. If the mesh is refined, all corners
     are inside, and some sides have a new vertex in their middle.
 
     Parameters
     ----------
     corners
-        The three corners 1, 2, 3 of the triangle.
+        Numbers of the three corners 1, 2, 3 of the triangle.
     side_vertices
-        New vertices on the sides 12, 23 and 31; `NO_VERTEX` for a side without one.
+        Numbers of the new vertices on the sides 12, 23 and 31; `NO_VERTEX` for a side
+        without a new vertex.
     is_inside
         Whether each corner is inside.
 
     Returns
     -------
-    Three vertices for each triangle. The list is empty if one end of a side is inside and
-    the other one outside, but the side has no new vertex at which it could be cut.
+    Three vertices for each triangle. The list is empty if a side crosses the limit but has
+    no new vertex at which it could be cut.
     """
     polygon = _inside_polygon(corners, side_vertices, is_inside)
     if not polygon:
@@ -361,9 +369,8 @@ def _subdivide_triangle(
         # All sides are halved: four triangles.
         a, ab, b, bc, c, ca = polygon
         return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    # All triangles share an apex, which is a new vertex if there is one. For example, let
-    # the new vertex m be on side 12. With the apex m the triangles are m23 and m31. With
-    # corner 1 as the apex, one would be 1m2, whose three vertices are on one line.
+    # The polygon is split into triangles that share one corner, the apex. The apex is a new
+    # vertex, if there is one. Otherwise two sides of a triangle could lie on one line.
     apex_position = 0
     for position, vertex in enumerate(polygon):
         is_new_vertex = vertex in side_vertices
@@ -376,15 +383,21 @@ def _subdivide_triangle(
 def _inside_polygon(
     corners: list[int], side_vertices: list[int], is_inside: list[bool]
 ) -> list[int]:
-    """Return the vertices of the inside part of a triangle, in the order of its border.
+    """Return the vertices of the remaining part of a triangle, in the order of its border.
 
-    They are the corners that are inside, and the new vertices on the sides. The list is
-    empty if the part has none, or if a side has to be cut but has no new vertex.
+    When a mesh is cut at a limit, the part of a triangle beyond the limit is removed. The
+    vertices are the corners that are inside, and the new vertices on the sides. The list is
+    empty if nothing remains. It is also empty if a side has to be cut but has no new
+    vertex.
 
     Parameters
     ----------
-    corners, side_vertices, is_inside
-        As in `_subdivide_triangle`.
+    corners
+        Numbers of the three corners of the triangle.
+    side_vertices
+        For each side, from one corner to the next, its new vertex or `NO_VERTEX`.
+    is_inside
+        Whether each corner is inside.
     """
     polygon: list[int] = []
     for start in range(3):

@@ -33,41 +33,42 @@ ROW_TYPES_OF_LOCUS: Mapping[LocusName, tuple[RowType, ...]] = {
 
 @dataclass(frozen=True)
 class SingularPoints(ArrayRows):
-    """n singular configurations of a mechanism with g inputs and V variables.
+    """n singular configurations of a mechanism with g inputs and V pair variables.
 
-    In a singular configuration a motion exists in which inputs or output rest, the singular
-    motion. It is a vector x of rates of the V variables that closes the loops, with
-    E x = 0. E x are the rates of the inputs (type II) or those of the output (type I).
+    In a singular configuration a motion exists in which the inputs (type II) or the output
+    (type I) rest: the singular motion. It is a vector of rates of the V variables with
+    which the loops stay closed.
 
     Attributes
     ----------
     kind
-        The type that was looked for. It says what rests in `motion`. II: the inputs; I: the
-        output; self-motion: both.
+        The type that was looked for. It says what rests in `motion`: the inputs ("II"), the
+        output ("I"), or both ("self-motion").
     type
         (n,) the type of each configuration, as a number of
         `spherekit.singularities.several_inputs.RowType`. A configuration that is of types I
-        and II at once has the type III, whichever was looked for.
+        and II at once has the type III, for any `kind`.
     values
-        (n, V) variables (rad).
+        (n, V) pair variables (rad).
     motion
-        (n, V) unit rates x of the singular motion. Pairs that do not move the output have
-        the rate zero, because their motion alone is no singularity of the output.
+        (n, V) rates of the singular motion, with norm 1. Pairs that do not move the output
+        have the rate zero, because their motion alone is no singularity of the output.
     inputs
-        (n, g) values of the inputs (rad). They differ from the variables by whole
-        revolutions, so that they are in their declared ranges or as near to these as
-        possible.
+        (n, g) values of the inputs (rad). Whole revolutions are added to the pair
+        variables, so that the inputs are in their declared ranges or next to them.
     inside
         (n,) whether all inputs are within their declared ranges.
     orientation
-        (n, 3, 3) rotations from the output link's to its reference link's axes.
+        (n, 3, 3) rotation matrices, from the axes of the output link to those of its
+        reference link.
     pointing
         (n, 3) output direction in the reference link's axes. None if the output is the
         orientation of its link.
     input_rate, output_rate
         (n,) norms of the rates of the inputs and of the output in the singular motion.
     residual
-        (n,) the larger of the closure residual (rad) and the residual of E x = 0.
+        (n,) the larger of two errors: by how much the loops are open (rad), and the rates
+        of the inputs or the output that should be zero in `motion`.
     """
 
     kind: LocusName
@@ -110,10 +111,11 @@ class SingularityReport:
     ) -> "SingularityReport":
         """Return the report on one type of singularity of an output.
 
-        A mechanism can have pairs whose motion does not move the output. For types I and
-        II only the part of the mechanism that moves the output is examined, so that
-        singularities of other parts are not counted. Self-motions, in which inputs and
-        output rest, are those of the whole mechanism.
+        In type I the output rests while an input moves. In type II the output can move
+        while the inputs rest. A mechanism can have pairs (joints) that do not move the
+        output. For types I and II these pairs are left out, so that only singularities of
+        this output are counted. Self-motions, in which inputs and output rest, are those of
+        the whole mechanism.
 
         Parameters
         ----------
@@ -129,9 +131,9 @@ class SingularityReport:
             part = find_output_part(
                 solver.mechanism, solver.assembly, output.link, output.relative_to
             )
-        # The angular velocity of the output is the sum of those of the pairs on a path of
-        # links from the reference link to the output link. The path has to be in the part.
-        # Senses say in which direction it passes each pair.
+        # The angular velocity of the output is the sum over the pairs on a path of links,
+        # from the reference link to the output link. This path is chosen within the part. A
+        # sense (+1 or -1) says in which direction the path passes a pair.
         if part is not None:
             output = replace(output, variable_senses=part.variable_senses)
         return SingularityReport(solver, output, kind, part)
@@ -191,17 +193,19 @@ class SingularityReport:
 
         In a singular motion the inputs rest (type II), the output rests (type I), or both
         (self-motion). The report looks for one of these types, which is the `kind` of all
-        points. A configuration can be singular in more than one way, for example of types I
-        and II. The `type` of each point takes all its singular motions into account.
+        points. Some points can also be of another type. The `type` of each point therefore
+        considers all its singular motions.
 
         Parameters
         ----------
-        values, motions
-            (n, V) variables (rad), and unit rates of the singular motions.
+        values
+            (n, V) pair variables (rad).
+        motions
+            (n, V) rates of the variables in the singular motions, with norm 1.
         residual
-            (n,) the larger of two errors: the opening of the loops (rad), and the rates of
-            the inputs or the output that should rest in the singular motion (rad per rad of
-            this motion).
+            (n,) the larger of two errors. One is by how much the loops are open (rad). The
+            other is the rate of the inputs or the output that should rest (rad per rad of
+            the motion).
         """
         linearisation = self.solver.closure.linearise(values)
         inputs = self.inputs_in_range(values)
@@ -209,10 +213,9 @@ class SingularityReport:
         pointing = None
         if self.output.pointing is not None:
             pointing = orientation @ np.array(self.output.pointing)
-        # The rows of `equations` are components of the output's angular velocity, per unit
-        # rate of each variable: all three, or for a pointing output the two at right angles
-        # to its direction. Their products with the rates of the motion are the rates of the
-        # output.
+        # `equations` has the components of the output's angular velocity per unit rate of
+        # each variable. A pointing output has two components, at right angles to its
+        # direction. An orientation has three.
         output_rates = np.matvec(self.output.equations(linearisation), motions)
         return SingularPoints(
             kind=self.kind,

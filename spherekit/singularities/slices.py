@@ -42,8 +42,9 @@ Larger: the time limit is checked less often."""
 def solver_of(mechanism: Mechanism) -> PositionSolver:
     """Return the position solver of a mechanism, without a search of assembly modes.
 
-    Degrees of freedom are counted by links and pairs. If they do not equal the number of
-    inputs, they are determined from the rank of the closure equations.
+    The solver needs as many degrees of freedom as inputs. They are first counted by the
+    numbers of links and pairs (joints). This count can be wrong for special dimensions.
+    Then they are determined from the rank of the closure equations.
 
     Raises
     ------
@@ -71,17 +72,17 @@ def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
     Returns
     -------
     values
-        (n, V) variables of the configurations (rad).
+        (n, V) the V pair variables of n configurations (rad).
     input_rows
         (n,) row of `q` to which each configuration belongs.
     """
     value_parts = [np.zeros((0, len(solver.mechanism.variable_owners)))]
     row_parts = [np.zeros(0, dtype=np.intp)]
     if solver.assembly.has_closed_form:
-        # Each group is a dyad (two links in series) that can be closed in two ways, which
-        # its sign distinguishes.
+        # Each group of links is a dyad (two links joined by a pair). It can be closed in
+        # two ways, which are distinguished by a sign.
         for signs in product((1, -1), repeat=len(solver.assembly.groups)):
-            # `evaluate` uses the signs only; the number of the mode has no meaning here.
+            # The number of the mode is a placeholder; `evaluate` uses only the signs.
             mode = AssemblyMode(number=0, signs=signs)
             motion = solver.evaluate(mode, q)
             closed_rows = np.flatnonzero(motion.status == Status.OK)
@@ -89,6 +90,7 @@ def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
             row_parts.append(closed_rows)
     else:
         for row, input_values in enumerate(q):
+            # The groups have more than two links, so all solutions have to be searched.
             values = enumerate_assemblies(solver, input_values).values
             value_parts.append(values)
             row_parts.append(np.full(len(values), row))
@@ -103,9 +105,11 @@ def _follow_slices(
 ) -> Iterator[ArcCurve]:
     """Yield the curves of configurations on which all inputs but one are locked (slices).
 
-    One curve of each slice is followed at a time, all slices side by side. Starts are the
-    assembly modes at some values of the free input. A curve is missed if it passes none of
-    these values. A curve that does not close is ended after `MAX_SLICE_CURVE_LENGTH_RAD`.
+    The configurations with the locked inputs at fixed values are a slice. A slice can
+    consist of several curves. In each pass, one curve of every slice is followed. Curves
+    start from the assembly modes (ways to assemble the links) at some values of the free
+    input. A curve that passes none of these values is missed. A curve that does not close
+    is ended after `MAX_SLICE_CURVE_LENGTH_RAD`.
 
     Parameters
     ----------
@@ -115,7 +119,7 @@ def _follow_slices(
         Position of the free input among the inputs.
     input_values
         (slices, inputs) values of the inputs (rad). The column of the free input is not
-        used: its values are spread evenly over one revolution.
+        used.
     time_limit
         No further curves are followed after this time.
     """
@@ -136,7 +140,7 @@ def _follow_slices(
         first_starts = np.stack([remaining_starts[number][0] for number in unfinished])
         curves = follow_arcs(closure, first_starts, longest=MAX_SLICE_CURVE_LENGTH_RAD)
         for number, curve in zip(unfinished, curves, strict=True):
-            # The start of the curve is done, also if no curve could be followed from it.
+            # Even if no curve could be followed from this start, it is not tried again.
             other_starts = remaining_starts[number][1:]
             if curve is None:
                 remaining_starts[number] = other_starts
@@ -149,27 +153,15 @@ def _follow_slices(
 def _slice_starts(
     solver: PositionSolver, free_input: int, input_values: Floats
 ) -> list[Floats]:
-    """Return configurations of each slice, at which its curves may start.
+    """Return start configurations for following the curves of each slice.
 
-    They are the assembly modes at values of the free input that are spread evenly over one
-    revolution.
-
-    Parameters
-    ----------
-    solver
-        The position solver of the mechanism.
-    free_input
-        Position of the free input among the inputs.
-    input_values
-        (slices, inputs) values of the inputs (rad). The column of the free input is not
-        used.
-
-    Returns
-    -------
-    For each slice the variables (starts, V) of the configurations (rad).
+    A slice is the set of configurations in which all inputs but one are locked. The starts
+    are all assembly modes (ways to assemble the links) at some values of the free input.
+    These values are spread evenly over one revolution.
     """
-    # Modes take little time in closed form, that is, if all groups of links are dyads.
-    # Otherwise they have to be searched, so fewer values are examined.
+    # If all groups of links are dyads (two links joined by a pair), modes are computed by
+    # formulas in little time. Otherwise they have to be searched, so fewer values are
+    # examined.
     if solver.assembly.has_closed_form:
         value_count = FREE_INPUT_VALUES_OF_DYADS
     else:
@@ -187,11 +179,11 @@ def _slice_starts(
 
 @dataclass(frozen=True)
 class LockedInputSection:
-    """The slices of a mechanism at the values of a regular grid.
+    """Curves of configurations, on which one input moves and the others are locked.
 
-    The configurations with all inputs but one locked at given values are called a slice. It
+    The configurations with all inputs but one locked at fixed values are a slice. A slice
     consists of curves. Each input is free in turn, and the others are locked at the values
-    of the grid.
+    of a regular grid. The curves are searched for singular configurations.
 
     Attributes
     ----------
@@ -201,7 +193,7 @@ class LockedInputSection:
         For each input the distance (rad) between successive values at which it is locked.
     note
         A text for users that says which slices were left out because the time limit was
-        reached. It is empty if none was.
+        reached. It is empty if no slice was left out.
     """
 
     slices: tuple[ArcCurve, ...]
@@ -215,11 +207,12 @@ def cut(
     values_of_each: int,
     budget: TimeLimit | None = None,
 ) -> LockedInputSection:
-    """Return the configuration curves with each input free in turn, the others locked.
+    """Follow the curves of configurations with each input free in turn, the others locked.
 
-    A slice is the set of configurations with all inputs but one at fixed values. The values
-    are spread evenly over the ranges of the inputs. Slices are followed in an order that
-    covers the ranges evenly at any time, also if the time limit ends the search.
+    The configurations with all inputs but one at fixed values are a slice. The curves are
+    searched for singular configurations afterwards. The locked values are spread evenly
+    over the ranges of the inputs. The order of the slices covers the ranges evenly even if
+    the time ends early.
 
     Parameters
     ----------
@@ -262,7 +255,8 @@ def cut(
             curves += _follow_slices(solver, free_input, chunk, share)
         if share.note:
             notes.append(f"{share.note} with input {free_input + 1} free")
-    # Singularities within boxes of these sides, between slices, can be missed.
+    # Closed curves of singularities that fit between the slices can be missed, so users are
+    # told the distances.
     gaps = tuple((high - low) / values_of_each for low, high in ranges)
     return LockedInputSection(tuple(curves), gaps, "; ".join(notes))
 
@@ -285,34 +279,33 @@ def _spread_order(count: int) -> list[int]:
 def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
     """Return the singular configurations of one type on a curve of configurations.
 
-    The locus has a measure, a function of the configuration that is zero at its singular
-    configurations. The zeros along the curve are located first. From each of them, Newton's
-    method solves for a configuration together with its singular motion: rates that close
-    the loops while the inputs (or an output) rest.
+    A function of the configuration (the measure) is zero at singular configurations. Its
+    zeros along the curve are located first. From each zero, Newton's method computes a
+    singular configuration more exactly. It also computes the singular motion: rates that
+    close the loops while the inputs (or the output) rest.
 
     Parameters
     ----------
     curve
-        A curve of configurations in which all inputs but one have fixed values (a slice
-        consists of such curves).
+        A curve of configurations in which all inputs but one have fixed values.
     locus
-        The locus: all singular configurations of the type.
+        The set of all singular configurations of the type.
     """
 
     def measure_along_curve(points: CurvePoints) -> tuple[Floats, Floats]:
-        """Return a determinant that is zero in singular configurations, at curve points.
+        """Return a determinant that is zero in singular configurations, and its derivative.
 
-        The second array is the derivative of the determinant by the arc length of the
-        curve. Both arrays are (n,).
+        The derivative is by the arc length of the curve. Both arrays are (n,), for n points
+        of the curve.
         """
         space = locus.tangent_space(points.values)
         measure = locus.measure(space)
-        # The tangent space has the rates that close the loops, and an orthonormal basis.
-        # The gradient has its components along this basis. The tangent of the curve is
-        # converted to such components, too. Their scalar product is the derivative.
+        # The basis consists of rates that close the loops. The gradient has its components
+        # along this basis. The tangent of the curve is converted to such components, too.
+        # The derivative along the curve is the scalar product of both.
         tangent_coordinates = np.vecmat(points.tangents, space.basis)
         return measure.value, np.vecdot(measure.gradient, tangent_coordinates)
 
     zeros = curve.locate(measure_along_curve)
-    # `project` applies Newton's method.
+    # `project` applies Newton's method to the configurations at the zeros.
     return locus.project(curve.at(zeros.places).values)

@@ -25,7 +25,9 @@ from spherekit.wording import nearest
 
 @dataclass(frozen=True)
 class InputsLocked:
-    """The condition E x = 0 that all inputs rest, for rates x of the V variables.
+    """The condition E x = 0 that all inputs rest, for rates x of the V pair variables.
+
+    At a singularity of type II the mechanism can move with rates x that satisfy it.
 
     Attributes
     ----------
@@ -41,14 +43,15 @@ class InputsLocked:
         return len(self.variables)
 
     def equations(self, linearisation: Linearisation) -> Floats:
-        """Return E (n, m, V) at n configurations."""
+        """Return the matrix E (n, m, V) of the condition at n configurations."""
         input_rows = np.eye(linearisation.values.shape[1])[list(self.variables)]
         return np.tile(input_rows, (len(linearisation), 1, 1))
 
     def equation_derivatives(self, changes: ConfigurationChanges) -> Floats:
-        """Return the derivatives (n, d, m, V) of E along d directions: zero.
+        """Return the derivatives (n, d, m, V) of E along d changes of the configuration.
 
-        E selects the rates of the inputs, so it is the same in all configurations.
+        They are zero. E selects the rates of the inputs, so it is the same in all
+        configurations.
         """
         n, variables, direction_count = changes.directions.shape
         return np.zeros((n, direction_count, self.equation_count, variables))
@@ -101,19 +104,19 @@ class OutputStationary:
     def equation_derivatives(self, changes: ConfigurationChanges) -> Floats:
         """Return the derivatives (n, d, m, V) of E along d changes of the configuration.
 
-        E x = 0 says that the output does not turn about m axes fixed in its link. Row i of
-        E has the components of the output's angular velocities along axis i: E = A W^T,
-        with the axes in the rows of A (m, 3), and the angular velocity per unit rate of
-        each variable in the rows of W (V, 3). Both change with the configuration, so
-        dE = dA W^T + A dW^T.
+        E x = 0 says that the output does not turn about m axes fixed in its link, where x
+        (V,) are the rates of the pair variables. E is the product A W^T. The rows of A (m,
+        3) are the axes. The rows of W (V, 3) are the angular velocity of the output per
+        unit rate of each variable. Both change with the configuration, so dE = dA W^T + A
+        dW^T.
         """
         linearisation = changes.linearisation
         axes = self._constrained_directions(linearisation)
         angular_velocities = self._angular_velocities(linearisation)
         axis_derivatives = self._constrained_direction_derivatives(changes)
         velocity_derivatives = self._angular_velocity_derivatives(changes)
-        # The axes of the products are configuration n, direction d, then matrices. A and W
-        # have no axis d.
+        # The array axes of the products are configuration n, direction d, then matrices. A
+        # and W get an axis of length 1 for d.
         from_axes = axis_derivatives @ np.swapaxes(angular_velocities, 1, 2)[:, None]
         from_velocities = axes[:, None] @ np.swapaxes(velocity_derivatives, 2, 3)
         return from_axes + from_velocities
@@ -184,18 +187,18 @@ class OutputStationary:
     def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:
         """Return the angular velocity of the output link for k sets of rates.
 
-        It is relative to the link from which the output is seen.
+        The angular velocity is relative to the reference link of the output.
 
         Parameters
         ----------
         space
-            The n configurations.
+            n configurations, with the motions that are possible in them.
         rates
-            (n, V, k) rates of the V variables.
+            (n, V, k) rates of the V pair variables.
 
         Returns
         -------
-        (n, k, 3) components along the axes of the ground (body 0 of the loops).
+        (n, k, 3) components along the axes of the ground.
         """
         # (n, V, 3) angular velocity of the output link per unit rate of each variable.
         angular_velocities = self._angular_velocities(space.linearisation)
@@ -235,8 +238,8 @@ def output_of(
     AnalysisError
         If there is no such direction.
     """
-    # `chosen_output` raises an error if there are several outputs and no name. Here the
-    # first one is the default.
+    # `chosen_output` refuses to choose among several outputs. Here the first output is the
+    # default.
     if output is None and len(mechanism.outputs) > 1:
         declared = mechanism.outputs[0]
     else:
@@ -244,6 +247,7 @@ def output_of(
     number = mechanism.link_number
     direction = declared.direction if len(mechanism.inputs) == 2 else None
     if pointing is not None:
+        # A direction that the caller names takes precedence.
         direction = _unit_direction(mechanism, declared.link, pointing)
     return OutputStationary(number[declared.link], number[declared.relative_to], direction)
 
@@ -253,8 +257,20 @@ def _unit_direction(
 ) -> tuple[float, float, float]:
     """Return a direction as a unit vector in the axes of a link.
 
-    `pointing` is the name of an R pair on the link, or a vector (3,) of any length. An
-    `AnalysisError` is raised if it is neither.
+    A pointing output is a direction of its link, for example of a camera.
+
+    Parameters
+    ----------
+    mechanism, link
+        The mechanism, and the name of the link.
+    pointing
+        Name of an R pair (revolute joint) on the link, for the axis of the pair, or a
+        vector (3,) of any length.
+
+    Raises
+    ------
+    AnalysisError
+        If `pointing` is neither.
     """
     if isinstance(pointing, str):
         axes = link_axes(mechanism)[link]
@@ -266,6 +282,7 @@ def _unit_direction(
         vector = axes[pointing]
     else:
         vector = np.asarray(pointing, dtype=float)
+        # An array of another shape gets the length NaN, so that the next line refuses it.
         length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
         if not 0.0 < length < np.inf:
             raise AnalysisError(

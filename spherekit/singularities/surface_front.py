@@ -108,14 +108,17 @@ class SurfaceFront:
     def find_vertices_near(self, values: Floats, motion: Floats, radius: float) -> Indices:
         """Return the numbers of the vertices near a configuration on the same sheet.
 
-        A sheet is a part of a surface. Two sheets that pass each other at a small distance
-        are distinguished by the singular motion: the unit rates with which inputs or output
-        rest. The sign of the motion is arbitrary.
+        A sheet is a part of a surface of singular configurations. Two sheets can pass each
+        other at a small distance. They differ in their singular motion: the rates with
+        which inputs or output rest. The sign of this motion is arbitrary, so only its line
+        is compared.
 
         Parameters
         ----------
-        values, motion
-            (V,) variables (rad) and unit rates of the singular motion.
+        values
+            (V,) pair variables of the configuration (rad).
+        motion
+            (V,) rates of its singular motion, with norm 1.
         radius
             Largest distance (rad, in the space of the variables).
         """
@@ -125,16 +128,16 @@ class SurfaceFront:
         return np.flatnonzero(is_near & is_same_sheet)
 
     def mesh_all_surfaces(self) -> int:
-        """Mesh the surfaces through all singular configurations that `search` finds.
+        """Cover the surfaces of singular configurations that `search` finds with triangles.
 
-        Configurations with an input outside its range are left out. The mesh is stored as
-        `vertices` and `triangles`. It is not complete if the time limit is reached.
+        Configurations with an input outside its range are no starts of a mesh. The mesh is
+        stored as `vertices` and `triangles`. It is not complete if the time limit is
+        reached.
 
         Returns
         -------
-        Number of configurations that have all inputs within their ranges and in which
-        surfaces cross. No mesh can start from such a configuration, because the matrix of
-        the equations that Newton's method solves is nearly singular.
+        Number of singular configurations within the ranges at which surfaces cross. No mesh
+        starts there, because the equations for Newton's method are nearly singular.
         """
         crossings = 0
         for points in self.search.batches():
@@ -142,9 +145,9 @@ class SurfaceFront:
             is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
             crossings += int(np.sum(is_inside & is_crossing))
             for row in np.flatnonzero(is_inside):
-                # A slice, because a point is a record of one row. The result is False if
-                # the mesh has this surface already, if surfaces cross at the point, or if
-                # the limits of vertices or time are reached.
+                # The slice selects one point as an array of one row. The result is False if
+                # the point is on a meshed surface or at a crossing, or if a limit is
+                # reached.
                 is_new_surface = self.mesh_surface(points.rows(slice(row, row + 1)))
                 if is_new_surface:
                     self.search.record_new_result()
@@ -163,20 +166,25 @@ class SurfaceFront:
         return False
 
     def mesh_surface(self, seed: LocusPoints) -> bool:
-        """Mesh the surface through one singular configuration, the `seed` (one row).
+        """Cover the surface through one singular configuration, the `seed`, with triangles.
 
-        The first triangle is an equilateral one with a corner at the seed. The mesh then
-        grows at its open edges, which have a triangle on one side only, until no edge needs
-        a triangle, or the limits of vertices or time are reached. An edge needs one if it
-        has an end within the ranges of the inputs. Nothing is done if surfaces cross at the
-        seed, or if the mesh covers it already.
+        The first triangle is equilateral, with a corner at the seed. The mesh then grows at
+        its open edges, which have a triangle on one side only. An open edge gets a second
+        triangle if one of its ends is within the ranges of the inputs. The growth ends when
+        no such edge is left, or at the limit of vertices or time. Nothing is done if
+        surfaces cross at the seed, or if the mesh covers the seed already.
+
+        Parameters
+        ----------
+        seed
+            The configuration, as an array of one row.
 
         Returns
         -------
-        Whether the seed became a vertex of the mesh. It then counts as meshed, even if the
-        surface could not be continued from it.
+        Whether the seed became a vertex of the mesh. This counts even if no triangle could
+        be added.
         """
-        # At a crossing of surfaces the equations of a singular configuration are singular.
+        # Where surfaces cross, the equations for Newton's method are nearly singular.
         is_crossing = seed.reciprocal_condition[0] < SURFACE_CROSSING_CONDITION
         covering = self.find_vertices_near(
             seed.values[0], seed.motions[0], self.edge_length
@@ -188,6 +196,7 @@ class SurfaceFront:
         equilateral = [self.edge_length, self.edge_length * (0.5 + 1j * EQUILATERAL_HEIGHT)]
         neighbours = self._compute_vertices([first, first], equilateral)
         corners = [self._add_vertex(point) for point in neighbours if point is not None]
+        # Newton's method can fail at a neighbour.
         if len(corners) == 2:
             self._add_triangle(first, *corners)
         while self.waiting_edges and self._may_add_vertex():
@@ -214,15 +223,15 @@ class SurfaceFront:
     def _add_triangle(self, a: int, b: int, c: int) -> None:
         """Add a triangle with the same orientation as its neighbour at the edge a, b.
 
-        A side of it that was an open edge now has two triangles and is no longer open. The
-        other sides become open edges.
+        Each side of the new triangle is an open edge if it has no other triangle. A side
+        that already has one now has two, and is no longer open.
 
         Parameters
         ----------
         a, b, c
             Numbers of the vertices.
         """
-        # Triangles of one orientation pass their common edge in opposite directions.
+        # Two neighbours of one orientation pass their common edge in opposite directions.
         if (a, b) in self.directed_edges:
             a, b = b, a
         self.triangles.append((a, b, c))
@@ -231,15 +240,18 @@ class SurfaceFront:
             self._open_or_close_edge(_sorted_edge(start, end), opposite)
 
     def _open_or_close_edge(self, edge: Edge, opposite: int) -> None:
-        """Register the first triangle on an edge, which is then open, or the second one.
+        """Register a new triangle at one of its sides.
 
-        An open edge waits for its second triangle. It may get it as a side of a triangle
-        that is added to another edge; it is then skipped when its turn comes.
+        The first triangle on an edge makes the edge open: it waits for a second triangle.
+        The second triangle closes the edge. A closed edge may still be among the waiting
+        edges; it is skipped when its turn comes.
 
         Parameters
         ----------
-        edge, opposite
-            The edge, and the third vertex of the new triangle.
+        edge
+            The two vertices of the side.
+        opposite
+            The third vertex of the new triangle.
         """
         if edge in self.open_edges:
             del self.open_edges[edge]
@@ -250,24 +262,24 @@ class SurfaceFront:
     def _compute_vertices(
         self, bases: Sequence[int], offsets: Sequence[complex]
     ) -> list[LocusPoints | None]:
-        """Return the points of the surface above positions in tangent planes.
+        """Return the points of the surface above positions in its tangent planes.
 
         A point of the surface is a singular configuration: values of the pair variables
-        with which a singular motion exists, unit rates that leave inputs or output at rest.
-        Newton's method solves for the variables and the motion together.
+        with which a singular motion exists. These are rates that leave inputs or output at
+        rest. Newton's method solves for the variables and the motion together.
 
         Parameters
         ----------
         bases
-            Vertices at whose tangent planes the positions are given.
+            Numbers of the vertices at which the planes touch the surface.
         offsets
             For each base a position in its tangent plane, as a complex number: coordinates
             (rad) along the two tangents, from the base.
 
         Returns
         -------
-        One point for each base. None if Newton's method fails, or if the point is a
-        crossing of surfaces, on another sheet, or far from the tangent plane.
+        One point for each base. None if Newton's method fails, if surfaces cross at the
+        point, or if the point belongs to another part of the surface.
         """
         starts = self.vertices.rows(np.array(bases))
         # (k, 2) coordinates along the two tangents (k, V, 2) of each base.
@@ -276,6 +288,7 @@ class SurfaceFront:
         points = self._project_onto_surface(starts, coordinates, plane_positions)
         is_accepted = self._continues_surface(points, starts, plane_positions)
         return [
+            # A slice of one row, because a point is stored as an array of points.
             points.rows(slice(row, row + 1)) if accepted else None
             for row, accepted in enumerate(is_accepted.tolist())
         ]
@@ -283,20 +296,23 @@ class SurfaceFront:
     def _project_onto_surface(
         self, starts: LocusPoints, coordinates: Floats, plane_positions: Floats
     ) -> LocusPoints:
-        """Return the singular configurations at right angles above tangent planes.
+        """Move positions in tangent planes onto the surface of singular configurations.
+
+        Each position moves at right angles to its plane, by Newton's method.
 
         Parameters
         ----------
         starts
             The k vertices at which the planes touch the surface.
         coordinates
-            (k, 2) position in each plane, along its two tangents (rad).
+            (k, 2) positions in the planes, along the two tangents of each plane (rad).
         plane_positions
-            (k, V) the same positions as values of the variables (rad).
+            (k, V) the same positions as values of the V pair variables (rad).
         """
+        # The singular motion (rates with inputs or output at rest) to first order.
         motion_guess = starts.motions + np.matvec(starts.motion_derivatives, coordinates)
-        # Two linear equations for each point say that its coordinates along the two
-        # tangents are those of the position in the plane.
+        # Two conditions for each point: its coordinates along the two tangents stay the
+        # same.
         plane_rows = np.swapaxes(starts.tangents, 1, 2)
         plane_coordinates = np.matvec(plane_rows, plane_positions)
         return self.report.locus.correct(
@@ -309,24 +325,32 @@ class SurfaceFront:
     def _continues_surface(
         self, points: LocusPoints, starts: LocusPoints, plane_positions: Floats
     ) -> Bools:
-        """Return whether (k,) points are on the same part of a surface as their starts.
+        """Return whether each new point is on the same part of a surface as its start.
+
+        Newton's method can also reach a point on another part, which must not become a
+        vertex.
 
         Parameters
         ----------
         points
-            Points that Newton's method reached from positions in tangent planes.
+            The k points that Newton's method reached from positions in tangent planes.
         starts
-            The vertices at which these planes touch the surface.
+            The k vertices at which these planes touch the surface.
         plane_positions
-            (k, V) the positions, as values of the variables (rad).
+            (k, V) the positions in the planes, as values of the pair variables (rad).
+
+        Returns
+        -------
+        (k,) truth values.
         """
         # Where surfaces cross, the equations of the points are nearly singular.
         is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
-        # The surface does not bend too much in between.
+        # The tangent planes at both ends are similar if the surface bends little in
+        # between.
         plane_cosine = _tangent_plane_cosines(starts, points)
         has_similar_plane = plane_cosine >= SAME_SHEET_COSINE
-        # Sheets that pass each other have different singular motions, whose signs are
-        # arbitrary.
+        # Parts of surfaces (sheets) that pass each other have different singular motions.
+        # The sign of a motion is arbitrary.
         motion_cosine = np.abs(np.vecdot(points.motions, starts.motions))
         is_on_same_sheet = motion_cosine >= SAME_SHEET_COSINE
         # A point that is farther than half an edge from the tangent plane belongs to
@@ -362,12 +386,13 @@ class SurfaceFront:
     def _new_vertex(self, edge: Edge) -> LocusPoints | None:
         """Return the new vertex that completes an equilateral triangle on an open edge.
 
-        An open edge has a triangle on one side only. The ideal apex of a second triangle is
-        a position in the tangent plane of the surface. The new vertex is the singular
-        configuration that Newton's method reaches from it. It is None if the method reaches
-        none. To save time, the vertices for the next edges that wait for a triangle are
-        computed at once and stored in `computed_vertices`. They only depend on their edges
-        and on the triangles at these edges, which do not change.
+        An open edge of the mesh has a triangle on one side only. The third vertex of a
+        second triangle should be at a position in the tangent plane of the surface (the
+        ideal apex). From there, Newton's method goes to a singular configuration, which is
+        the new vertex. The result is None if the method fails.
+
+        To save time, the vertices for the next waiting edges are computed together and
+        stored in `computed_vertices`.
         """
         if edge not in self.computed_vertices:
             edges = self._edges_to_compute(edge)

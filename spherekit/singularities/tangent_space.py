@@ -27,10 +27,10 @@ SMALLEST_NORMAL = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True)
 class OutputPart:
-    """The pairs of a mechanism that take part in the motion of one output.
+    """The pairs (joints) of a mechanism that take part in the motion of one output.
 
-    A motion in which only other pairs move is no singularity of this output. The output is
-    the motion of its link relative to another link, the reference link.
+    The output is the motion of its link relative to another link, the reference link. A
+    motion in which only other pairs move is no singularity of this output.
 
     Attributes
     ----------
@@ -42,11 +42,11 @@ class OutputPart:
     driven
         The variables among them that are inputs.
     variable_senses
-        (V,) factors with which the angular velocities of the pairs add up to that of the
-        output, one for each variable of the whole mechanism. They follow from the path in
-        the tree from the reference link to the output link: +1 if the path goes from the
-        first to the second link of the pair of the variable, -1 if it goes the other way,
-        and 0 if the pair is not on the path.
+        (V,) a factor for each variable of the whole mechanism. With these factors the
+        angular velocities of the pairs add up to that of the output. The sum runs along the
+        path in the tree from the reference link to the output link. The factor is +1 if the
+        path goes from the first to the second link of the pair, and -1 in the other sense.
+        It is 0 for a pair that is not on the path.
     """
 
     tree: LoopTree
@@ -60,17 +60,19 @@ def find_output_part(
 ) -> OutputPart | None:
     """Return the part of a mechanism that moves a link relative to another link.
 
+    Singularities of an output are searched in this part only. Other pairs (joints) do not
+    affect the output.
+
     Parameters
     ----------
     mechanism, assembly
-        The mechanism, and its groups in solving order.
+        The mechanism, and the order in which its groups of links are assembled.
     link, relative_to
         Numbers of the output link and of its reference link.
 
     Returns
     -------
-    The part. It is None if all pairs take part; the caller then uses the loops of the whole
-    mechanism, which are known already.
+    The part, or None if all pairs take part. The caller then uses the whole mechanism.
     """
     pairs = moving_pairs(mechanism, assembly, (link, relative_to))
     if len(pairs) == len(mechanism.pairs):
@@ -78,7 +80,8 @@ def find_output_part(
     owners = mechanism.variable_owners
     variables = tuple(variable for variable, owner in enumerate(owners) if owner in pairs)
     tree = _make_tree(mechanism, pairs, variables, first_links=(relative_to, link))
-    # The output link is body 1 of the tree, and its reference link the root.
+    # The reference link is body 0, the root. The output link is body 1. The path to it has
+    # a sense +1, -1 or 0 for each variable.
     output_path = tree.paths[1]
     variable_senses = np.zeros(len(owners))
     variable_senses[list(variables)] = output_path
@@ -94,17 +97,17 @@ def _make_tree(
     variables: tuple[int, ...],
     first_links: tuple[int, int],
 ) -> LoopTree:
-    """Return the loops that some pairs of a mechanism close.
+    """Return the loops of links that some pairs (joints) of a mechanism close.
 
-    A `LoopTree` numbers its bodies and pairs from 0 without gaps, so the links and pairs of
-    the mechanism get new numbers.
+    A `LoopTree` numbers its bodies and pairs from 0 without gaps. The links and pairs of
+    the mechanism therefore get new numbers.
 
     Parameters
     ----------
     mechanism
         The whole mechanism, with its own numbers of links, pairs and variables.
     pairs, variables
-        The pairs, and the variables of these pairs.
+        Numbers of the pairs, and of the variables of these pairs.
     first_links
         The links that become body 0, which is the root of the tree, and body 1.
     """
@@ -132,14 +135,15 @@ def _make_tree(
 
 @dataclass(frozen=True)
 class ConfigurationChanges:
-    """Some directions in which n configurations change, to differentiate along them.
+    """Directions in which n configurations change, to differentiate functions along them.
 
     Attributes
     ----------
     linearisation
-        The n configurations.
+        The n configurations, with the velocities of the links per unit rate of each
+        variable.
     directions
-        (n, V, d) changes of the V variables along d directions.
+        (n, V, d) for each configuration d directions: changes of the V pair variables.
     """
 
     linearisation: Linearisation
@@ -149,7 +153,8 @@ class ConfigurationChanges:
     def vector_derivatives(self) -> Floats:
         """(n, d, V, 3) derivatives of the velocity vectors along the d directions.
 
-        The velocity vector of a variable is the angular velocity per unit rate of it.
+        The velocity vector of a variable is the relative angular velocity of the two links
+        of its pair when the variable changes at unit rate.
         """
         derivatives = [
             self.linearisation.vector_rates(self.linearisation.body_rates(changes))
@@ -215,14 +220,15 @@ class TangentSpace:
     def rate_corrections(self, changes: ConfigurationChanges) -> Floats:
         """Return how rates must change with the configuration to keep the loops closed.
 
-        Rates x close the loops if J x = 0. If the configuration changes, J changes by J',
-        and x has to change too. The smallest change that keeps J x = 0, to first order, is
-        the correction -J^+ J' x, with the pseudo-inverse J^+ of J.
+        The rates x of the pair variables close the loops if J x = 0, with the closure
+        Jacobian J. If the configuration changes, J changes by J', and x has to change too.
+        The smallest change of x that keeps J x = 0 to first order is -J^+ J' x. J^+ is the
+        pseudo-inverse of J.
 
         Parameters
         ----------
         changes
-            d directions in which the same n configurations change.
+            d directions in which the n configurations change.
 
         Returns
         -------
@@ -237,10 +243,12 @@ class TangentSpace:
         return corrections
 
     def _jacobian_derivatives(self, changes: ConfigurationChanges) -> Floats:
-        """Return the derivatives of J along d directions of change.
+        """Return the derivatives of the closure Jacobian J along d directions.
 
-        J is linear in the velocity vectors of its variables, so each derivative is the same
-        function of the derivatives of these vectors.
+        J x = 0 says that rates x of the pair variables keep the loops closed. J is a linear
+        function of the velocity vector of each variable, the angular velocity per unit
+        rate. So the same function of the derivatives of these vectors is the derivative of
+        J.
 
         Returns
         -------
@@ -248,7 +256,8 @@ class TangentSpace:
         """
         vector_derivatives = changes.vector_derivatives[:, :, self.variables]
         n, direction_count, variable_count, _ = vector_derivatives.shape
-        # All directions of all configurations in one axis, as `jacobian` needs it.
+        # `jacobian` expects one axis of samples, so configurations and directions share one
+        # axis.
         derivatives = self.tree.jacobian(vector_derivatives.reshape(-1, variable_count, 3))
         _, equation_count, _ = derivatives.shape
         return derivatives.reshape(n, direction_count, equation_count, variable_count)
@@ -260,17 +269,19 @@ class TangentSpace:
 
 @dataclass(frozen=True)
 class SingularValueDecomposition:
-    """Full singular value decompositions M = left diag(values) right of n matrices.
+    """Full singular value decompositions M = left diag(values) right of n matrices (j, k).
 
     Attributes
     ----------
-    left, values, right
-        (n, j, j) orthogonal matrices with left singular vectors in columns, (n, min(j, k))
-        singular values in descending order, and (n, k, k) orthogonal matrices with right
-        singular vectors in rows.
+    left
+        (n, j, j) orthogonal matrices with the left singular vectors in columns.
+    values
+        (n, min(j, k)) singular values in descending order.
+    right
+        (n, k, k) orthogonal matrices with the right singular vectors in rows.
     is_finite
-        (n,) whether all entries of the matrix are finite. Other matrices are replaced by
-        zero, because LAPACK fails at NaN.
+        (n,) whether all numbers of the matrix are finite. A matrix with NaN or infinity was
+        replaced by zero, because LAPACK fails otherwise.
     """
 
     left: Floats

@@ -41,7 +41,7 @@ _REASONS = {
 def _raise_output_error(path: AnyPath, what: str) -> Iterator[None]:
     """Convert the errors `OSError` and `ValueError` of a ``with`` block into `OutputError`.
 
-    Impossible file names are refused before the block runs.
+    A file name that is not allowed is refused before the block runs.
 
     Parameters
     ----------
@@ -129,17 +129,17 @@ def _check_replaceable(target: Path) -> None:
 
 
 def check_made_by_spherekit(path: Path, mark: bytes) -> None:
-    """Check that writing a file will not replace a file that spherekit has not made.
+    """Refuse to replace a file that spherekit has not made.
 
-    Whether spherekit has made a file can only be seen from its content (the mark).
+    Files of spherekit contain a mark near their beginning. The function does nothing if the
+    file has the mark, is empty or does not exist.
 
     Parameters
     ----------
     path
         The file that will be written.
     mark
-        Bytes that files of spherekit contain near their beginning. A file with these bytes,
-        or an empty file, may be replaced.
+        The bytes of the mark.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def check_made_by_spherekit(path: Path, mark: bytes) -> None:
                 data = stream.read(MAX_MARK_OFFSET_BYTES)
             if not data or mark in data:
                 return
-    # `lexists` also finds links that lead nowhere.
+    # Unlike `exists`, `lexists` is also true for a link to a file that does not exist.
     if os.path.lexists(path):
         raise OutputError(
             f"{path}: would be replaced, but no command of spherekit seems to have created "
@@ -207,8 +207,8 @@ def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
     with _raise_output_error(path, "written"):
         target = Path(path).resolve()
         _check_replaceable(target)
-        # With the random part, programs that write the same file have different hidden
-        # files. The name is cut because the length of file names is limited.
+        # The name has a random part, so two programs that write the same file have
+        # different hidden files. The name is cut because file systems limit its length.
         unfinished = target.with_name(f".{target.name[:100]}.{os.urandom(4).hex()}.part")
         descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         try:
@@ -227,6 +227,8 @@ def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
 def output_error(path: object, what: str, error: OSError | ValueError) -> OutputError:
     """Return the error to raise if a file or folder cannot be made, written or locked.
 
+    The caller raises it, so that users see a plain message instead of a traceback.
+
     Parameters
     ----------
     path
@@ -238,6 +240,6 @@ def output_error(path: object, what: str, error: OSError | ValueError) -> Output
     """
     reason = str(error)
     if isinstance(error, OSError):
-        # Some errors have plainer words than those of the operating system.
+        # Some error numbers have a plainer text here than in the operating system.
         reason = _REASONS.get(error.errno or 0, error.strerror or reason)
     return OutputError(f"{str(path)!r}: cannot be {what}: {reason}")

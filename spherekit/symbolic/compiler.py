@@ -66,22 +66,28 @@ def heyoka_variables(variables: Sequence[ExpressionNode]) -> dict[ExpressionNode
 def heyoka_expressions(
     expressions: Sequence[Expr], variables: Mapping[ExpressionNode, Any]
 ) -> list[Any]:
-    """Return expressions as expressions of heyoka, the compiler of Taylor integrators.
+    """Convert symbolic expressions to expressions of the library heyoka.
+
+    heyoka compiles them to machine code, or integrates them by Taylor series.
 
     Parameters
     ----------
     expressions
-        Numbers and nodes.
+        Numbers, and nodes of expression graphs.
     variables
         For each variable in them, heyoka's expression: a variable, a parameter or the time.
     """
     module = heyoka()
 
     def convert_node(node: ExpressionNode, arguments: list[Any]) -> Any:
-        """Return the heyoka expression of a node, from those of its arguments."""
+        """Return the heyoka expression of a node.
+
+        `arguments` are the heyoka expressions of the arguments of the node.
+        """
         if node.operation == "variable":
             return variables[node]
-        # heyoka has no sign and no maximum. select(c, a, b) is a if c is true, else b.
+        # heyoka has no functions sign and maximum. select(c, a, b) is a if c is true, else
+        # b.
         if node.operation == "sign":
             (value,) = arguments
             plus_one = module.expression(1.0)

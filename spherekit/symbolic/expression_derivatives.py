@@ -18,23 +18,23 @@ from spherekit.symbolic.expression_graph import (
 def differentiate(
     expressions: Sequence[Expr], rates: Mapping[ExpressionNode, Expr]
 ) -> list[Expr]:
-    """Return the derivatives of expressions, computed from given derivatives of some nodes.
+    """Return the derivatives of expressions by the chain rule.
 
-    All derivatives are with respect to the same parameter, such as the time. At a kink or a
-    jump the result is the derivative on the side of the current value.
+    All derivatives are with respect to one parameter, such as the time. At a kink or a jump
+    the result is the derivative on the side of the current value.
 
     Parameters
     ----------
     expressions
-        Numbers and nodes.
+        Numbers, and nodes of expression graphs. A node is a variable or an operation.
     rates
-        Derivative of a node, by node. A node may be a variable or any other part of the
-        expressions, whose arguments are then not differentiated. The derivative of all
-        other variables is zero.
+        Known derivatives, by node: those of variables, or of whole operations. The
+        arguments of such an operation are then not differentiated. Variables without an
+        item have the derivative zero.
     """
-    # The derivative of a node -1 * x may be given. When expressions are built, minus signs
-    # are moved outwards: (-1 * x) * y becomes -1 * (x * y), which contains x alone. The
-    # derivative of x is therefore needed too.
+    # If a known node is -1 * x, the derivative of x is needed, too. The reason is that
+    # minus signs are moved outwards: (-1 * x) * y is stored as -1 * (x * y), which has x
+    # alone.
     known_rates: dict[Any, Expr] = {}
     for node, rate in rates.items():
         negated_node = negated_operand(node)  # None if the node is not -1 * x
@@ -46,8 +46,8 @@ def differentiate(
         """Return the derivative of a node, from the derivatives of its arguments."""
         if node in known_rates:
             return known_rates[node]
-        # The derivative of a constant argument is the number 0.0, which counts as false. A
-        # node counts as true. If all arguments are constant, so is the result.
+        # A derivative of zero is the number 0.0, which counts as false. A node counts as
+        # true.
         if not any(argument_rates):
             return 0.0
         return _CHAIN_RULES[node.operation](node, node.arguments, argument_rates)

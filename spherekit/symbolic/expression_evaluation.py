@@ -90,11 +90,17 @@ def array_function(
         return [*np.array([*program.constants.values()], dtype=dtype)[:, None]]
 
     def evaluate(inputs_array: Array, out: Array | None = None) -> Array:
-        """Return the outputs (outputs, n) at inputs (inputs, n).
+        """Return the values (outputs, n) of all expressions at n samples of the inputs.
 
-        They are written to `out`, if it is given.
+        Parameters
+        ----------
+        inputs_array
+            (inputs, n) values of the input variables.
+        out
+            Array (outputs, n) to write to; a new one by default.
         """
-        # The type of the inputs, or `number` if that has more digits.
+        # The type of the inputs, or the type `number` of the constants if it has more
+        # digits.
         dtype = np.result_type(inputs_array, number)
         sample_count = inputs_array.shape[1]
         if out is None:
@@ -104,16 +110,16 @@ def array_function(
             for start in range(0, sample_count, BLOCK_SAMPLES):
                 block = slice(start, start + BLOCK_SAMPLES)
                 work_block = work[:, : sample_count - start]
-                # Views of all values in the block, in the order of the row numbers in
-                # `operations`: constants, inputs, outputs, intermediate values.
+                # Each operation below names the rows that it reads and writes by their
+                # number in this list: constants, inputs, outputs, intermediate values. All
+                # rows are views of one block.
                 rows = [
                     *constant_rows(dtype),
                     *inputs_array[:, block],
                     *out[:, block],
                     *work_block,
                 ]
-                # The operations are in an order in which arguments are computed before they
-                # are used. Each writes its result to a row.
+                # An operation with one argument has no second row.
                 for ufunc, first, second, result in operations:
                     if second is None:
                         ufunc(rows[first], rows[result])
@@ -143,17 +149,11 @@ def _float_maximum(a: float, b: float) -> float:
 def float_function(
     outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]
 ) -> FloatFunction:
-    """Return a function that evaluates expressions on floats, for one sample.
+    """Return a function that evaluates symbolic expressions on floats, for one sample.
 
-    For one sample it takes a tenth of the time of an `array_function`. If a result is not
-    finite, the function may raise `ArithmeticError` or `ValueError`.
-
-    Parameters
-    ----------
-    outputs
-        Expressions that contain no other variables than the inputs.
-    inputs
-        Variables, in the order of the argument.
+    It writes and compiles Python code. For one sample this takes a tenth of the time of an
+    `array_function`. If a result is not finite, the function may raise `ArithmeticError` or
+    `ValueError`.
     """
     # The operations in order, with a name for each input, constant and result.
     program = _write_program(outputs, inputs)
@@ -182,19 +182,19 @@ def float_function(
 
 @dataclass(frozen=True)
 class _ProgramStep:
-    """One operation of a program.
+    """One operation of a program that evaluates symbolic expressions step by step.
 
     Attributes
     ----------
     operation
-        Operation of an `ExpressionNode`, such as ``sin``, or ``positive``, the unary
-        operator +. The latter copies a value. It is used if an output is nothing but a
-        constant, an input or another output.
+        Operation of an `ExpressionNode`, such as ``sin``. The additional operation
+        ``positive`` copies a value. It is used if an output is just a constant, an input or
+        another output.
     arguments
         Names of the values on which it operates.
     result
-        Name of the value that it computes. It may be the name of an earlier value that is
-        no longer needed.
+        Name of the value that it computes. The name of an earlier value can be used again
+        if that value is no longer needed.
     """
 
     operation: str

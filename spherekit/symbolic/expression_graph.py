@@ -95,15 +95,15 @@ def _make_operator_methods(
 ) -> tuple[_BinaryOperation, _BinaryOperation]:
     """Return the two methods of a binary operator of nodes, such as + or *.
 
-    The first method computes ``node + x``, the second one ``x + node``. Python calls the
-    second method if x, the first operand, has no such operator for nodes. If x has another
-    type, such as a NumPy array, both return `NotImplemented`: Python then uses the operator
-    of x.
+    For the operator +, the first method computes ``node + x`` and the second ``x + node``.
+    Python calls the second method if x cannot add a node itself. If x is neither a number
+    nor a node, such as a NumPy array, both methods return `NotImplemented`. Python then
+    uses the operator of x.
 
     Parameters
     ----------
     operation
-        The function of two operands that the operator calls, such as `add`.
+        The function of two operands that computes the result, such as `add`.
     """
 
     def node_first(node: Any, operand: Any) -> Expr:
@@ -124,18 +124,18 @@ def _make_operator_methods(
 class ExpressionNode:
     """A variable, or an operation on numbers and other nodes, in a symbolic expression.
 
-    Nodes are created by `symbols`, `function` and the operators ``+ - * /``. Equal nodes
-    are the same object. The operators simplify products with 0 and 1, sums with 0, and
-    x - x, and move minus signs outwards. Values remain the same to the last bit, with one
-    exception: an infinite or undefined value gives 0 if it is multiplied by 0 or subtracted
-    from itself.
+    Nodes are created by `symbols`, `function` and the operators ``+ - * /``. Two equal
+    nodes are always one object, so an expression that occurs several times is stored once.
+    The operators simplify products with 0 and 1, sums with 0, and x - x, and move minus
+    signs outwards. This does not change finite values. Infinity times 0 gives 0, however,
+    and infinity minus itself, too.
 
     Attributes
     ----------
     operation
         ``variable``, one of ``+ - * / **``, or the name of a function such as ``sin``.
     arguments
-        The numbers and nodes on which it operates; the name of a variable.
+        The numbers and nodes on which it operates. A variable has its name here.
     creation_index
         Number of nodes that were created before this one.
     """
@@ -154,7 +154,8 @@ class ExpressionNode:
     def __neg__(self) -> Expr:
         return multiply(-1.0, self)
 
-    # np.sin(array of objects) and the like call these methods of the entries.
+    # NumPy calls these methods if a function such as np.sin is applied to an array of
+    # nodes.
 
     def sin(self) -> "ExpressionNode":
         """Return the sine."""
@@ -180,8 +181,8 @@ _creation_counter = count()
 def function(operation: str, *arguments: Any) -> ExpressionNode:
     """Return the node of an operation or function, without any simplification.
 
-    Equal nodes are the same object: a node with this operation and these arguments is
-    returned if there is one, and otherwise created.
+    If a node with this operation and these arguments exists, it is returned. Otherwise it
+    is created. Two equal nodes are therefore always one object.
 
     Parameters
     ----------
@@ -190,7 +191,8 @@ def function(operation: str, *arguments: Any) -> ExpressionNode:
     arguments
         Numbers and nodes to which it is applied.
     """
-    # Numbers are in the key as text, because 0.0 and -0.0 are equal but not the same.
+    # Numbers are text in the key, because 0.0 and -0.0 are equal keys but different
+    # numbers.
     key = (operation, *(x if isinstance(x, ExpressionNode) else repr(x) for x in arguments))
     node = _nodes_by_key.get(key)
     if node is None:
@@ -225,16 +227,15 @@ def dot(a: Iterable[Any], b: Iterable[Expr]) -> Any:
 def vector_product(operation: str, a: Expr, b: Expr) -> Expr:
     """Return the dot or cross product of two nodes that each represent a whole vector.
 
-    A product with a zero vector is 0. Minus signs are moved outwards: (-a) . b becomes
-    -(a . b). Products that differ in signs only then contain the same node, which is
-    evaluated once.
+    A product with a zero vector is 0. Minus signs are moved outwards: (-a) . b becomes -(a
+    . b). Then (-a) . b and a . b contain the same node, which is evaluated once.
 
     Parameters
     ----------
     operation
         ``dot`` or ``cross``.
     a, b
-        Nodes that represent vectors, or 0.0 for a vector of zeros.
+        Nodes that represent vectors, or 0.0 for a zero vector.
     """
     if 0.0 in (a, b):
         return 0.0
@@ -253,10 +254,14 @@ def has_variables(expression: Expr) -> bool:
 
 
 def iterate_nodes(expressions: Sequence[Expr]) -> Iterator[ExpressionNode]:
-    """Yield each node of some expressions once, after the nodes of its arguments."""
+    """Yield each node of some expressions once, after the nodes of its arguments.
+
+    A node is a variable or an operation on other nodes and numbers. In this order, each
+    node can be computed from nodes that were yielded before.
+    """
     visited: set[ExpressionNode] = set()
-    # Items are a node, and whether its arguments have been visited. A stack is used because
-    # graphs may be deeper than Python's limit of recursion.
+    # Items are a node, and whether its arguments have been visited. A stack replaces
+    # recursion, because deep graphs would exceed Python's limit.
     stack = [(expression, False) for expression in reversed(expressions)]
     while stack:
         node, are_arguments_visited = stack.pop()
@@ -266,7 +271,8 @@ def iterate_nodes(expressions: Sequence[Expr]) -> Iterator[ExpressionNode]:
             visited.add(node)
             yield node
             continue
-        # The node is visited again after its arguments, which are above it in the stack.
+        # The arguments are put on top of the stack, so this node is visited again after
+        # them.
         stack.append((node, True))
         stack += [(argument, False) for argument in reversed(node.arguments)]
 
@@ -310,14 +316,14 @@ def rewrite(
 def substitute(
     expressions: Sequence[Expr], replacements: Mapping[ExpressionNode, Expr]
 ) -> list[Expr]:
-    """Return expressions in which some nodes are replaced.
+    """Return expressions in which some nodes are replaced by other expressions.
 
     Parameters
     ----------
     expressions
-        Numbers and nodes.
+        Numbers, and nodes (variables or operations).
     replacements
-        The expression that replaces a node, by node. Nodes may be variables or others.
+        For each node to replace, the expression that takes its place.
     """
     # These functions simplify, for example if a replacement is zero.
     operators = {"+": add, "-": subtract, "*": multiply, "/": divide}
@@ -340,33 +346,36 @@ def separate_constant_parts(
 ) -> tuple[list[Expr], dict[ExpressionNode, ExpressionNode]]:
     """Replace the parts of expressions that do not depend on some nodes by variables.
 
-    The parts can then be evaluated once for many values of the moving nodes. A part may
-    also be a single variable. In kernels for many designs, the parts depend only on the
-    sizes of a design. The new variables are therefore called design_0, design_1, ...
+    The parts can then be evaluated once for many values of the other nodes. An example is a
+    function for many designs. The parts that depend only on the sizes of a design are
+    evaluated once per design. The new variables are therefore called design_0, design_1,
+    ...
 
     Parameters
     ----------
     expressions
-        Numbers and nodes.
+        Numbers, and nodes (variables or operations).
     moving
-        Nodes whose values change: variables or others.
+        Nodes with changing values. A part is constant if it contains none of them.
 
     Returns
     -------
     replaced
         The expressions, in which new variables replace the constant parts. The parts are as
-        large as possible.
+        large as possible, but a part may also be a single variable.
     part_by_variable
         The part that each new variable replaces.
     """
     moving_nodes = set(moving)
     nodes = list(iterate_nodes(expressions))
+    # Every operation on a moving node is moving. Arguments come first, so one pass is
+    # enough.
     for node in nodes:  # arguments come first, so one pass is enough
         if any(x in moving_nodes for x in node.arguments if isinstance(x, ExpressionNode)):
             moving_nodes.add(node)
 
-    # The largest constant parts are nodes that are arguments of moving nodes, or whole
-    # expressions. The keys of a dictionary have each part once, in order.
+    # The largest constant parts are constant arguments of moving nodes, and constant whole
+    # expressions. `dict.fromkeys` removes repetitions and keeps the order.
     arguments_of_moving_nodes = [
         x for node in nodes if node in moving_nodes for x in node.arguments
     ]

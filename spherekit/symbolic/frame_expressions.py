@@ -42,13 +42,12 @@ A frame is a rotation from pair axes to link axes; its third column is the axis 
 
 
 def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, Frames]:
-    """Return the frames of every R pair as expressions, by the name of the pair.
+    """Return the frames of every R pair (revolute joint) as expressions.
 
-    The frames of a pair are rotations from its axes to the axes of its first and of its
-    second link. The z axis of a pair is its axis. The x axis of the frame in the first link
-    is the direction from which the variable of the pair counts, to the x axis of the frame
-    in the second link. The axes of links are given in a reference pose or by sizes (arcs
-    and angles).
+    A pair has one frame in each of its two links. The z axis of both is the axis of the
+    pair. The variable of the pair is the angle about z from the x axis of the first frame
+    to that of the second. A mechanism file defines the axes in links by a reference pose or
+    by sizes (arcs and angles between axes).
 
     Parameters
     ----------
@@ -57,20 +56,24 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
     design
         Numbers or expressions for some sizes.
 
+    Returns
+    -------
+    By the name of each pair two rotation matrices (3, 3), from the frame to the axes of the
+    first and of the second link.
+
     Raises
     ------
     EngineError
-        If a link with varied sizes has an arc of 0 or 180 degrees. The variable of a pair
-        counts from the direction of an arc, which such an arc does not have.
+        If a link with varied sizes has an arc of 0 or 180 degrees. An angle is counted from
+        the direction of an arc, which is not defined there.
     """
     geometry = mechanism.geometry
     frames_by_pair = {}
     for pair in mechanism.pairs:
         if not pair.kind.has_axis:
             continue
-        # A file with a reference pose gives the values of the variables in this pose. They
-        # determine the x axes. A file with sizes can give an offset of each variable (zero
-        # angle) instead.
+        # With a reference pose, the values of the variables in this pose determine the x
+        # axes. With sizes, the file can add an offset to each variable (zero angle).
         if isinstance(geometry, PoseGeometry):
             frames = _frames_from_pose(mechanism, geometry, design, pair)
         else:
@@ -79,7 +82,8 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
                 _frame_from_sizes(mechanism, geometry, design, link, pair.name)
                 for link in pair.links
             )
-            # The zero angle of the pair turns its zero direction in the first link.
+            # The zero angle turns the x axis of the frame in the first link about the
+            # pair's axis.
             frames = first_frame @ about_z(zero), second_frame
         frames_by_pair[pair.name] = frames
     return frames_by_pair
@@ -90,22 +94,23 @@ def _frames_from_pose(
 ) -> Frames:
     """Return the frames of a pair whose axis is given in the reference pose.
 
-    The reference pose is a configuration in which the file gives the axes of all pairs.
-    Link axes and ground axes coincide in it. The variable of a pair is the angle between
-    its zero directions in both links. In the first link this direction points east, along
-    the circle of latitude of the axis, which is a free choice. In the second link it
-    follows from the value of the variable in this pose.
+    The reference pose is a configuration for which the file states the axes of all pairs.
+    Link axes and ground axes coincide in this pose. A pair has a frame in each of its two
+    links, with the pair's axis as z axis. The variable of the pair is the angle between the
+    two x axes. The x axis in the first link is chosen: it points east, along the circle of
+    latitude. The x axis in the second link follows from the value of the variable in this
+    pose.
 
     Parameters
     ----------
     mechanism, geometry
         The mechanism and its geometry, with axes and values in the reference pose.
     design
-        Numbers or expressions that replace some sizes. Keys (`DesignGeometry`) are the kind
-        of a size, such as "longitudes", and the pair, or the link and the pair, to which it
-        belongs.
+        Numbers or expressions that replace some sizes. A key (`DesignGeometry`) consists of
+        the kind of the size, such as "longitudes", and the pair (or link and pair) that has
+        it.
     pair
-        An R pair.
+        An R pair (revolute joint).
 
     Returns
     -------
@@ -113,15 +118,15 @@ def _frames_from_pose(
     """
     frame = _frame_in_pose(geometry, design, pair.name)
     # The design may change arcs and angles between the axes of a link. This rotates the
-    # frame of the pair relative to the link, and leaves it unchanged in the other link.
+    # frame of the pair in that link, but not its frame in the other link.
     first_frame, second_frame = (
         _rotate_by_size_changes(mechanism, design, link, pair.name, frame)
         for link in pair.links
     )
-    # The variable v turns the frame of the pair in the second link relative to that in the
-    # first: R_second second_frame = R_first first_frame Z(v), with the orientations R of
-    # the links. In the reference pose both R are the unit matrix and v has this value. So
-    # second_frame = first_frame Z(value) there, and changed sizes do not affect Z(value).
+    # R are the orientations of the links, and Z(v) is the rotation about z by the variable
+    # v. Then R_second second_frame = R_first first_frame Z(v). In the reference pose both R
+    # are the unit matrix. So second_frame = first_frame Z(value), with the value of v
+    # there.
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     return first_frame, second_frame @ about_z(value)
 
@@ -149,26 +154,26 @@ def direction_from_angles(longitude: Expr, latitude: Expr) -> Exprs:
 def _rotate_by_size_changes(
     mechanism: Mechanism, design: DesignGeometry, link: str, pair: str, frame: Exprs
 ) -> Exprs:
-    """Return the frame of a pair in a link whose sizes differ from the reference pose.
+    """Return the frame of a pair in a link after changes of the link's sizes.
 
-    Let the first axis be the axis of the link's first R pair. The axis of every other pair
-    has two sizes (rad): its arc from the first axis, and the angle of this arc about the
-    first axis. A change of the arc rotates the frame about the normal of the plane of the
-    arc. A change of the angle rotates the frame and this plane about the first axis. The
-    rotation by the arc has to come first, because the normal of the plane is known in the
-    reference pose only.
+    The first axis is the axis of the link's first R pair (revolute joint). Every other axis
+    of the link has two sizes (rad): its arc from the first axis, and the angle of this arc
+    about the first axis. A change of the arc rotates the frame about the normal of the
+    plane of the arc. A change of the angle rotates the frame about the first axis. The
+    rotation by the arc comes first, because this normal is known for the original angle
+    only.
 
     Parameters
     ----------
     mechanism
         The mechanism, with its sizes in the reference pose.
     design
-        Numbers or expressions that replace some sizes. The keys of these are "arcs" or
-        "angles", with the names of the link and of the pair.
+        Numbers or expressions that replace some sizes. A key is "arcs" or "angles", with
+        the names of the link and of the pair.
     link, pair
         Names of the link and of one of its pairs.
     frame
-        (3, 3) frame of the pair in the reference pose.
+        (3, 3) frame of the pair in the reference pose, in which the file states the axes.
     """
     # The arc and the angle of this pair in the reference pose, by kind. The first axis of
     # the link has none.
@@ -179,7 +184,7 @@ def _rotate_by_size_changes(
         pose_size = pose_size_by_kind.get(kind)
         size = design.get((kind, (link, pair)))
         if pose_size is not None and size is not None:
-            # The axis about which the frame rotates if the size increases.
+            # The frame turns about this axis as the size grows.
             rotation_axis = pose_size.growth_axis
             frame = _rotation_about(rotation_axis, size - pose_size.value) @ frame
     return frame

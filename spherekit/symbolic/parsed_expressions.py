@@ -18,16 +18,17 @@ PRESERVES_WHOLE_REVOLUTIONS = ("+", "-", "negative")
 
 @dataclass(frozen=True)
 class AngleForms:
-    """A part of an expression in two forms, which differ by whole revolutions if at all.
+    """A part of a symbolic expression in two forms, as it is and without whole revolutions.
+
+    Sines, cosines and tangents are computed from the second form. It is more accurate,
+    because an angle of many revolutions has fewer exact digits.
 
     Attributes
     ----------
     full
         The value, which may be an angle of many revolutions.
     reduced
-        The value less whole revolutions. Sines, cosines and tangents are computed from it,
-        because an angle of many revolutions has fewer exact digits. It is the full value if
-        the value is no angle.
+        The value less whole revolutions. The same as `full` if the value is no angle.
     """
 
     full: Expr
@@ -89,7 +90,11 @@ def convert_to_graph(
     }
 
     def convert_operation(name: str, operands: list[AngleForms]) -> AngleForms:
-        """Return an operation of the expression as a node, in its full and reduced form.
+        """Return an operation of a parsed expression as a node of the graph, in two forms.
+
+        The full form is the value. In the reduced form, whole revolutions are subtracted
+        from angles. Sines and the like are computed from it, because small angles are more
+        exact.
 
         Parameters
         ----------
@@ -107,6 +112,7 @@ def convert_to_graph(
             result = operation(*reduced_operands)
         else:
             result = operation(*full_operands)
+        # The result is reduced if whole revolutions of its operands stay whole revolutions.
         if _keeps_whole_revolutions(name, full_operands):
             return AngleForms(full=result, reduced=operation(*reduced_operands))
         return AngleForms(full=result, reduced=result)
@@ -123,17 +129,18 @@ def convert_to_graph(
 def _check_denominator(name: str, operands: Sequence[Expr], text: str) -> None:
     """Raise an error if an operation divides by the number 0.
 
-    A node of the graph, which may be zero for some values of its variables, is no error.
+    An operand that is not a number may still be zero for some values of its variables. This
+    is not an error here.
 
     Parameters
     ----------
     name
-        Name of the operation.
+        Name of the operation; operations other than "/" pass.
     operands
         Its operands: numbers and nodes.
     text
-        The whole expression, for the message. It is empty for a load that was not given as
-        text.
+        The whole expression, for the message. It is empty for a load that does not come
+        from a text.
     """
     if name == "/" and operands[1] == 0.0:
         subject = f'"{text}"' if text else "a load"
@@ -141,10 +148,10 @@ def _check_denominator(name: str, operands: Sequence[Expr], text: str) -> None:
 
 
 def _keeps_whole_revolutions(name: str, operands: Sequence[Expr]) -> bool:
-    """Return whether whole revolutions of the operands change a result by whole ones.
+    """Return whether whole revolutions of operands give whole ones in the result.
 
-    Sums do. So does the product of an angle and an integer number: k (x - n turns) is k x
-    less k n turns.
+    Such an operation may be applied to angles from which whole revolutions were subtracted.
+    Sums are an example. Another example is the product of an angle and an integer.
 
     Parameters
     ----------

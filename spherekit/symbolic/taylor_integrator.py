@@ -41,9 +41,9 @@ class EventFunction:
     There are three sorts of events:
 
     - Those of the `ENDING_EVENTS` end the integration.
-    - At a switch the equations change abruptly, as dry friction does where the sliding rate
-      changes its sign. They contain this sign as a parameter. The parameter is set to its
-      new value, 1 or -1, and the integration continues with a new step.
+    - At a switch the equations change abruptly. An example is dry friction, which changes
+      its sign with the sliding rate. The equations have this sign as a parameter. The
+      parameter gets its new value, 1 or -1, and the integration continues.
     - Others are only noted.
 
     Attributes
@@ -53,16 +53,16 @@ class EventFunction:
     kind
         What a zero means.
     variable
-        Number of the pair variable to which the event belongs, or -1 without one.
+        Number of the pair (joint) variable to which the event belongs, or -1 without one.
     sense
-        Only for ending events: the sign that the function must have after the zero. If it
-        is 0, zeros at which the function rises and those at which it falls both count.
+        Only for ending events: the sign that the function must have after the zero, or 0
+        for any sign.
     switch
         Only for switches: index of the parameter that is the sign of the function.
     sticks
         Only for switches: a function of the state, the time (s) and the parameters after
-        the switch. It returns whether the motion would switch back at once, as it does if
-        dry friction holds a body at rest. The equations do not describe such a state, so
+        the switch. It returns whether the motion would switch back at once. An example is a
+        body that dry friction holds at rest. The equations do not describe such a state, so
         the integration ends.
     """
 
@@ -182,12 +182,13 @@ class Integrator:
     def _make_switch_callback(
         self, event: EventFunction, index: int
     ) -> Callable[[Any, int], bool]:
-        """Return heyoka's callback at a switch, which says whether a run may continue.
+        """Return the function that heyoka calls at a switch.
 
-        A switch is a zero at which the equations change: a parameter takes the new sign of
-        the event function. heyoka calls the callback with the integrator and the sign of
-        the function's rate, which is this new sign. The run ends if the motion would switch
-        back at once. It also ends if the run has had too many events of any kind.
+        A switch is a zero of an event function at which the equations change, for example
+        by dry friction. A parameter of the equations is set to the new sign of the
+        function. heyoka calls the returned function with its integrator and this sign. The
+        function returns whether the integration continues. It ends if the motion would
+        switch back at once, or after too many events.
 
         Parameters
         ----------
@@ -198,32 +199,32 @@ class Integrator:
         """
 
         def set_sign(adaptive: Any, sign: int) -> bool:
-            """Note the event, set the parameter, and return whether the run continues.
+            """Note the event, set the parameter, and return whether to continue.
 
-            `adaptive` is heyoka's integrator, `sign` the sign of the rate of the function
-            whose zero is the event. The function has this sign afterwards.
+            `adaptive` is heyoka's integrator. `sign` is the sign of the event function
+            after its zero.
             """
             time = float(adaptive.time)
             self.seen_events.append((index, time))
-            # `event.switch` is the index of the parameter that has the sign of the
-            # function. If the rate is zero, the parameter stays as it is.
+            # At a zero rate of the function the sign is 0, and the parameter stays the
+            # same.
             if sign:
                 adaptive.pars[event.switch] = sign
-            # Dry friction can hold a body at rest. The motion would then switch to and fro
-            # without progress, so the run ends. `event.sticks`, if given, tests for this.
-            # It gets copies, because both arrays are views of the integrator's own.
+            # If dry friction holds a body at rest, the motion would switch to and fro
+            # without progress. `event.sticks` tests for this. The copies protect the
+            # integrator's arrays.
             would_switch_back = event.sticks and event.sticks(
                 adaptive.state.copy(), time, adaptive.pars.copy()
             )
-            # After so many events, the signs are taken to change again and again without
-            # end (chattering).
+            # After so many events it is assumed that the signs would change for ever
+            # (chattering).
             has_too_many_events = len(self.seen_events) >= CHATTERING_EVENT_COUNT
             return not would_switch_back and not has_too_many_events
 
         return set_sign
 
     def start(self, state: Floats, time: float, parameters: Floats) -> None:
-        """Start a run.
+        """Start a new integration of the differential equations from an initial state.
 
         Parameters
         ----------
@@ -232,16 +233,15 @@ class Integrator:
         time
             Initial time, s.
         parameters
-            (parameters,) values of all parameters. Those after the last one that occurs in
-            an expression are not needed.
+            (parameters,) values of all parameters, such as the signs of friction torques.
         """
         self.state[:] = state
         self._adaptive.time = time
-        # heyoka has no parameters after the last one that occurs in an expression.
+        # heyoka drops the parameters after the last one that occurs in an expression.
         self.parameters[:] = parameters[: len(self.parameters)]
-        # For a short time after an event that ends a step (its cooldown) heyoka ignores the
-        # same event. Without the reset, this could concern an event at the end of the last
-        # run. Other events have no cooldown.
+        # For a short time after an event that ends a step (its cooldown) heyoka ignores
+        # further zeros of the same event. Without the reset, the last event of an earlier
+        # run would count.
         if self._terminal_indices:
             self._adaptive.reset_cooldowns()
         self.seen_events.clear()
@@ -255,8 +255,8 @@ class Integrator:
         """Take one step, and return why it ended and its length (s).
 
         A step also ends at a switch, where the equations change abruptly. The integration
-        can continue after it, or must end. If it must end ("event"), the last element of
-        `seen_events` is the event that ends it.
+        can then continue ("switch") or must end ("event"). If it must end, the last element
+        of `seen_events` is the event that ends it.
 
         Parameters
         ----------
@@ -268,8 +268,8 @@ class Integrator:
         code = int(outcome)
         if code in self._step_end_of_outcome:
             return self._step_end_of_outcome[code], length
-        # heyoka returns the number n of the event among those that end a step, or -n - 1 if
-        # the integration must end.
+        # Other codes are events that end a step, numbered n. The code is n if the
+        # integration can continue, and -n - 1 if it must end.
         if code >= 0:
             return "switch", length
         self._note_ending_event(self._terminal_indices[-code - 1])

@@ -67,16 +67,16 @@ def constants(matrix: Floats | Exprs) -> Exprs:
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
     """Return the determinant of a square matrix by expansion along rows (Laplace).
 
-    The minor of k columns is the determinant of these columns in the last k rows. Each
-    minor is formed once.
+    The entries are symbolic expressions. Smaller determinants (minors) that occur several
+    times are formed once.
     """
-    # Minors by their columns.
+    # The minor of k columns is the determinant of these columns in the last k rows.
     minors: dict[tuple[int, ...], Expr] = {(): 1.0}
 
     def form_minor(columns: tuple[int, ...]) -> Expr:
-        """Return the minor of k columns: their determinant in the last k rows.
+        """Return the determinant of some columns in the last rows, by expansion.
 
-        It is expanded along the first of these rows.
+        It uses as many rows as columns, and is expanded along the first of these rows.
         """
         if columns not in minors:
             row = rows[len(rows) - len(columns)]
@@ -94,7 +94,7 @@ def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
 
 
 def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
-    """Return the cofactors of a square matrix, in the arrangement of its entries.
+    """Return the cofactors of a square matrix of symbolic expressions, as rows.
 
     The cofactor of entry (i, j) is the determinant without row i and column j, with the
     sign (-1)^(i + j).
@@ -115,11 +115,10 @@ def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
 def singular_values(columns: Sequence[Exprs]) -> list[Expr]:
     """Return the singular values of a matrix with two or three columns, the largest first.
 
-    One-sided Jacobi rotations (Hestenes 1958) make two columns at a time orthogonal, with
-    the longer one first. The lengths of the final columns are the singular values. The
-    number of rotations is fixed, so that the result is one expression without iteration.
-    One rotation makes two columns orthogonal; three columns take several sweeps over all
-    pairs of columns.
+    The entries are symbolic expressions, so the number of steps has to be fixed. Each step
+    (one-sided Jacobi rotation, Hestenes 1958) makes two columns orthogonal, with the longer
+    one first. Two columns need one step. Three columns need several sweeps over all pairs
+    of columns. The lengths of the final columns are the singular values.
     """
     columns = [*columns]
     pairs = [*combinations(range(len(columns)), 2)]

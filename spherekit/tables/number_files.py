@@ -86,12 +86,12 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
         first_number = 1
         units = cells.attrs.get("units", {})
     else:
-        # Line 1 is the header.
+        # Line 1 is the header, so the first row of numbers is line 2.
         row_word = "line"
         first_number = 2
         units = _read_units_of_folder(path)
     rows = [[_parse_number(cell) for cell in row] for row in cells.itertuples(index=False)]
-    # The shape is (0, columns) if there are no rows.
+    # Without rows, `np.array` has the shape (0,); it becomes (0, columns).
     values = np.array(rows).reshape(-1, len(names))
     places = [f"{row_word} {index + first_number}" for index in cells.index]
     # A cell that is not a number has become NaN.
@@ -142,7 +142,8 @@ def _describe_bad_cell(cell: object) -> str:
 def _read_cells(path: Path) -> "pd.DataFrame":
     """Return the cells of a CSV or Parquet file as a pandas frame.
 
-    The cells of a CSV file are texts, and the index counts its lines after the header.
+    The cells of a CSV file are still texts. The index of the frame counts the lines after
+    the header, for messages about bad cells.
 
     Raises
     ------
@@ -152,7 +153,7 @@ def _read_cells(path: Path) -> "pd.DataFrame":
     if path.suffix == PARQUET_SUFFIX:
         return read_parquet(path)
     try:
-        # The file may be a pipe of the shell, such as /dev/stdin.
+        # If the file is a pipe of the shell, such as /dev/stdin, its content is read here.
         data = read_pipe(path)
         return read_csv(path if data is None else io.BytesIO(data))
     except OSError as error:

@@ -25,9 +25,10 @@ class ScreenColumn:
 
 @dataclass(frozen=True)
 class ScreenTable:
-    """Results that a command prints in rows and columns.
+    """Results that a command prints on the screen in rows and columns, as texts.
 
-    Commands and analyses fill such tables. The screen aligns the columns.
+    Analyses and commands fill such tables. The columns are aligned when the table is
+    printed.
 
     Attributes
     ----------
@@ -54,7 +55,7 @@ class ScreenTable:
 
     @classmethod
     def from_json(cls, entries: Mapping[str, Any]) -> Self:
-        """Return a table from the data of `dataclasses.asdict` after JSON."""
+        """Return a table from the data of `dataclasses.asdict` that JSON has stored."""
         return cls(
             columns=tuple(ScreenColumn(**column) for column in entries["columns"]),
             rows=tuple(tuple(row) for row in entries["rows"]),

@@ -135,16 +135,16 @@ class Table:
     columns: tuple[Column, ...]
 
     def of(self, mechanism: Mechanism) -> "Table":
-        """Return the declaration of this table for a given mechanism.
+        """Return the declaration of this table with the columns that a mechanism needs.
 
-        Some columns stand for several:
+        Some declared columns stand for several columns of the result:
 
-        - If there are several inputs, a column that is declared `per_input` becomes one
-          column for each input, with the name of the driven pair appended.
-        - A column that is declared `per_passive` becomes one column for each variable of
-          the pairs that are not driven, with the name of the variable.
+        - With several inputs, a column with `per_input` becomes one column for each input.
+          The name of the driven pair (joint) is appended to the name of the column.
+        - A column with `per_passive` becomes one column for each variable of the pairs that
+          are not driven. The name of the column is the name of the variable.
 
-        The meaning of such a column names its pair.
+        The meaning (the text for users) of such a column names its pair.
         """
         driven_pairs = mechanism.input_pairs
         pair_of_variable = dict(
@@ -156,7 +156,8 @@ class Table:
         )
         columns: list[Column] = []
         for column in self.columns:
-            # Names of the new columns, with the pair that each of them belongs to.
+            # Names of the columns that replace this one, each with its pair. By default the
+            # column remains, without a pair.
             pair_by_name = {column.name: ""}
             if column.per_passive:
                 pair_by_name = {
@@ -188,17 +189,17 @@ class Table:
     def stacked(
         self, mechanism: Mechanism, parts: Iterable[Mapping[str, Any]] = ()
     ) -> dict[str, Array]:
-        """Return the columns of the table from parts of its rows.
+        """Join parts of the rows of a table to complete columns.
 
         Parameters
         ----------
         mechanism
-            The mechanism, which decides about columns for each input.
+            The mechanism. With several inputs, some columns stand for one column per input.
         parts
             The rows, part by part in order. A part has values by name of the column: an
             array (n,), or one value for all rows of the part. A part without an array is
-            one row. Columns of numbers and texts can be left out and are then blank (NaN
-            or empty). Every part has all columns of whole numbers and of statuses.
+            one row. Columns of numbers and texts can be left out and are then blank (NaN or
+            empty). Every part has all columns of whole numbers and of statuses.
 
         Returns
         -------
@@ -209,7 +210,7 @@ class Table:
         AnalysisError
             If a part has a column that is not declared.
         """
-        # With several inputs, some declared columns stand for one column per input.
+        # The declaration with one column per input, where there are several inputs.
         columns = self.of(mechanism).columns
         blank_by_name: dict[str, Any] = {}
         arrays_by_name: dict[str, list[Array]] = {}
@@ -224,7 +225,7 @@ class Table:
                 raise AnalysisError(
                     f"table {self.name} has no column {listing(undeclared)}"
                 )
-            # The first array of the part gives its number of rows.
+            # The number of rows is the length of any array in the part.
             count = next((len(values) for values in part.values() if np.ndim(values)), 1)
             complete_part = {**blank_by_name, **part}
             for column in columns:
@@ -248,13 +249,15 @@ class Table:
     def named(self, data: "TableData", names: Mapping[int, str]) -> "TableData":
         """Add the column of the names of assembly modes, if the table declares it.
 
+        An assembly mode is one of the ways to assemble the mechanism. A user can name
+        modes.
+
         Parameters
         ----------
         data
             The other columns of the table by name.
         names
-            Names of assembly modes (ways to assemble the mechanism) by number of the mode.
-            The name of other modes is empty.
+            Names by number of the mode. Modes without a name get an empty text.
         """
         if MODE_NAME not in self.columns:
             return data
@@ -273,13 +276,19 @@ class Table:
 def _name_modes(
     mode_column: Array | Interleaved, names: Mapping[int, str]
 ) -> Array | Interleaved:
-    """Return the column of names of assembly modes from that of their numbers.
+    """Return the column of names of assembly modes, from the column of their numbers.
 
-    A table with several subjects, such as poles, has a row for each subject of each sample,
-    and the mode number is the same for all of them. The texts are then made once for each
-    sample. `Interleaved` repeats them for each subject when it is read.
+    An assembly mode is one of the ways to assemble the mechanism. A table can have several
+    rows for one sample, one for each subject, such as a pole. All of them have the same
+    mode. The texts are then made once for each sample. `Interleaved` repeats them for each
+    subject when the column is read.
 
-    `names` has the names by number of the mode. The name of other modes is empty.
+    Parameters
+    ----------
+    mode_column
+        The number of the mode in each row.
+    names
+        Names by number of the mode. Modes without a name get an empty text.
     """
     mode_numbers, repeats = remove_repetitions(mode_column)
     mode_count = np.max(mode_numbers, initial=-1) + 1

@@ -63,12 +63,12 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
     Parameters
     ----------
     table
-        Declaration of the table.
+        Declaration of the table: name, kind and unit of each column.
     data
         The columns of the table by name.
     degrees
         Whether angles, their rates and accelerations are converted to degrees. Quantities
-        per rad are not.
+        per rad, such as Nm/rad, stay the same.
     """
     import pandas as pd
 
@@ -79,11 +79,10 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
             columns[column.name] = pd.Categorical.from_codes(values, pd.Index(STATUS_NAMES))
         elif column.unit_in(degrees) != column.unit:
             columns[column.name] = np.degrees(values)
-    # `unit_in` is the unit after the conversion. A stated unit is the same, except that
-    # pure numbers have "1".
+    # The unit after the conversion. Pure numbers have the unit "1".
     units = {column.name: column.stated_unit(degrees) for column in table.columns}
-    # `JoinedBlocks` has rows in several blocks and joins them in new arrays each time. The
-    # frame can use these arrays, and has to copy those of other data.
+    # `JoinedBlocks` makes new arrays each time, which the frame can use without a copy.
+    # Other data may be changed later, so the frame copies them.
     has_new_arrays = isinstance(data, JoinedBlocks)
     return make_frame(columns, {"units": units}, copy=not has_new_arrays)
 
@@ -91,7 +90,7 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
 def make_frame(
     columns: Mapping[str, Any], notes: Mapping[str, Any], copy: bool = True
 ) -> "pd.DataFrame":
-    """Return columns as a pandas frame, with texts as categories.
+    """Return columns as a pandas frame, with texts as categories (each text stored once).
 
     Parameters
     ----------
@@ -104,7 +103,8 @@ def make_frame(
     """
     import pandas as pd
 
-    # "O" and "U" are the kinds of arrays with texts.
+    # "O" (Python strings) and "U" (texts of fixed width) are the kinds of arrays with
+    # texts.
     frame_columns = {
         name: _make_categories(values) if values.dtype.kind in "OU" else values
         for name, values in columns.items()
@@ -115,7 +115,10 @@ def make_frame(
 
 
 def _make_categories(texts: Array) -> "pd.Categorical[Any]":
-    """Return texts (n,) as a pandas column of categories in alphabetical order."""
+    """Return texts (n,) as a pandas column of categories in alphabetical order.
+
+    Each distinct text is stored once, which saves memory and time in large tables.
+    """
     import pandas as pd
 
     has_python_strings = texts.dtype.kind == "O"
@@ -123,7 +126,7 @@ def _make_categories(texts: Array) -> "pd.Categorical[Any]":
         return pd.Categorical(texts)
 
     text_numbers = _number_distinct_texts(texts)
-    # Each distinct text, by its number.
+    # One row of each distinct text, in the order of the text numbers.
     is_first_row = ~pd.Series(text_numbers).duplicated().to_numpy()
     distinct_texts: list[str] = texts[is_first_row].tolist()
     categories = sorted(distinct_texts)
@@ -137,36 +140,36 @@ def _make_categories(texts: Array) -> "pd.Categorical[Any]":
 
 
 def _number_distinct_texts(texts: Array) -> Array:
-    """Return for each text of fixed width the number of its distinct text.
+    """Return a number for each text, with equal numbers for equal texts.
 
-    Distinct texts are numbered 0, 1, ... in the order in which they first occur. Texts are
-    compared letter by letter, as integers. This is faster than making a Python string of
-    each.
+    Distinct texts are numbered 0, 1, ... in the order in which they first occur. The texts
+    are a NumPy array of fixed width. Their letters are compared as integers, which is
+    faster than making Python strings.
     """
     import pandas as pd
 
     # Each letter is an integer of 4 bytes: (texts, letters of a text).
     letters = np.ascontiguousarray(texts).view(np.uint32)
     letters = letters.reshape(len(texts), texts.itemsize // 4)
-    # Texts have the same number if all letters compared so far are equal. `factorize`
-    # numbers distinct values in the order in which they first occur.
+    # `factorize` numbers distinct values in the order in which they first occur. After each
+    # letter, two texts have the same number if they agree up to this letter.
     numbers = np.zeros(len(texts), dtype=np.int64)
     for letter_column in letters.T:
         all_letters_are_equal = np.all(letter_column == letter_column[:1])
         if all_letters_are_equal:
             continue
         letter_numbers, distinct_letters = pd.factorize(letter_column)
-        # An integer for each pair of a number so far and the number of this letter.
+        # One integer for each combination of the number so far and this letter.
         pairs = numbers * len(distinct_letters) + letter_numbers
         numbers, _ = pd.factorize(pairs)
     return numbers
 
 
 def _make_arrow_table(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
-    """Return rows of a table in the form of the library Arrow, which writes files.
+    """Return rows of a table as a table of the library Arrow, which writes Parquet and CSV.
 
-    The columns are named by their headers in files, NaN becomes null (an empty cell), and
-    status codes become names.
+    The columns get their headers in files. NaN becomes null (an empty cell), and status
+    codes become names.
 
     Parameters
     ----------
@@ -188,7 +191,7 @@ def _make_arrow_table(table: Table, data: Mapping[str, Any], degrees: bool) -> "
         elif column.kind == "number":
             if column.unit_in(degrees) != column.unit:
                 values = np.degrees(values)
-            # Adding 0.0 makes -0.0 to 0.0. `from_pandas` makes NaN to null.
+            # Adding 0.0 changes -0.0 to 0.0. With `from_pandas`, NaN becomes null.
             values = pa.array(values + 0.0, from_pandas=True)
         columns[column.header(degrees)] = values
     return pa.table(columns)
@@ -280,13 +283,13 @@ def _needs_quotes(rows: "pa.Table", separator: str) -> bool:
 def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
     """Yield the rows of several Parquet files in pieces of `CHUNK_ROWS` rows.
 
-    The rows of a Parquet file are divided into row groups. The groups can be read in any
-    order.
+    Large tables are copied to other files piece by piece, to save memory. The rows of a
+    Parquet file are divided into row groups, which can be read in any order.
 
     Parameters
     ----------
     groups
-        For each row group, in the order in which rows are yielded: the path of a file that
+        For each row group, in the order of the result: the path of its file, which
         `write_columns` wrote, and the index of the group in this file.
 
     Yields
@@ -312,6 +315,7 @@ def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any
     for path, group in groups:
         with _open_parquet_file(path) as file:
             pending.append(file.read_row_group(group, use_threads=False))
+        # A row group can be longer or shorter than a piece.
         while sum(map(len, pending)) >= CHUNK_ROWS:
             rows = pa.concat_tables(pending)
             pending = [rows[CHUNK_ROWS:]]
@@ -338,7 +342,7 @@ def _open_parquet_writer(
 ) -> "Iterator[pq.ParquetWriter]":
     """Open a Parquet file for writing in a ``with`` block.
 
-    The file appears when the block ends without error.
+    If the block raises an error, no file remains, and an older file is not changed.
 
     Parameters
     ----------
@@ -347,13 +351,14 @@ def _open_parquet_writer(
     schema
         Names and types of the columns, and notes.
     compression
-        Name of the method by which the pages of the file are compressed.
+        Name of the method that compresses the file, such as "zstd".
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    # Texts are stored once each, in a dictionary. If floats are compressed, their first
-    # bytes are stored together, then their second bytes, and so on.
+    # Two settings make files smaller. Each distinct text is stored once, in a dictionary.
+    # Floats are stored byte by byte: their first bytes together, then their second bytes,
+    # ...
     floats = [item.name for item in schema if pa.types.is_floating(item.type)]
     texts = [item.name for item in schema if not pa.types.is_primitive(item.type)]
     with open_for_writing(path) as stream:
@@ -369,16 +374,17 @@ def _open_parquet_writer(
             yield writer
             writer.close()
         finally:
-            # After an error the writer is not closed. When it is deleted, it would write
-            # the end of the file to the closed stream. This prevents it.
+            # After an error the writer is still open. When it is deleted, it would write to
+            # the closed stream. This prevents it.
             writer.is_open = False
 
 
 def _check_headings(file: "pq.ParquetFile") -> None:
     """Compare the column names and the notes of a Parquet file with their checksum.
 
-    A file has them twice, once for Arrow and once for all programs. Files of other programs
-    have no checksum and are accepted.
+    The checksum detects accidental changes. A file stores names and notes twice: once for
+    the library Arrow and once for all programs. Files of other programs have no checksum
+    and are accepted.
 
     Raises
     ------
@@ -393,6 +399,7 @@ def _check_headings(file: "pq.ParquetFile") -> None:
     ):
         stored = metadata or {}
         checksum = _compute_checksum(schema.names, stored.get(NOTES_KEY, b""))
+        # Without a stored checksum the comparison passes.
         if stored.get(CHECKSUM_KEY, checksum) != checksum:
             raise pa.ArrowInvalid("its headings have changed")
 
@@ -401,8 +408,8 @@ def _check_headings(file: "pq.ParquetFile") -> None:
 def _open_parquet_file(path: Path) -> Iterator[Any]:
     """Open a Parquet file for reading in a ``with`` block, and check that it is undamaged.
 
-    The column names and notes are checked at once. The pages of data have checksums of
-    their own, which pyarrow verifies when it reads them.
+    The checksum of column names and notes is compared at once. The data have other
+    checksums, which pyarrow verifies when it reads them.
 
     Raises
     ------
@@ -609,8 +616,8 @@ def read_parquet(path: Path) -> "pd.DataFrame":
 def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
     """Return the cells of a CSV file as strings, in a pandas frame.
 
-    The index counts the lines after the header, from 0. Blank lines are left out, but
-    counted.
+    The index of the frame is the number of the line after the header, from 0, for messages.
+    Blank lines are left out, so their numbers are missing in the index.
 
     Parameters
     ----------
@@ -624,7 +631,7 @@ def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    # A comma at the end of every row does not make a column. pandas warns of it.
+    # If every row ends with a comma, pandas drops the empty last column and warns of it.
     with warnings.catch_warnings(action="ignore", category=pd.errors.ParserWarning):
         frame = pd.read_csv(
             source,
@@ -664,11 +671,11 @@ def format_column_list(
     Parameters
     ----------
     tables
-        Declarations of the tables by the names of their files, without ending.
+        Declarations of the tables, by the names of their files without ending.
     degrees
         Whether the files have angles in degrees.
     formats
-        Formats of the files. The list has the separator of their CSV files.
+        Formats of the files. They decide about the separator in `columns.csv`.
     """
     rows = [
         (file_stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
@@ -680,10 +687,10 @@ def format_column_list(
 
 
 class ParquetColumns(Mapping[str, Array]):
-    """The columns of a Parquet file by name, each of which is read when it is used.
+    """The columns of a Parquet file by name. A column is read when it is used.
 
-    The file was written by `write_table`. Angles are converted to rad if they are in
-    degrees in the file. The column of a status has its codes.
+    The file was written by `write_table`. If angles in the file are in degrees, they are
+    converted to rad. A status column of the file has names; it is returned as codes.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ Larger: long runs write large text files. Smaller: more runs write Parquet files
 
 @dataclass(frozen=True)
 class TableFormat:
-    """A file format of tables.
+    """A file format in which tables of results can be written, such as CSV or Parquet.
 
     Attributes
     ----------
@@ -27,8 +27,9 @@ class TableFormat:
         Ending of the file names, without the dot. Formats that are written together need
         different endings.
     relative_size
-        Approximate size of the files divided by that of the same numbers in memory, as
-        measured on tables of motions and poles. It predicts the size of files before a run.
+        Approximate size of the files divided by the size of the same numbers in memory. It
+        was measured on tables of motions and poles. It predicts the size of files before a
+        run.
     separator
         Character between the cells of a CSV file; None for Parquet.
     is_default
@@ -63,13 +64,13 @@ FORMAT_CHOICES: Mapping[str, tuple[Format, ...]] = {
 def choose_formats(
     requested: Sequence[Format] | None, csv_bytes: float
 ) -> tuple[Format, ...]:
-    """Return the formats in which tables are written.
+    """Return the formats in which the tables of a run are written.
 
     Parameters
     ----------
     requested
-        Formats that the user requests. By default all default formats, but CSV only up to
-        `MAX_CSV_BYTES`.
+        Formats that the user requests. None means the default formats; CSV is then left out
+        if the tables are larger than `MAX_CSV_BYTES`.
     csv_bytes
         Approximate size of the tables as CSV.
     """

@@ -25,8 +25,8 @@ from spherekit.tables.table import (
 class MemoryTables:
     """The tables of a run in memory, as blocks of rows in the order of computation.
 
-    Columns of a block can be lazy: their numbers are computed when they are read, and not
-    at all if nobody reads them.
+    A run adds one block after another. The rows are sorted when a table is read. Columns of
+    a block can be lazy: their numbers are computed when they are read.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,8 @@ class MemoryTables:
     def table(self, analysis: str, table: Table) -> "JoinedBlocks":
         """Return all rows of a table, sorted by assembly mode and sample.
 
-        A table without these columns keeps the order of its rows.
+        An assembly mode is one of the ways to assemble the mechanism. A table without
+        columns for mode and sample keeps the order of its rows.
         """
         return JoinedBlocks(self._blocks[analysis, table.name], table)
 
@@ -73,9 +74,9 @@ class JoinedBlocks(Mapping[str, Array]):
         self._spans: list[list[Span]] = []
 
     def join(self, names: Iterable[str]) -> dict[str, Array]:
-        """Return columns of all blocks, joined in the order of assembly modes.
+        """Return columns of a table, joined from all blocks of rows.
 
-        An assembly mode is one of the ways to assemble the mechanism.
+        The rows are sorted by assembly mode (one of the ways to assemble the mechanism).
 
         Parameters
         ----------
@@ -91,13 +92,14 @@ class JoinedBlocks(Mapping[str, Array]):
         joined: dict[str, Array] = {}
         for name in names:
             parts = [block[name] for block in self._blocks]
-            # Texts have no declared type: the longest text decides about the width.
+            # Columns of texts have no declared type. The longest text decides about their
+            # width.
             dtype = self._dtypes[name] or np.result_type(*(part.dtype for part in parts))
             joined[name] = np.empty(sum(map(len, parts)), dtype=dtype)
-        # Write the rows of each block to their positions in the joined columns. A span is a
-        # slice of rows of the block, with the row of the joined column at which it begins.
-        # A column of a block can be lazy: its numbers are computed when it is copied. All
-        # columns of a block are passed together, because this computes them together.
+        # Write the rows of each block to their positions. A span is a slice of rows of the
+        # block, with the row of the result at which it begins. All columns of a block are
+        # copied together: some are lazy (computed when they are copied) and share
+        # computations.
         for block, spans in zip(self._blocks, self._spans, strict=True):
             copy_columns([(block[name], column) for name, column in joined.items()], spans)
         return joined
@@ -105,13 +107,13 @@ class JoinedBlocks(Mapping[str, Array]):
     def _order_rows(self) -> None:
         """Find the positions of the rows of all blocks in the joined columns.
 
-        A block has the rows of some successive samples, in all assembly modes (ways to
-        assemble the mechanism). If there are several blocks, the rows of the first mode are
-        joined first, from one block after another, then those of the next mode. A single
-        block keeps its order, and so do tables without assembly modes.
+        Each block has the rows of successive samples, in all assembly modes (ways to
+        assemble the mechanism). If there are several blocks, the rows are joined mode by
+        mode. Within a mode they are in the order of the blocks. A single block keeps its
+        order, and so do tables without assembly modes.
 
-        This method sets `_spans`: for each block its slices of rows, with the first
-        position of each slice in the joined columns.
+        This method sets `_spans`: for each block its slices of rows, with the row of the
+        joined columns at which each slice begins.
         """
         if len(self._blocks) > 1 and self._table.in_assembly_modes:
             sorted_blocks = [sort_by_mode(block) for block in self._blocks]
@@ -154,7 +156,10 @@ class SortedBlock:
 
 
 class _BlockSlice(NamedTuple):
-    """Successive rows of one assembly mode in one block.
+    """Successive rows of one assembly mode in one block of a table.
+
+    An assembly mode is one of the ways to assemble the mechanism. The rows of a table are
+    computed in blocks. Slices of all blocks are joined mode by mode.
 
     Attributes
     ----------
@@ -179,9 +184,9 @@ def treat_as_one_mode(block: TableData) -> SortedBlock:
 def sort_by_mode(block: TableData) -> SortedBlock:
     """Sort the rows of a block of a table by assembly mode, and each mode by sample.
 
-    An assembly mode is one of the ways to assemble the mechanism. Rows of one sample keep
-    their order. If the rows are already sorted, the columns are not changed. Lazy columns
-    (computed when they are read) then remain lazy.
+    An assembly mode is one of the ways to assemble the mechanism. Rows of one mode and
+    sample keep their order. If all rows are in order already, the block is returned
+    unchanged. Its lazy columns (computed when they are read) then remain lazy.
 
     Parameters
     ----------
@@ -205,12 +210,13 @@ def sort_by_mode(block: TableData) -> SortedBlock:
 
 
 def _find_modes_in_order(block: TableData) -> list[tuple[int, slice]] | None:
-    """Return the modes of a block with their slices of rows, None if out of order.
+    """Return the slice of rows of each assembly mode in a block, None if out of order.
 
-    A configuration may have several rows in the table, one for each subject, such as a
-    pole. The columns of modes and samples then repeat each number, and are usually stored
-    without the repetitions. They are compared in this form. If only one of them is stored
-    so, the result is None, too, and the caller sorts the rows.
+    An assembly mode is one of the ways to assemble the mechanism. One mode and sample can
+    have several rows, one for each subject, such as a pole. The columns of modes and
+    samples then repeat each number, and are usually stored without repetitions. They are
+    compared in this form, which saves time. The result is also None if only one of the two
+    columns is stored without repetitions.
     """
     modes, repeats = remove_repetitions(block[ASSEMBLY_MODE.name])
     samples, sample_repeats = remove_repetitions(block[SAMPLE.name])
@@ -219,22 +225,22 @@ def _find_modes_in_order(block: TableData) -> list[tuple[int, slice]] | None:
     slices = _find_slices_in_order(modes, samples)
     if slices is None:
         return None
-    # Each configuration has `repeats` rows.
+    # Each number of the short columns stands for `repeats` rows.
     return [
         (mode, slice(rows.start * repeats, rows.stop * repeats)) for mode, rows in slices
     ]
 
 
 def _find_slices_in_order(modes: Array, samples: Array) -> list[tuple[int, slice]] | None:
-    """Return each mode with its slice of configurations, None if they are out of order.
+    """Return each assembly mode with its slice of items, None if they are out of order.
 
-    They are in order if all configurations of a mode follow each other, with samples that
-    do not fall.
+    They are in order if all items of a mode follow each other, with samples that never
+    decrease. An assembly mode is one of the ways to assemble the mechanism.
 
     Parameters
     ----------
     modes, samples
-        (n,) number of the assembly mode, and of the sample, of each configuration.
+        (n,) number of the assembly mode, and of the sample, of each item.
     """
     if not len(modes):
         return []
@@ -255,12 +261,18 @@ def _find_slices_in_order(modes: Array, samples: Array) -> list[tuple[int, slice
 def _position_slices(sorted_blocks: Sequence[SortedBlock]) -> list[list[Span]]:
     """Return where the rows of each block belong in the joined columns.
 
-    The slices of rows are joined by assembly mode, and those of one mode in the order of
-    the blocks.
+    The blocks are joined by assembly mode (one of the ways to assemble the mechanism).
+    Within a mode they are joined in the order of the blocks.
+
+    Parameters
+    ----------
+    sorted_blocks
+        The blocks, with the slice of rows of each mode.
 
     Returns
     -------
-    For each block its slices of rows, with the first row of each in the joined columns.
+    For each block its slices of rows, with the row of the joined columns at which each
+    begins.
     """
     block_slices = [
         _BlockSlice(mode, block_number, rows)

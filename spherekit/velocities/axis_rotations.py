@@ -63,11 +63,12 @@ VariableRotation = AxisRotation | Exprs
 
 @dataclass(frozen=True)
 class JointTransform:
-    """The rotation from the first link of a pair to the second, as a chain of factors.
+    """The rotation from the first link of a pair (joint) to the second, as a product.
 
     The orientation of the second link is R_second = R_first C_0 Z_1 C_1 ... Z_k C_k. The
-    matrices R lead from link axes to ground axes, C are the `constants` (3, 3) and Z the
-    `rotations`, which depend on pair variables. There is one more constant than rotations.
+    matrices R convert from link axes to ground axes. The factors C are the `constants` (3,
+    3). The factors Z are the `rotations`, which depend on the pair variables. There is one
+    more constant than rotations.
     """
 
     constants: tuple[Entries, ...]
@@ -190,20 +191,19 @@ class ProfileSide:
 
 @dataclass(frozen=True)
 class PairRotations:
-    """The pairs of a mechanism as rotations, with expressions or numbers as entries.
+    """The pairs (joints) of a mechanism as rotations, in expressions or numbers.
 
     Attributes
     ----------
     chains
         For each pair the rotation from its first link to its second, as a chain of factors.
     sides
-        By the number of each contact, the profiles of its first and second link, called its
-        sides.
+        For each contact of two profiles, by number of the pair: the profile of its first
+        and of its second link.
     followers
-        R pairs whose angle follows from the inputs through wheels, by the number of the
-        pair. The angle is the sum of a factor times each input angle, and of a constant.
-        The values of this mapping have the factors in the order of the inputs, then the
-        constant (rad).
+        R pairs that wheels couple to the inputs, by number of the pair. The angle of such a
+        pair is a linear function of the input angles. The values are one factor for each
+        input, then the constant (rad).
     """
 
     chains: tuple[JointTransform, ...]
@@ -233,12 +233,12 @@ class PairRotations:
 def append_profile_columns(
     values: Array, profiles: Sequence[ProfileSide], expansion_point: Floats | None = None
 ) -> Array:
-    """Return the values of variables with the values of the profile columns below them.
+    """Append the values of the profile columns to the values of the variables.
 
     A profile is the curve along which the contact point moves on a link. Its columns are
     the tangent and the point of the curve in link axes, its curvature and the derivative of
-    the curvature, at the contact. The arc length at the contact is the value of a variable
-    plus a start.
+    the curvature, at the contact. Compiled functions need them as arguments. The columns
+    are functions of the arc length, which is the value of a variable plus a start.
 
     Parameters
     ----------
@@ -247,13 +247,13 @@ def append_profile_columns(
     profiles
         The profiles that have columns.
     expansion_point
-        (variables, n) float64 values near `values`. The series are then evaluated in
-        float64 at these and extrapolated linearly. It is needed if `values` are complex or
-        in quad precision, which the series do not accept.
+        (variables, n) float64 values near `values`. The series are then evaluated there in
+        float64 and extrapolated linearly. Complex or quad-precision `values` need this,
+        because the series do not accept them.
 
     Returns
     -------
-    (variables + columns, n) of the number type of `values`.
+    (variables + columns, n) of the number type of `values`. The columns come last.
     """
     if not profiles:
         return values
