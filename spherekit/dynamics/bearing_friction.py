@@ -54,18 +54,20 @@ MAX_FRICTION_ITERATIONS = 100
 
 @dataclass(frozen=True)
 class IndeterminateForces:
-    """The information that a mechanism file lacks, so that forces are not determined.
+    """What a mechanism file would have to state so that all forces in pairs are determined.
+
+    A pair is a joint of two links, and a contact is one kind of pair.
 
     Attributes
     ----------
     centres
         Names of links with inertia but without a centre of mass.
     distances
-        Names of contacts whose distance from the centre O is not known.
+        Names of contacts whose distance from the centre O of the sphere is not known.
     floating
-        Names of pairs that would have to float: to have bearings that let the link slide
-        along the axis. If too many pairs hold links along their axes, the forces along the
-        axes can balance each other and are not determined.
+        Names of pairs whose bearings would have to let the link slide along the axis. If
+        too many pairs hold links along their axes, forces along the axes can balance each
+        other and are not determined.
     enough
         Whether all of this information together would determine all forces. If not, other
         redundant constraints leave some of the forces undetermined.
@@ -78,7 +80,7 @@ class IndeterminateForces:
 
     @property
     def wanted(self) -> list[str]:
-        """The information that would determine the forces, as phrases of a message."""
+        """The information that would determine the forces, as phrases for a message."""
         wanted = []
         if self.centres:
             wanted.append(f"mass and centre of the links {listing(self.centres)}")
@@ -91,7 +93,7 @@ class IndeterminateForces:
                 f"which bearings of the pairs {listing(self.floating)}, or of others in "
                 "their loops, take no axial force (key axial)"
             )
-        # Even with all this information, redundant constraints leave forces undetermined.
+        # Redundant constraints leave forces undetermined even with all this information.
         if not self.enough:
             wanted.append("constraints that are not redundant")
         return wanted
@@ -170,20 +172,19 @@ def diagnose_indeterminate_forces(
 
 @dataclass(frozen=True)
 class CarriedLoads:
-    """The forces that pairs with friction carry, at n rows (samples of a motion).
+    """The loads that pairs (joints) with friction carry, at n rows (samples of a motion).
 
-    Friction depends on the carried forces and changes them, so it is computed by iteration.
-    A step of the iteration turns errors of the friction torques into new errors. These are
-    at most a matrix B times the old ones. The feedback is the largest eigenvalue of B. If
-    it is below 1, the iteration converges to the only solution.
+    Friction depends on the carried loads and changes them, so it is computed by iteration.
+    In each step the errors of the friction torques are at most a matrix B times the errors
+    before. The largest eigenvalue of B is called the feedback. If it is below 1, the
+    iteration converges to the only solution.
 
     Attributes
     ----------
     carried
-        (n, k) loads of k pairs with friction. The load of an R pair is the sum of the sizes
-        of the forces (N) on its bearings. That of a contact is the push: the moment (N m)
-        of its normal force about the centre of the sphere. NaN in rows that the caller has
-        excluded because they have no motion.
+        (n, k) loads of k pairs with friction. For a revolute pair it is the sum of the
+        sizes of the forces (N) on its bearings. For a contact it is the moment (N m) of
+        the normal force about the centre of the sphere. NaN in rows without a motion.
     is_unknown
         (n,) whether the friction is not known: the feedback is not below 1, so that
         bearings may lock, or the iteration has not converged.
@@ -244,27 +245,27 @@ def solve_bearing_friction(
     _check_determined(driven, balance, frictions)
 
     def compute_carried(reaction_wrenches: Floats) -> Floats:
-        """Return the load vectors (n, k, 2, 3) that k pairs carry at up to two points.
+        """Return the load vectors (n, k, 2, 3) that k pairs with friction carry, at n rows.
 
-        An R pair has one or two bearings, on each of which there is a force (N). A contact
-        has a single vector, the moment of its normal force about the centre (N m). Missing
-        vectors are 0. All vectors are in pair axes.
+        The third axis is for the one or two bearings of a revolute pair, each with a force
+        (N). A contact has a single vector: the moment of its normal force about the centre
+        (N m). Missing vectors are 0. All vectors are in the axes of the pair.
 
         Parameters
         ----------
         reaction_wrenches
             (n, links, 6) for each link the moment (N m) about the centre and the force (N)
-            that the reactions of all its pairs together exert on it.
+            that all its pairs together exert on it.
         """
         equations = balance.equations
-        # A reaction is one component of the moment or force of a pair. The second result is
-        # the residual of the equations, which is not needed.
+        # A reaction is one component of the moment or force in a pair. The residual of the
+        # equations is not needed.
         reactions, _residual = equations.solve_reactions(reaction_wrenches)
         # (n, pairs, 6) moment and force of each pair, the sum of its reactions.
         wrenches = equations.sum_wrenches(reactions)
         carried_loads = np.zeros((len(reaction_wrenches), len(friction_pairs), 2, 3))
         for k, (friction, pair) in enumerate(zip(frictions, friction_pairs, strict=True)):
-            # The pair transmits them. The bearings share them by their axial positions.
+            # Moment and force in the pair. Its bearings share them by their positions.
             moment = wrenches[:, pair, :3]
             force = wrenches[:, pair, 3:] if friction.needs_forces else None
             loads_at_pair = friction.supported_loads(moment, force)
@@ -310,7 +311,10 @@ def solve_bearing_friction(
 def _check_determined(
     driven: DrivenState, balance: DrivenEquilibrium, frictions: Sequence[BearingFriction]
 ) -> None:
-    """Raise `SolveError` if a reaction from which friction follows is not determined.
+    """Raise `SolveError` if a reaction that causes friction is not determined.
+
+    Friction is computed from the moments, and in some cases the forces, in its pair
+    (joint). Redundant constraints can leave these undetermined.
 
     Parameters
     ----------
@@ -330,17 +334,18 @@ def _check_determined(
 def _check_moments_determined(
     balance: DrivenEquilibrium, friction: BearingFriction
 ) -> None:
-    """Raise `SolveError` if the moment of the pair with this friction is not determined.
+    """Raise `SolveError` if the moment in the pair with this friction is not determined.
 
-    Redundant constraints can leave it undetermined. So can gear teeth: they press on one of
-    their two sides, which decides the direction of their force. `is_settled` is False in
-    rows where the iteration did not find the side.
+    Redundant constraints can leave the moment undetermined. Gear teeth can, too: they press
+    on one of their two sides, and the side decides the direction of the force. An iteration
+    finds the side. `is_settled` is False in rows in which the iteration did not end.
     """
     mechanism = balance.equations.mechanism
     pair_number = mechanism.pair_number[friction.pair]
     is_moment_open = balance.equations.open_components[:, pair_number, :MOMENT_COMPONENTS]
     if np.any(is_moment_open) or not np.all(balance.is_settled):
-        # The moment of a load of kind "friction" does not depend on reactions.
+        # The message suggests a load of kind "friction", which does not depend on
+        # reactions.
         raise SolveError(
             f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
             f"reaction of pair {friction.pair} undetermined, and with it the friction "
@@ -352,12 +357,12 @@ def _check_moments_determined(
 def _check_forces_determined(
     driven: DrivenState, balance: DrivenEquilibrium, friction: BearingFriction
 ) -> None:
-    """Raise `SolveError` if the force of the pair with this friction is not determined.
+    """Raise `SolveError` if the force in the pair with this friction is not determined.
 
-    The friction depends on the force through the centre of the sphere if the axial position
-    of the bearing is given (`axial`). The force is not determined if the equations leave it
-    open. It is not either if any link slides: no pair holds the link along some direction,
-    so the equations of forces have no solution.
+    The friction depends on the force through the centre of the sphere only if the file
+    states the axial position of the bearing (key `axial`). There are two cases in which
+    this force is not determined. The equations leave it open, or some link could slide in
+    a direction in which no pair supports it.
 
     Parameters
     ----------
@@ -373,7 +378,7 @@ def _check_forces_determined(
     is_open = equations.open_components[:, mechanism.pair_number[friction.pair]]
     if not np.any(is_open) and not np.any(equations.slides):
         return
-    # Phrases for the information that the file lacks, judged in the first row.
+    # Phrases for the information that the file lacks. The first row is enough for advice.
     frames = driven.motion.frames[0]
     lacking_information = diagnose_indeterminate_forces(mechanism, frames).wanted
     advice = ""
@@ -390,20 +395,22 @@ def _check_forces_determined(
 
 @dataclass(frozen=True)
 class FrictionEquation:
-    """The equation of the friction torques f that depend on the loads of their pairs.
+    """The equation that the friction torques f of k pairs satisfy, at n rows of a motion.
 
-    At place j of pair k (a bearing or a contact) the load is a_kj + sum_l b_kjl f_l, and
-    the friction is f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|.
+    Place j of pair k is a bearing or a contact. It carries the load a_kj + sum_l b_kjl f_l,
+    since friction in pair l changes the reactions in pair k. Friction is proportional to
+    the carried load: f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|.
 
     Attributes
     ----------
     without_friction
-        (n, k, 2, 3) loads a at each place without friction, N or N m.
+        (n, k, 2, 3) vectors a of the loads at up to two places without friction, N or N m.
     per_friction
-        (n, k, 2, 3, k) changes b of these loads by 1 N m of friction at each pair. The last
-        axis is the pair at which this friction acts.
+        (n, k, 2, 3, k) vectors b, the changes of these loads by 1 N m of friction at each
+        pair. The last axis is the pair l at which this friction acts.
     factors
-        (n, k) factors r of the friction.
+        (n, k) factors r = -mu tanh(v / v0), with the coefficient of friction mu, the rate v
+        of the pair, and the rate v0 near zero at which friction is smoothed.
     """
 
     without_friction: Floats
@@ -448,13 +455,13 @@ def _solve_friction(equation: FrictionEquation) -> CarriedLoads:
     """Return the loads that pairs carry, from the equation of their friction torques f.
 
     Each iteration tries two new values of f: the right side of the equation at the last f
-    (fixed-point iteration), and a Newton step. Each row takes the one with the smaller
-    residual.
+    (fixed-point iteration), and a Newton step. In each row (sample of the motion) the value
+    with the smaller residual is used.
 
     Returns
     -------
-    The loads that the pairs carry. Friction is unknown in rows that have not converged, or
-    in which there may be several solutions.
+    The carried loads. Friction is marked as unknown in rows that have not converged, or in
+    which there may be several solutions.
     """
     factors = equation.factors
     is_contracting = equation.find_contracting_rows()
@@ -464,8 +471,8 @@ def _solve_friction(equation: FrictionEquation) -> CarriedLoads:
     for iterations in count(1):
         previous = carried
         fixed_point = factors * carried
-        # Rows that do not contract have no certain solution, and their matrix may be
-        # singular.
+        # Rows that do not contract may have a singular matrix. The unit matrix replaces it,
+        # since these rows are reported as unknown anyway.
         slope = equation.right_side_slope(friction)
         matrix = np.where(is_contracting[:, None, None], identity - slope, identity)
         correction = np.linalg.solve(matrix, (fixed_point - friction)[..., None])[..., 0]

@@ -47,13 +47,16 @@ INTEGRATION_MATRIX = legendre.legvander(GAUSS_NODES, NODE_COUNT) @ legendre.legi
 class ClosureDeterminantRecord:
     """Size and sign of the closure determinant in the steps of a simulation so far.
 
-    The sign of this determinant changes where curves of configurations cross, see
+    The simulation follows a curve of configurations. Where this curve crosses another one,
+    the closure determinant is zero and changes its sign. `CollocationStep.find_crossing`
+    uses this record to notice it. The determinant is explained at
     `CollocationStep.closure_determinants`.
 
     Attributes
     ----------
     largest
-        Largest absolute value at any node so far; 0 before the first step.
+        Largest absolute value at any node (time at which a step evaluates the equations) so
+        far; 0 before the first step.
     sign
         The sign after the last step, 1 or -1. It has no meaning while `largest` is 0.
     """
@@ -64,13 +67,13 @@ class ClosureDeterminantRecord:
     def include_sizes(self, determinants: Floats) -> "ClosureDeterminantRecord":
         """Return the record before a step, with the sizes at the step's nodes included.
 
-        The sign is the one before the step. For the first step of a simulation it is the
-        sign at the first node.
+        The sign is that before the step. The first step has none before it, so the sign at
+        its first node is used.
 
         Parameters
         ----------
         determinants
-            (N,) closure determinants at the nodes of the step.
+            (N,) closure determinants at the nodes (times at which the step was evaluated).
         """
         return ClosureDeterminantRecord(
             largest=max(self.largest, float(max_abs(determinants))),
@@ -80,12 +83,15 @@ class ClosureDeterminantRecord:
     def after_step(
         self, determinants: Floats, *, has_crossing: bool
     ) -> "ClosureDeterminantRecord":
-        """Return the record after a step, whose sign only changes at a crossing.
+        """Return the record after a step, for the next step of the simulation.
+
+        The sign only changes if curves of configurations cross. A small determinant can
+        have the wrong sign by rounding.
 
         Parameters
         ----------
         determinants
-            (N,) closure determinants at the nodes of the step.
+            (N,) closure determinants at the nodes (times at which the step was evaluated).
         has_crossing
             Whether curves of configurations cross in the step.
         """
@@ -191,19 +197,19 @@ class CollocationStep:
     def find_exceeded_limits(
         self, mechanism: Mechanism, turn_angles: Floats
     ) -> Iterator[tuple[float, str]]:
-        """Yield the times at which pairs first exceed a joint limit, and their names.
+        """Yield the times (s) at which joint angles first exceed a limit, and their pairs.
 
         Parameters
         ----------
         mechanism
             The mechanism with its joint limits.
         turn_angles
-            (variables,) whole revolutions (rad, multiples of 2 pi) that are left out of the
-            variables in the state. They are added before a variable is compared with its
-            joint limits.
+            (variables,) whole turns (rad, multiples of 2 pi) of the joint angles. The state
+            leaves them out, but joint limits are limits of the whole angle.
         """
         for joint_limit in mechanism.joint_limits:
             variable = variable_of(mechanism, joint_limit.pair)
+            # The limits of the angle without whole turns, as it is in the state.
             lower_limit = joint_limit.low - turn_angles[variable]
             upper_limit = joint_limit.high - turn_angles[variable]
             for limit, outward_sense in ((lower_limit, -1.0), (upper_limit, 1.0)):
@@ -214,20 +220,20 @@ class CollocationStep:
     def _find_first_time_beyond(
         self, variable: int, limit: float, outward_sense: float
     ) -> float | None:
-        """Return the time (s) at which a variable first moves beyond a limit in the step.
+        """Return the time (s) at which a variable first moves beyond a limit in this step.
 
-        It is the time of the first crossing of the limit outwards. If the variable never
-        crosses it outwards but is beyond it at the end, it was beyond it from the start of
-        the step, and the time is the start. In all other cases the result is None.
+        It is the first time at which the variable crosses the limit outwards. A variable
+        that is beyond the limit at the end without such a crossing was there from the
+        start; the result is then the start of the step. Otherwise the result is None.
 
         Parameters
         ----------
         variable
-            Index of the variable in the state.
+            Index of the variable (a joint angle) in the state.
         limit
             The limit, rad.
         outward_sense
-            1 if larger values of the variable are beyond the limit, -1 if smaller ones are.
+            1 for an upper limit, -1 for a lower limit.
         """
         # The variable minus its limit, as a function of time: it returns values and slopes.
         difference = self._function(self.state_series(variable, level=limit))
@@ -244,16 +250,18 @@ class CollocationStep:
     def closure_determinants(self, closure: Closure, rates: Floats) -> Floats:
         """Return a determinant at each node that changes its sign where curves cross.
 
-        Its matrix is the Jacobian of the loop-closure equations with the rates of the
-        variables as further rows. On a smooth curve of configurations the determinant keeps
-        its sign. It passes through zero where two such curves cross.
+        Configurations of a mechanism form curves. Its matrix is the Jacobian of the
+        loop-closure equations, with the rates of the variables as further rows. Along a
+        smooth curve the determinant keeps its sign. It passes through zero where two curves
+        cross.
 
         Parameters
         ----------
         closure
-            The loops.
+            The loop-closure equations.
         rates
-            (N, m, variables) rates of the variables by m coordinates at the nodes.
+            (N, m, variables) rates of the variables by the m coordinates, at the N nodes
+            (times at which the step evaluates the equations).
 
         Returns
         -------
@@ -270,24 +278,24 @@ class CollocationStep:
     def find_crossing(
         self, determinants: Floats, record: ClosureDeterminantRecord
     ) -> float | None:
-        """Return the time at which curves of configurations cross, if they do in the step.
+        """Return the time at which curves of configurations cross in the step, or None.
 
-        Curves cross where the closure determinant vanishes or changes its sign. A
-        determinant below `CROSSING_RATIO` times the largest one counts as zero.
+        At such a crossing the loads do not decide how the mechanism continues. Curves cross
+        where the closure determinant is zero or changes its sign. It counts as zero below
+        `CROSSING_RATIO` times its largest size.
 
         Parameters
         ----------
         determinants
             (N,) closure determinants at the nodes, from `closure_determinants`.
         record
-            The sign of the determinant before the step, and its largest size including that
-            at the nodes of the step.
+            The sign of the determinant before the step, and its largest size so far,
+            including the nodes of this step.
 
         Returns
         -------
-        The time (s) of the first zero, or of the first node at which the determinant is
-        zero or has changed its sign. None if there is no such node: two zeros between
-        neighbouring nodes, after which the sign is the same again, are not searched.
+        The time (s) of the first zero between the nodes, or of the first node that is at or
+        beyond a crossing if this is earlier. None if no node shows a crossing.
         """
         is_zero = np.abs(determinants) < CROSSING_RATIO * record.largest
         has_other_sign = determinants * record.sign < 0.0
@@ -296,6 +304,7 @@ class CollocationStep:
             return None
         first_node = int(np.argmax(is_at_or_beyond_crossing))
         first_node_time = float(self.times[1 + first_node])  # times[0] is the start
-        # The Legendre series of the polynomial through the determinants at the nodes.
+        # Between the nodes, the determinant is interpolated by a polynomial, here as its
+        # Legendre series.
         determinant_series = SERIES_MATRIX @ determinants
         return min([*self.find_sign_changes(determinant_series), first_node_time])

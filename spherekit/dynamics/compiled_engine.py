@@ -112,16 +112,17 @@ class CompiledRuns:
     """The successive runs of a simulation by Taylor series.
 
     A run is an integration of one compiled equation of motion. With one degree of freedom
-    its coordinate is the arc length of the configuration curve. With several, its
-    coordinates are some of the pair variables.
+    its coordinate is the arc length of the curve of configurations. With several, its
+    coordinates are some of the pair variables (joint angles). A new run begins when these
+    no longer determine the motion well.
 
     Attributes
     ----------
     runs
-        One run for each choice of coordinates, in order of time.
+        The runs in order of time.
     momentum_conversions
-        For each run an object that converts its states to those of a simulation, which have
-        other momenta.
+        For each run an object that converts its states to those of a `Simulation`,
+        which have other momenta.
     compile_seconds
         Time that compiling took, s.
     """
@@ -136,8 +137,8 @@ def by_taylor_series(
 ) -> Simulation:
     """Simulate a motion by Taylor series of the compiled equation of motion.
 
-    The simulation consists of one or more runs. A new run begins when the equation of
-    motion gets other coordinates or the steps get a smaller tolerance.
+    The simulation consists of one or more runs (integrations). A new run begins when the
+    equation of motion gets other coordinates or the steps get a smaller tolerance.
 
     Parameters
     ----------
@@ -146,19 +147,19 @@ def by_taylor_series(
     tolerance
         Error of each step, relative to the largest element of the state.
     reason
-        The reason why this engine was chosen, in words.
+        The reason why this engine was chosen, in words, for the report.
     forecast
-        The computing times (s) that were expected of each engine. None if no choice was
-        made.
+        The computing times (s) that were expected of each engine. None if the user chose
+        the engine.
 
     Raises
     ------
     EngineError
-        If the mechanism cannot be compiled, the equation fails during the motion, or a load
+        If the mechanism can't be compiled, the equation fails during the motion, or a load
         has no Taylor series at the start.
     """
     started = time.perf_counter()
-    # The rates of all pair variables at the start, per unit rate of each coordinate.
+    # Rates of all pair variables (joint angles) at the start, by each coordinate.
     motion = problem.equation.compute_motion(problem.values[None], problem.rate_weights)
     status = Status(int(motion.status[0]))
     if status != Status.OK:
@@ -167,8 +168,8 @@ def by_taylor_series(
     path = make_taylor_path(compiled.runs, compiled.momentum_conversions)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds
-    # The equations of this run became dependent. This is an end of the motion only if
-    # curves of configurations cross there; otherwise an error is raised.
+    # A run with this end stopped where its equations became dependent. This raises an error
+    # unless curves of configurations cross there.
     if last_run.end == "singularity":
         _check_crossing(problem, last_run)
     return Simulation(
@@ -302,24 +303,24 @@ def _integrate(
 
 
 def coordinates_at(problem: Problem, values: Floats) -> Names:
-    """Return the names of the R pairs whose variables become the coordinates of a run.
+    """Return names of the R pairs (revolute joints) that become coordinates of a run.
 
-    Coordinates determine the motion well if no other variable moves much faster than they
-    do. The measure is the sum of the squares of all rates, per unit rates of the
-    coordinates. A run ends when this sum exceeds `MAX_RATE_SQUARES`. At its start the sum
-    must be below a fraction `MAX_START_RATE_RATIO` of that, so that the run does not end
-    soon.
+    A run is an integration with one choice of coordinates. Coordinates determine the motion
+    well if no other joint angle moves much faster than they do. The measure is the sum of
+    the squares of all rates per unit rates of the coordinates. A run ends when this sum
+    exceeds `MAX_RATE_SQUARES`. At its start the sum must be below `MAX_START_RATE_RATIO`
+    times this limit, so that the run lasts for some time.
 
     The inputs are chosen if they satisfy this, otherwise the R pairs with the smallest
-    sum. With one degree of freedom no pairs are chosen, because the coordinate is the arc
-    length of the configuration curve.
+    sum. With one degree of freedom the result is empty, because the coordinate is the arc
+    length of the curve of configurations.
 
     Parameters
     ----------
     problem
         The mechanism with its loads, and the start of the motion.
     values
-        (variables,) a closed configuration, rad.
+        (variables,) pair variables (rad) of a configuration in which all loops close.
 
     Raises
     ------
@@ -350,24 +351,27 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
         )
     if are_suitable(variables):
         return tuple(pair_of_variable[v] for v in variables)
-    # The second argument is the advice which other engine to use.
+    # The second argument is advice: use the other engine.
     raise EngineError(f"{equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
 
 
 def _sum_rate_squares(velocity_basis: Floats, variables: tuple[int, ...]) -> float:
-    """Return the sum of the squares of all rates, per unit rates of some variables.
+    """Return the sum of squares of all rates, per unit rate of each of m chosen variables.
 
-    The rates of all variables per unit rate of each chosen variable are the rows of
-    V_c^-1 V. Here V is the velocity basis, and V_c has its columns of the chosen variables.
-    The rows of V are orthonormal, so the sum of the squares is that of V_c^-1 alone. It is
-    the sum of 1 / s^2 over the singular values s of V_c.
+    A small sum means that the chosen pair variables (joint angles) are good coordinates:
+    no other variable moves much faster.
+
+    Let V be the velocity basis, and V_c its columns of the chosen variables. The rates of
+    all variables per unit rate of each chosen one are the rows of V_c^-1 V. The rows of V
+    are orthonormal, so V_c^-1 alone has the same sum of squares. It is the sum of 1 / s^2
+    over the singular values s of V_c.
 
     Parameters
     ----------
     velocity_basis
-        (m, variables) orthonormal basis of the velocities that keep the loops closed.
+        (m, variables) orthonormal basis of the velocities with which the loops stay closed.
     variables
-        Indices of m variables.
+        Indices of the m chosen variables.
     """
     chosen_columns = velocity_basis[:, list(variables)]
     singular_values = np.linalg.svd(chosen_columns, compute_uv=False)
@@ -387,13 +391,13 @@ def _check_first_step(problem: Problem, run: TaylorRun) -> None:
 
 
 def _check_crossing(problem: Problem, run: TaylorRun) -> None:
-    """Raise `EngineError` if a run ended although no configuration curves cross there.
+    """Raise `EngineError` if a run ended although no curves of configurations cross there.
 
-    A run ends if its compiled closure equations become dependent. Usually two curves of
-    configurations then cross, and the loads do not decide which one the mechanism follows.
-    If closure equations are redundant, however, only some are compiled, which were
-    independent at the start. They may become dependent although all equations together
-    still determine the motion.
+    A run (integration) ends where its compiled closure equations become dependent. Usually
+    two curves of configurations cross there, and the loads do not decide which one the
+    mechanism follows. If constraints are redundant, only some of the equations are
+    compiled. These can become dependent although all equations together still determine the
+    motion.
 
     Parameters
     ----------
@@ -404,7 +408,8 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
     """
     equation = problem.equation
     values = run.last_state[: equation.variable_count]
-    # The reciprocal condition number of all closure equations is 0 at a crossing.
+    # All closure equations are tested here, also those that are not compiled. Their
+    # reciprocal condition number is 0 at a crossing.
     reciprocal = reciprocal_condition(equation.closure, values, equation.freedoms)
     if reciprocal > MAX_RECIPROCAL_CONDITION_AT_CROSSING:
         raise EngineError(
@@ -418,9 +423,7 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
 def _collect_events(
     problem: Problem, path: StatePath, runs: Sequence[TaylorRun]
 ) -> tuple[Event, ...]:
-    """Return the events of all runs in order of time.
-
-    A "switch" is an event at which a load changes abruptly.
+    """Return the events of all runs (integrations) of a simulation in order of time.
 
     Parameters
     ----------
@@ -428,23 +431,23 @@ def _collect_events(
         The problem. Its `switches` are the times (s) of abrupt changes of loads that the
         user has stated.
     path
-        The states of the simulation.
+        The states of the simulation, from which the inputs at each event are computed.
     runs
         The runs of which the simulation consists.
     """
-    # The mapping `angles` gives the index of the pair variable of each R pair; this one
-    # gives the R pair of each index.
+    # The R pair (revolute joint) of each index of a pair variable.
     pair_of_variable = {v: pair for pair, v in problem.equation.mechanism.angles.items()}
     # Time (s), kind, and index of the pair variable; -1 for an event of no pair.
     events: list[tuple[float, EventKind, int]] = []
     for run in runs:
         for t, kind, variable in run.events:
-            # A singularity is the end of the simulation, which is reported elsewhere. A
-            # change of coordinates is of no interest to the user.
+            # These do not concern the user here: a singularity is reported as the end of
+            # the simulation, and a change of coordinates is internal.
             if kind == "singularity" or kind == "coordinates":
                 continue
-            # At t = 0 the other kinds (rest, a dead centre) only describe the given start.
-            # A switch of a load or a joint limit changes the motion even then.
+            # At t = 0, rest or a dead centre only describe the start that the user chose. A
+            # switch (abrupt change of a load) or a joint limit changes the motion even
+            # then.
             if t > 0.0 or kind in ("switch", "joint_limit"):
                 events.append((t, kind, variable))
     events += [(t, "switch", -1) for t in problem.switches if t < runs[-1].end_time]
@@ -459,14 +462,14 @@ def _collect_events(
 
 
 def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> SimulationEnd:
-    """Return the reason and the time of the end of a simulation.
+    """Return the reason and the time of the end of a simulation, for the user.
 
     `END_BY_RUN_END` has the reasons that need no further examination. The others are:
 
     - The simulated time is over.
-    - A pair reaches a joint limit.
-    - The integration is not finite although all loads are: only the Taylor coefficients of
-      a load are not, for example because an exp inside it overflows. The load changes too
+    - A pair (joint) reaches a limit.
+    - The integration overflows, but the loads themselves are finite. Then the Taylor
+      coefficients of a load overflow, for example because of an exp: the load changes too
       fast for a series.
     - Steps become too short: a load jumps or grows without bound, or the inertia vanishes.
 
@@ -477,7 +480,7 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     path
         The states of the simulation.
     run
-        The last run of the compiled equation.
+        The last run (integration) of the compiled equation.
     """
     if run.end == "time":
         return SimulationEnd("time", problem.until, TIME_MESSAGE)
@@ -495,7 +498,7 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         whole_turns=TURN * end_states.turns[0],
     ):
         return SimulationEnd("too_fast", run.end_time, NO_SERIES_MESSAGE)
-    # `no_step_end` tests whether the inertia vanishes. If not, the reason is this message.
+    # `no_step_end` uses this message unless the inertia vanishes.
     message = f"no step is short enough; {JUMP_MESSAGE}"
     return no_step_end(problem.equation, path, run.end_time, message)
 
@@ -516,7 +519,7 @@ def _describe_joint_limit(
 def _are_loads_finite(
     problem: Problem, t: float, state: Floats, rate_weights: Floats, whole_turns: Floats
 ) -> bool:
-    """Return whether all loads are finite at a state.
+    """Return whether all loads are finite at a state, without computing a Taylor series.
 
     Parameters
     ----------
@@ -525,14 +528,14 @@ def _are_loads_finite(
     t
         Time, s.
     state
-        (states,) pair variables (rad), m momenta, and works of loads. A momentum belongs to
-        each of m coordinates, where m is the number of degrees of freedom.
+        (states,) pair variables (joint angles, rad), m momenta, and works of loads. Each of
+        the m coordinates has a momentum, where m is the number of degrees of freedom.
     rate_weights
         (m, variables) in row i the weights of the rates of the pair variables in the rate
-        of coordinate i. With m = 1 it is the unit tangent of the configuration curve.
+        of coordinate i. With m = 1 it is the unit tangent of the curve of configurations.
     whole_turns
-        (variables,) angles (rad) of the whole turns that the state leaves out, but on which
-        loads may depend.
+        (variables,) angles (rad) of the whole turns, which the state leaves out, but on
+        which loads may depend.
     """
     with np.errstate(all="ignore"):
         dynamics = problem.equation.evaluate(

@@ -126,21 +126,22 @@ class CompiledEquation:
     def homogeneous_rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates by m coordinates at n configurations.
 
-        They are the rates of all variables per unit rate of a coordinate, multiplied by the
-        determinant of the velocity equations. They stay finite where this determinant is
-        zero, that is where the coordinates do not determine the rates.
+        A homogeneous rate is the rate of a variable per unit rate of a coordinate, times
+        the determinant of the velocity equations. Unlike the rate itself, it stays finite
+        where this determinant is zero, that is where the coordinates do not determine the
+        rates.
 
         Parameters
         ----------
         values
-            (n, variables) pair variables (rad).
+            (n, variables) pair variables (joint angles, rad).
 
         Returns
         -------
         (n, m, variables) the homogeneous rates by each coordinate.
         """
-        # (m * variables + 1, n): the last row is the measure of independence of the
-        # loop-closure equations.
+        # (m * variables + 1, n). The last row is another quantity, the measure of
+        # independence of the loop-closure equations.
         outputs: Floats = self.rates_function(values.T)
         rates = outputs[:-1]
         layout = self.layout
@@ -222,15 +223,15 @@ def compile_equation(
 def _derive_equation(
     arguments: EquationArguments, common_mechanism: Mechanism
 ) -> EquationExpressions:
-    """Return the equation of motion as symbolic expressions.
+    """Derive the equation of motion as symbolic expressions, which are then compiled.
 
     Parameters
     ----------
     arguments
         The arguments of `compile_equation`.
     common_mechanism
-        Their mechanism with arbitrary values of torque tables and joint limits. These
-        values are parameters of the equation, which are set before each simulation.
+        Their mechanism with placeholders for the numbers of torque tables and joint limits.
+        These numbers are parameters of the compiled equation, set before each simulation.
     """
     # With one degree of freedom there is no choice of coordinates.
     if arguments.values is None:
@@ -251,9 +252,10 @@ def estimate_compile_seconds(
 ) -> float:
     """Return the estimated time of `compile_equation` (s), 0 if it was compiled before.
 
-    The estimate was fitted to the shipped mechanisms with up to ten loads, on one core.
-    Actual times are between half and twice as long. Machine code that heyoka has stored on
-    disk takes less and is not noticed.
+    It helps to decide whether compiling pays. The estimate was fitted to the shipped
+    mechanisms with up to ten loads, on one core. Actual times are between half and twice
+    this. Machine code that heyoka (the Taylor integrator) has stored on disk takes less
+    time; this is not noticed.
 
     Parameters
     ----------
@@ -261,19 +263,19 @@ def estimate_compile_seconds(
         The mechanism with its loads.
     tolerance
         Error of each step of the integration, relative to the largest element of the state.
-        An equation that was compiled with another tolerance cannot be used again.
+        An equation that was compiled with another tolerance can't be used again.
     compact
         Whether to use heyoka's compact mode, which compiles faster and runs slower.
     coordinates
-        With several degrees of freedom the R pairs whose variables are the coordinates.
+        With several degrees of freedom the R pairs (revolute joints) with the coordinates.
 
     Raises
     ------
     EngineError
-        If heyoka is not installed, or the profile of a contact cannot be compiled.
+        If heyoka is not installed, or the profile of a contact can't be compiled.
     """
-    # Raise the errors that compiling would raise: for loads and profiles that cannot be
-    # compiled, and if heyoka is not installed. The results are not needed.
+    # These calls raise the errors that compiling would raise, for loads, for profiles of
+    # contacts, and if heyoka is not installed. Their results are not needed.
     _check_expressible(mechanism)
     pair_rotations(mechanism)
     if not available():
@@ -287,9 +289,8 @@ def estimate_compile_seconds(
     variables = len(mechanism.variable_names)
     loads_on_links = sum("pair" not in load.field_kinds for load in mechanism.loads)
     loads_at_pairs = len(mechanism.loads) - loads_on_links
-    # All numbers are fitted to measured times (s). Without compact mode the time grows with
-    # the square of the number of variables, and loads multiply it. `coordinates` is empty
-    # with one degree of freedom.
+    # All numbers are fitted to measured times (s). `coordinates` is empty with one degree
+    # of freedom.
     if compact:
         base_seconds = 0.5 if coordinates else 0.0
         kinematics_seconds = max(0.22 * variables - 0.55, 0.3)
@@ -327,20 +328,19 @@ def _cache_key(mechanism: Mechanism, step_tolerance: float, compact: bool) -> st
 
 
 def _remove_run_data(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:
-    """Return the mechanism for which the equation of motion is derived and compiled.
+    """Return the mechanism without numbers that are parameters of its equation.
 
-    The numbers of torque tables and joint limits are replaced by arbitrary ones. In the
-    compiled equation they are parameters, which are set before each simulation. Mechanisms
-    that differ only in these numbers can therefore share one compiled equation. The
-    coordinates of the equation become the inputs.
+    The numbers of torque tables and joint limits are set before each simulation. Here they
+    are replaced by arbitrary ones. Mechanisms that differ only in these numbers then share
+    one compiled equation. The coordinates of the equation become the inputs.
 
     Parameters
     ----------
     mechanism
         The mechanism with its loads and joint limits.
     coordinates
-        Names of the pairs whose variables are the coordinates. If it is empty, the inputs
-        stay.
+        Names of the pairs (joints) whose variables are the coordinates. If it is empty, the
+        inputs stay.
     """
     if coordinates and tuple(coordinates) != mechanism.input_pairs:
         mechanism = mechanism.with_inputs(*coordinates)
@@ -447,22 +447,20 @@ def _compile_expressions(
 def _make_sticking_test(
     switch_function: ArrayFunction, index: int, layout: EquationLayout
 ) -> Callable[[Floats, float, Floats], bool]:
-    """Return a function that decides whether the motion sticks where a load switches.
+    """Return a function that tells whether the motion sticks where a load changes abruptly.
 
-    A load changes abruptly at a zero of its switch condition. An example is dry friction,
-    whose condition is the sliding rate. The sign of each condition is a parameter of the
-    equation of motion. At a zero this sign is reversed, and the load changes.
-
-    With the changed load the condition has a new rate. If this rate has the opposite of the
-    new sign, the condition would pass through zero again at once. The motion then sticks,
-    as with dry friction at rest.
+    An example is dry friction. It has a switch condition, the sliding rate, and changes
+    where this is zero. Each condition has a sign, a parameter of the equation of motion.
+    At a zero of the condition the sign is reversed, and with it the load. The reversed load
+    may drive the condition back to zero at once. The motion then sticks.
 
     Parameters
     ----------
     switch_function
-        Returns all conditions, then their rates by time, from state, time and parameters.
+        Returns all switch conditions, then their rates by time, from state, time and
+        parameters.
     index
-        Index of the condition.
+        Index of the condition to test.
     layout
         Layout of the parameters, which contain the signs of the conditions.
 

@@ -33,16 +33,16 @@ def count_whole_turns(angles: Floats) -> Floats:
 def shift_into_range(position_analysis: PositionAnalysis, q: Floats) -> Floats:
     """Return input angles shifted by whole periods into the range of the input.
 
-    A period is the growth of the input after which all links are in the same position
-    again. It is one turn, or several turns if gear wheels make the configuration depend on
-    the number of turns. It is infinite if no number of turns repeats the position; the
-    angles are then not changed. If the range is shorter than a period, the angles are
-    shifted as near to it as possible.
+    Configurations are computed in this range only. A period is the growth of the input
+    after which all links are in the same position again. It is one turn, or several turns
+    with gear wheels of different sizes. It is infinite if the position never repeats;
+    angles are then not changed. If the range is shorter than a period, angles are shifted
+    as close to it as possible.
 
     Parameters
     ----------
     position_analysis
-        A position analysis of a mechanism with one input.
+        A position analysis of a mechanism with one input; it has the range and the period.
     q
         (n,) angles of the input, rad.
     """
@@ -50,9 +50,8 @@ def shift_into_range(position_analysis: PositionAnalysis, q: Floats) -> Floats:
     (period,) = position_analysis.solver.periods
     if not np.isfinite(period):
         return q
-    # First the angles less whole periods, between -period / 2 and period / 2. After the
-    # division by `scale` a period is one turn. `wrap_to_pi` subtracts whole turns without
-    # losing digits, also from large angles.
+    # Reduce the angles to -period / 2 ... period / 2. Division by `scale` makes a period
+    # one turn, because `wrap_to_pi` subtracts whole turns without loss of digits.
     scale = period / TURN
     wrapped = scale * wrap_to_pi(q / scale)
     shifted = shift_by_periods(wrapped, low, high, period)
@@ -66,16 +65,16 @@ def analysis_covering(
     assembly_mode: int | None = None,
     search: bool = True,
 ) -> PositionAnalysis:
-    """Return a position analysis over a range that contains given input angles.
+    """Return a position analysis over a range that contains the input angles q.
 
     In most mechanisms the configuration does not depend on the number of turns of the
-    input. The given analysis is then sufficient, because angles are shifted into its range
-    by whole turns.
+    input. Whole turns then shift all angles into the range of the present analysis, and it
+    is returned.
 
-    Meshing gear wheels can make the configuration depend on this number. Angles are then
-    shifted by whole periods only. A period is the number of turns after which all links are
-    in the same position again. If shifted angles are still outside of the range, a new
-    analysis over a longer range is returned.
+    Meshing gear wheels can make the configuration depend on the number of turns. Angles are
+    then shifted only by whole periods (the turns after which all links are in the same
+    position again). If angles remain outside of the range, a new analysis over a longer
+    range is returned.
 
     Parameters
     ----------
@@ -114,12 +113,12 @@ def compute_modes_at_inputs(
     assembly_mode: int | None = None,
     search: bool = True,
 ) -> tuple[PositionAnalysis, Motion]:
-    """Return the configurations of one or all assembly modes at given inputs.
+    """Return the configurations of one or all assembly modes at the inputs q.
 
-    An assembly mode is one of the ways to assemble the mechanism at given inputs. With one
-    input, modes are computed by a position analysis over the range of the input. Angles
-    outside of this range are shifted into it by whole turns. If gear wheels make the
-    configuration depend on the number of turns, the range is extended where necessary.
+    An assembly mode is one of the ways to assemble the mechanism at the same inputs. With
+    one input, modes are computed by a position analysis over the range of the input. Angles
+    outside of this range are shifted into it by whole turns. Gear wheels can make the
+    configuration depend on the number of turns. The range is then extended if necessary.
 
     Parameters
     ----------
@@ -128,12 +127,11 @@ def compute_modes_at_inputs(
     q
         (n, inputs) angles of the inputs with any number of whole turns, rad.
     assembly_mode
-        The assembly mode to compute, or None for all of them. It has no effect if a
-        position analysis is passed whose range is long enough: the modes are then those of
-        this analysis.
+        The assembly mode to compute, or None for all of them. If a position analysis with a
+        sufficient range is passed, its modes are used instead.
     search
-        Whether modes other than that of the reference pose are searched for. It has no
-        effect in the same case.
+        Whether modes other than that of the reference pose are searched for. It also has no
+        effect if a sufficient position analysis is passed.
 
     Returns
     -------
@@ -142,7 +140,7 @@ def compute_modes_at_inputs(
     """
     if q.shape[1] > 1:
         assert isinstance(mechanism_or_analysis, Mechanism)
-        # Each row of inputs is a sample of a path, along which modes are numbered.
+        # The n inputs are the samples of a path, along which the modes are followed.
         position_analysis = PositionAnalysis(
             mechanism_or_analysis,
             input_pair=None,  # the inputs of the mechanism
@@ -161,7 +159,7 @@ def compute_modes_at_inputs(
     else:
         position_analysis = mechanism_or_analysis
     position_analysis = analysis_covering(position_analysis, q[:, 0], assembly_mode, search)
-    # Computed within the range, and returned with the inputs as they were given.
+    # Configurations are computed at shifted inputs, but returned with the inputs q.
     motion = position_analysis.at(shift_into_range(position_analysis, q))
     mode_count = len(position_analysis.assembly_modes)
     return position_analysis, replace(motion, inputs=np.tile(q, (mode_count, 1)))

@@ -29,15 +29,16 @@ Order = Literal[1, 2]
 
 @dataclass(frozen=True)
 class CoordinateMotion(ArrayRows):
-    """Configurations in rows, and their derivatives with respect to m coordinates.
+    """Configurations in n rows, and their derivatives with respect to m coordinates.
 
-    There are as many coordinates as degrees of freedom. They are, for example, the input
-    angles, or the arc length of the curve of configurations.
+    There are m degrees of freedom and m independent coordinates, for example the input
+    angles, or the arc length of the curve of configurations. A derivative by a coordinate
+    is a rate per unit rate of this coordinate.
 
     Attributes
     ----------
     values
-        (n, variables) pair variables (rad).
+        (n, variables) pair variables (joint angles, rad).
     rates
         (n, m, variables) derivatives of the pair variables by each coordinate.
     second
@@ -48,12 +49,12 @@ class CoordinateMotion(ArrayRows):
         (n, m, links, 3) angular velocities of the links per unit rate of each coordinate,
         in ground axes.
     dw
-        (n, m, m, links, 3) at [i, k] the derivative of the i-th of these by coordinate k.
-        NaN if only the first order was requested.
+        (n, m, m, links, 3) at [:, i, k] the derivative of w[:, i] by coordinate k. NaN if
+        only the first order was requested.
     status
         (n,) OK, or OFF_PROFILE or CURVATURE if a contact does not exist.
     frames
-        (n, pairs, 3, 3) pair frames in ground axes.
+        (n, pairs, 3, 3) frames of the pairs (joints) in ground axes.
     """
 
     values: Floats
@@ -84,24 +85,27 @@ class CoordinateMotion(ArrayRows):
 def motion_by_arc_length(
     closure: Closure, values: Floats, order: Order = 2
 ) -> CoordinateMotion:
-    """Return configurations with the arc length of their curve as the only coordinate.
+    """Return configurations and their derivatives by the arc length of their curve.
 
-    The unit tangent of the curve is the null vector of the velocity equations. Its sense is
-    arbitrary in each row; see `continuous_signs` and `CoordinateMotion.with_senses`.
+    The configurations of a mechanism with one degree of freedom form a curve in the space
+    of all pair variables (joint angles). Unlike an input angle, its arc length is a valid
+    coordinate even at dead centres. The first derivative is the unit tangent of the curve,
+    the null vector of the velocity equations. Its sense is arbitrary in each row; see
+    `continuous_signs` and `CoordinateMotion.with_senses`.
 
     Parameters
     ----------
     closure
-        The loops of a whole mechanism with one degree of freedom.
+        The loop-closure equations of a whole mechanism with one degree of freedom.
     values
-        (n, variables) closed configurations (rad).
+        (n, variables) configurations (rad) in which all loops close.
     order
         1 leaves out the second derivatives.
     """
     linearisation = closure.linearise(values)
     null_motion = solve_null_motion(closure.tree, linearisation.vectors)
-    # The inverse is that of the velocity equations and of one more equation, which fixes
-    # the length of the tangent. The last column belongs to the latter.
+    # The inverse matrix has a column for each velocity equation, and a last one for the
+    # equation of the tangent's length, which is not needed.
     closing_inverse = null_motion.inverse[:, :, :-1]
     return _complete_motion(
         linearisation, null_motion.rates[:, None], closing_inverse, order
@@ -113,33 +117,34 @@ def motion_by_combinations(
 ) -> CoordinateMotion:
     """Return configurations and their derivatives by weighted sums of the pair variables.
 
-    These sums are the m coordinates. Their weights are the rows of a matrix F. The rates r
-    of all variables per unit rate of coordinate i solve J r = 0 (the loops stay closed) and
-    F r = e_i (coordinate i has the rate 1, the others rest). J is the Jacobian of the
-    loop-closure equations.
+    These sums are the m coordinates, and their weights are the rows of a matrix F. The
+    rates r of all variables per unit rate of coordinate i solve J r = 0 (the loops stay
+    closed) and F r = e_i (coordinate i has the rate 1, the others rest). J is the Jacobian
+    of the loop-closure equations.
 
     Parameters
     ----------
     closure
-        The loops of a whole mechanism with m degrees of freedom.
+        The loop-closure equations of a whole mechanism with m degrees of freedom.
     values
-        (n, variables) closed configurations (rad).
+        (n, variables) pair variables (rad) of configurations in which all loops close.
     weights
-        (m, variables), or (n, m, variables) for each row: the matrix F.
+        (m, variables) the matrix F, or (n, m, variables) one for each configuration.
     order
         1 leaves out the second derivatives.
 
     Returns
     -------
-    n rows. A row in which the coordinates do not determine the motion is NaN.
+    n rows, one for each configuration. A row in which the coordinates do not determine the
+    motion is NaN.
     """
     linearisation = closure.linearise(values)
     m = weights.shape[-2]
-    # For each row of `values` the matrix of J and F, one above the other.
+    # For each configuration the matrix with J above F.
     coordinate_rows = np.broadcast_to(weights, (len(values), *weights.shape[-2:]))
     equations = np.concatenate([linearisation.jacobian, coordinate_rows], axis=1)
-    # There may be more closure equations than independent ones, so the matrix has a left
-    # inverse. It is NaN if the matrix is singular.
+    # Closure equations may be redundant. The matrix then has more rows than columns and
+    # only a left inverse, which is NaN if the matrix is singular.
     inverse = left_inverse(equations)
     # The inverse has a column for each equation: the changes of the variables per closure
     # error, then the rates of the variables by each coordinate.
@@ -150,17 +155,17 @@ def motion_by_combinations(
 
 
 def _refine_last_columns(inverse: Floats, matrix: Floats, count: int) -> Floats:
-    """Return the last columns of inverse matrices, after a step of iterative refinement.
+    """Return the last columns of inverse matrices, corrected for rounding errors.
 
-    An inverse loses digits, which the step restores: the residuals of the columns are
-    computed and multiplied by the inverse.
+    It is one step of iterative refinement: the residual of each column is computed and
+    multiplied by the inverse.
 
     Parameters
     ----------
     inverse, matrix
         (n, variables, equations) left inverses of the matrices (n, equations, variables).
     count
-        Number of the columns that are refined.
+        Number of columns to refine.
     """
     columns = inverse[:, :, -count:]
     # The product of a matrix and its inverse is the unit matrix.
@@ -174,15 +179,15 @@ def motion_by_variables(
 ) -> CoordinateMotion:
     """Return configurations and their derivatives by some of the pair variables.
 
-    Rates are not finite if these variables do not determine the motion: at dead centres of
-    a single variable, and at singularities of type II of several variables.
+    Derivatives are not finite where these variables do not determine the motion: at dead
+    centres of a single variable, and at singularities of type II of several variables.
 
     Parameters
     ----------
     closure
-        The loops of a whole mechanism with m degrees of freedom.
+        The loop-closure equations of a whole mechanism with m degrees of freedom.
     values
-        (n, variables) closed configurations (rad).
+        (n, variables) configurations (rad) in which all loops close.
     variables
         Indices of the m variables that are the coordinates.
     order
@@ -197,19 +202,20 @@ def motion_by_variables(
 def _complete_motion(
     linearisation: Linearisation, rates: Floats, closing_inverse: Floats, order: Order
 ) -> CoordinateMotion:
-    """Return a motion with all derivatives, from the first derivatives of the variables.
+    """Return a motion with all derivatives, from the first ones of the pair variables.
 
-    These are the second derivatives of the variables, and the angular velocities of the
+    Added are the second derivatives of the variables, and the angular velocities of the
     links with their derivatives.
 
     Parameters
     ----------
     linearisation
-        n closed configurations with their Jacobians.
+        n configurations with the Jacobians of their loop-closure equations.
     rates
-        (n, m, variables) derivatives of the variables by each coordinate.
+        (n, m, variables) derivatives of the variables by each of m coordinates.
     closing_inverse
-        (n, variables, equations) the matrices of `_differentiate_rates`.
+        (n, variables, equations) matrices that solve the closure equations for changes of
+        the variables, see `_differentiate_rates`.
     order
         1 leaves out the second derivatives.
     """
@@ -251,20 +257,22 @@ def _second_derivatives(
     Parameters
     ----------
     linearisation
-        n closed configurations with their Jacobians.
+        n configurations with the Jacobians J of their loop-closure equations.
     rates
-        (n, m, variables) derivatives of the variables by each of m coordinates.
+        (n, m, variables) derivatives of the pair variables (joint angles) by each of m
+        coordinates.
     w
-        (n, m, links, 3) angular velocities of the links by each coordinate.
+        (n, m, links, 3) angular velocities of the links per unit rate of each coordinate.
     closing_inverse
-        (n, variables, equations) the matrices of `_differentiate_rates`.
+        (n, variables, equations) matrices that solve the closure equations for changes of
+        the variables, see `_differentiate_rates`.
 
     Returns
     -------
     second
         (n, m, m, variables) at [:, i, k] the derivative of rate i by coordinate k.
     dw
-        (n, m, m, links, 3) at [:, i, k] the derivative of w_i by coordinate k.
+        (n, m, m, links, 3) at [:, i, k] the derivative of w[:, i] by coordinate k.
     """
     tree = linearisation.tree
     vectors = linearisation.vectors
@@ -319,12 +327,12 @@ def _differentiate_rates(
 
 
 def determinacy(rates: Floats) -> Floats:
-    """Return how well pair variables determine the motion as coordinates.
+    """Return how well some pair variables determine the motion as coordinates.
 
-    The measure is 1 / N, where N is the 2-norm of the matrix of rates. If the vector of the
-    coordinates' rates has length 1, the vector of the rates of all variables has at most
-    the length N. With one degree of freedom, 1 / N is the size of the derivative of the
-    coordinate by the arc length of the configuration curve (in the space of all variables).
+    The measure is 1 / N with the 2-norm N of the matrix of rates. N is the largest length
+    of the vector of all rates, if the vector of the coordinates' rates has length 1. With
+    one degree of freedom, 1 / N is also the size of the derivative of the coordinate by
+    the arc length of the curve of configurations.
 
     Parameters
     ----------
@@ -334,9 +342,9 @@ def determinacy(rates: Floats) -> Floats:
 
     Returns
     -------
-    (n,) 1 if no other variable moves, since N counts the coordinates too. It approaches 0
-    where other variables move while the coordinates rest. It is 0 in rows in which rates
-    are not finite.
+    (n,) from 0 to 1. It is 1 if no variable other than the coordinates moves. It approaches
+    0 where other variables move while the coordinates rest, and is 0 where rates are not
+    finite.
     """
     is_finite = all_finite(rates, (1, 2))
     measure = np.zeros(len(rates))
@@ -347,17 +355,17 @@ def determinacy(rates: Floats) -> Floats:
 def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) -> float:
     """Return the reciprocal condition number of the loop-closure equations.
 
-    With V variables and m degrees of freedom, V - m of these equations are independent. The
-    result is singular value number V - m of their Jacobian, in falling order, divided by
-    the largest one. It vanishes where curves of configurations cross. Redundant equations
-    have no effect.
+    It vanishes where curves of configurations cross. With V variables and m degrees of
+    freedom, V - m of the equations are independent. The result is singular value number
+    V - m of their Jacobian, in falling order, divided by the largest one. Redundant
+    equations therefore have no effect.
 
     Parameters
     ----------
     closure
-        The loops.
+        The loop-closure equations.
     values
-        (variables,) a closed configuration (rad).
+        (variables,) pair variables (rad) of a configuration in which all loops close.
     freedoms
         Number of degrees of freedom.
     """
@@ -371,16 +379,17 @@ def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) ->
 def continuous_signs(vectors: Floats, start: Floats) -> Floats:
     """Return the signs (n,) that turn a sequence of axes into a continuous direction.
 
-    The result has 1 for vectors that keep their direction, and -1 for those to be reversed.
-    Each vector, multiplied by its sign, then makes an acute angle with the one before.
+    The sense of each axis is arbitrary, such as that of a tangent of a curve. After
+    multiplication by its sign, each vector makes an acute angle with the vector before.
 
     Parameters
     ----------
     vectors
         (n, k) vectors of arbitrary sense, such as tangents of a curve at successive points.
     start
-        (k,) vector with which the first one makes an acute angle.
+        (k,) vector with which the first vector is to make an acute angle.
     """
     previous = np.concatenate([start[None], vectors[:-1]])
     cosines = np.vecdot(previous, vectors)
+    # Each reversal also reverses all vectors that follow, so the signs are multiplied.
     return np.asarray(np.cumprod(np.where(cosines < 0.0, -1.0, 1.0)))

@@ -115,22 +115,21 @@ class InertiaRoots:
         return (self.eigenvectors @ components)[..., 0]
 
     def multiply_derivative(self, dM: Floats, u: Floats) -> Floats:
-        """Return (dR/dt) u (n, m), a term of the rates of the momenta p = R u.
+        """Return (dR/dt) u (n, m), which is needed for the rates of the momenta p = R u.
 
-        R is the symmetric square root of the inertia matrix, M = R R. The derivative of
-        this equation, R dR/dt + dR/dt R = dM/dt, is solved for dR/dt. In the basis of the
-        eigenvectors of R, where R is diagonal with the eigenvalues r, the solution is
-        dR_ij/dt = dM_ij/dt / (r_i + r_j).
+        R is the symmetric square root of the inertia matrix, M = R R. Its derivative solves
+        R dR/dt + dR/dt R = dM/dt. In the basis of the eigenvectors of R, with the
+        eigenvalues r, the solution is dR_ij/dt = (dM/dt)_ij / (r_i + r_j).
 
         Parameters
         ----------
         dM
-            (n, m, m, m) derivatives of M by the coordinates, on the last axis.
+            (n, m, m, m) derivatives of M by the m coordinates, which are the last axis.
         u
             (n, m) rates of the coordinates.
         """
         to_eigenvectors = transpose(self.eigenvectors)
-        # dM/dt, by the chain rule, then in the basis of the eigenvectors.
+        # dM/dt by the chain rule. Then its components in the basis of the eigenvectors.
         inertia_rate = (dM @ u[:, None, :, None])[..., 0]
         root_rate = to_eigenvectors @ inertia_rate @ self.eigenvectors
         # Division by r_i + r_j turns it into dR/dt in the basis of the eigenvectors.
@@ -224,10 +223,10 @@ class EquationOfMotion:
     """
 
     def __init__(self, mechanism: Mechanism, closure: Closure, freedoms: int = 1) -> None:
-        """Assign the positions of the quantities in a state.
+        """Store the mechanism, and define where each quantity is in a state.
 
-        A state is one array: first the pair variables, then m momenta, then the work that
-        each load has done.
+        The state of a simulation is one array: pair variables (joint angles), then m
+        momenta, then the work that each load has done.
 
         Parameters
         ----------
@@ -245,16 +244,16 @@ class EquationOfMotion:
         self.load_work_rows = slice(self.variable_count + freedoms, None)
 
     def make_state(self, values: Floats, speed: Floats, rate_weights: Floats) -> Floats:
-        """Return the state at given positions and rates, with zero work of the loads.
+        """Return the state of a simulation at its start, from positions and rates.
 
-        A state has the momenta p = R u of m coordinates instead of their rates u. R is the
-        symmetric square root of the inertia matrix M = R R, so that the kinetic energy is
-        p^2 / 2. With one degree of freedom p stays constant if no load acts.
+        A state has the momenta p = R u in place of the rates u of m coordinates. R is the
+        symmetric square root of the inertia matrix M = R R, so the kinetic energy is p^2 /
+        2. The works of the loads are zero.
 
         Parameters
         ----------
         values
-            (variables,) pair variables of a closed configuration, rad.
+            (variables,) pair variables (rad) of a configuration in which all loops close.
         speed
             (m,) rates u of the coordinates.
         rate_weights
@@ -273,21 +272,21 @@ class EquationOfMotion:
     def renew_coordinates(
         self, state: Floats, rate_weights: Floats
     ) -> tuple[Floats, Floats]:
-        """Return a state with new coordinates, and the weights of these coordinates.
+        """Return the same state in new coordinates, and the weights of these coordinates.
 
-        Coordinates are weighted sums of the pair variables, with the weights of coordinate
-        i in row i. The momenta in a state are those of the coordinates. The new weights are
-        an orthonormal basis of the velocities that are possible in this configuration, so
-        the new coordinates are well conditioned.
+        The coordinates are m weighted sums of the pair variables. As the mechanism moves,
+        they determine its motion less and less well. The new weights are an orthonormal
+        basis of the velocities that are possible in the present configuration.
 
         Parameters
         ----------
         state
-            (states,) a state whose momenta are those of `rate_weights`.
+            (states,) pair variables, momenta and works. The momenta belong to the
+            coordinates with the weights `rate_weights`.
         rate_weights
-            (m, variables) weights that were such a basis in a configuration nearby.
+            (m, variables) the old weights, those of coordinate i in row i.
         """
-        # Only the motion is used, which does not depend on the time. It is set to 0.
+        # Only the motion is used, which does not depend on the time, so the time is 0.
         dynamics = self.evaluate(np.zeros(1), state[None], rate_weights)
         # (variables,) the rates of the variables by time.
         variable_rates = rates_by_time(dynamics.motion, dynamics.speed)[0]
@@ -305,11 +304,11 @@ class EquationOfMotion:
     def compute_motion(
         self, values: Floats, rate_weights: Floats, order: Order = 1
     ) -> CoordinateMotion:
-        """Return closed configurations with their derivatives by the m coordinates.
+        """Return configurations with their derivatives by the m coordinates.
 
-        With several degrees of freedom, coordinates are weighted sums of the pair
-        variables. With one, the coordinate is the arc length of the configuration curve (in
-        the space of all pair variables), see `_compute_curve_motion`.
+        With several degrees of freedom, the coordinates are weighted sums of the pair
+        variables (joint angles). With one, the coordinate is the arc length of the curve of
+        configurations in the space of all pair variables.
 
         Parameters
         ----------
@@ -318,8 +317,8 @@ class EquationOfMotion:
         rate_weights
             With several degrees of freedom the weights of the pair variables in the
             coordinates: (m, variables) in all rows, or (n, m, variables) for each row. With
-            one degree of freedom the tangents of `_compute_curve_motion`: (1, variables)
-            for the first row, or (n, 1, variables) for each row.
+            one degree of freedom approximate tangents of the curve, which decide its sense:
+            (1, variables) for the first row, or (n, 1, variables) for each row.
         order
             Order of the derivatives, 1 or 2.
         """
@@ -332,19 +331,18 @@ class EquationOfMotion:
     ) -> CoordinateMotion:
         """Return configurations with their derivatives by the arc length of their curve.
 
-        The first derivative is a unit tangent of the curve. A curve has two directions, and
-        a solution of the velocity equations may point in either. Given tangents, which may
-        be inaccurate, decide which one is positive.
+        The first derivative is a unit tangent of the curve. A tangent may point in either
+        of two directions. Approximate tangents decide which one is positive.
 
         Parameters
         ----------
         values
             (n, variables) configurations of a mechanism with one degree of freedom (rad).
         tangents
-            (n, 1, variables) for each row a vector, with which the tangent of that row
-            makes an acute angle. Or (1, variables) such a vector for the first row only. In
-            each further row the tangent then makes an acute angle with the one before, so
-            the rows have to be in order along the motion.
+            (n, 1, variables) for each row an approximate tangent, with which the tangent of
+            the row makes an acute angle. Or (1, variables) for the first row only. Each
+            further tangent then makes an acute angle with the one before, so rows must be
+            in order along the motion.
         order
             Order of the derivatives, 1 or 2.
         """
@@ -435,11 +433,11 @@ class EquationOfMotion:
         return dynamics
 
     def _add_bearing_friction(self, t: Floats, dynamics: StateDynamics) -> StateDynamics:
-        """Return the dynamics with friction that follows from the reactions of bearings.
+        """Return the dynamics with the friction that follows from reactions in bearings.
 
         The friction changes the accelerations, and the accelerations change the reactions,
-        so both are solved together. In the result the friction is one of the generalised
-        forces, from which `StateDynamics.accelerations` are computed. Rows in which the
+        so both are solved together. The friction is added to the generalised forces, from
+        which `StateDynamics.accelerations` are computed. Rows (states) in which the
         friction is not known get the status NOT_CONVERGED.
 
         Parameters
@@ -447,12 +445,11 @@ class EquationOfMotion:
         t
             (n,) times, s.
         dynamics
-            Motion and forces without this friction.
+            Motion and forces without this friction, at n states.
         """
         motion = dynamics.motion
         timing = Timing(t, dynamics.speed, dynamics.accelerations)
-        # In a simulation the driving torques are among the loads of the mechanism. There
-        # are no unknown torques at the inputs in addition to them.
+        # A simulation has no unknown driving torques: torques at the inputs are loads.
         no_torques = np.zeros_like(dynamics.speed)
         friction = solve_bearing_friction(
             DrivenState(self.mechanism, motion, timing, no_torques),

@@ -173,8 +173,9 @@ def simulate(
 def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: float) -> None:
     """Raise `SolveError` if an engine is unknown or a tolerance is out of its range.
 
-    The smallest tolerance (rad) depends on the engine, which is ``"numpy"``, ``"compiled"``
-    or ``"auto"``. With ``"auto"`` it is that of the compiled engine, which is smaller.
+    The engine is ``"numpy"``, ``"compiled"`` or ``"auto"`` (the faster one). The tolerance
+    is that of a simulation (rad). Its smallest value depends on the engine. For ``"auto"``
+    it is that of the compiled engine, which can be more accurate.
     """
     if engine not in ENGINE_CHOICES:
         raise SolveError(
@@ -193,13 +194,13 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
 def _simulate_and_compare(
     problem: Problem, tolerance: float, engine: EngineChoice
 ) -> Simulation:
-    """Return a simulation whose error was measured against a more accurate simulation.
+    """Return a simulation with its error, measured against a more accurate simulation.
 
-    If the error exceeds the tolerance, the more accurate simulation takes the place of the
-    first one, and is compared with another one of a still smaller tolerance. This ends when
-    the tolerance can no longer be reduced: its smallest value is
-    `CHECK_MIN_TOLERANCE_RATIO` times the smallest tolerance that users can choose. The less
-    accurate one of the last two simulations is returned, because its error is known.
+    The more accurate simulation (the reference) has a smaller tolerance for its steps. If
+    the error exceeds the user's tolerance, the reference takes the place of the first
+    simulation and is compared with a still more accurate one, and so on. This ends when the
+    tolerance can't be reduced any more. Of the last two simulations the less accurate one
+    is returned, because only its error is known.
 
     Parameters
     ----------
@@ -209,26 +210,23 @@ def _simulate_and_compare(
         As in `simulate`.
     """
     simulation = _simulate_problem(problem, tolerance, engine)
-    # All simulations are made by the engine that was chosen for the first.
+    # The engine of the first simulation computes the others, too.
     engine = simulation.engine.name
-    # The tolerance of the steps of `simulation`. The compiled engine makes them for at most
-    # `MAX_STEP_TOLERANCE`, even if the user asks for less accuracy. Otherwise it would miss
-    # configurations in which curves of configurations cross.
+    # The tolerance of the steps of `simulation`. Steps of the compiled engine are always at
+    # least this accurate. Otherwise crossings of curves of configurations would be missed.
     step_tolerance = tolerance
     if engine == "compiled":
         step_tolerance = min(tolerance, MAX_STEP_TOLERANCE)
     min_step_tolerance = CHECK_MIN_TOLERANCE_RATIO * MIN_TOLERANCE_BY_ENGINE[engine]
     while True:
-        # The error is the difference from a simulation whose steps have a much smaller
-        # tolerance. It is judged by the tolerance of the user.
         reference_tolerance = max(
             CHECK_TOLERANCE_RATIO * step_tolerance, min_step_tolerance
         )
         reference = _simulate_problem(problem, reference_tolerance, engine)
         error = _largest_difference(simulation, reference)
         checked_simulation = replace(simulation, error=error, tolerance=tolerance)
-        # `missed` is None if the error is within the tolerance, and if the power of the
-        # loads equals the rate of the kinetic energy up to a multiple of the tolerance.
+        # `missed` is None if the error is within the user's tolerance and the power of the
+        # loads agrees with the rate of the kinetic energy.
         is_accurate = checked_simulation.missed is None
         if is_accurate or reference_tolerance <= min_step_tolerance:
             return checked_simulation
@@ -239,18 +237,16 @@ def _simulate_and_compare(
 def _explain_reference(
     reference: Simulation, simulation: Simulation, step_tolerance: float
 ) -> Simulation:
-    """Return a reference simulation that takes the place of a less accurate one.
-
-    Its report says why: the steps of the other simulation were too long.
+    """Return a reference simulation with a report on why it replaces a less accurate one.
 
     Parameters
     ----------
     reference
-        The more accurate simulation.
+        The more accurate simulation, with shorter steps.
     simulation
-        The less accurate one, with its measured error.
+        The less accurate simulation, with its measured error.
     step_tolerance
-        Tolerance of the steps of the less accurate one, rad.
+        Tolerance of the steps of the less accurate simulation, rad.
     """
     reason = (
         f"{simulation.engine.reason}; the error was {simulation.error:.1e} rad with steps "

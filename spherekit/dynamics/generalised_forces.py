@@ -23,19 +23,20 @@ from spherekit.mechanism.mechanism import Mechanism
 
 @dataclass(frozen=True)
 class UnitWrench:
-    """The force and moment of a load component of magnitude 1 on a link, in ground axes.
+    """Moment and force on a link by a load component of magnitude 1, in ground axes.
 
-    A vector has the shape (n, 3) for n configurations, or (3,) if it is the same in all.
+    A load component is a part of a load with one magnitude and one direction. A vector has
+    the shape (n, 3) for n configurations, or (3,) if it is the same in all.
 
     Attributes
     ----------
     link
         Number of the link.
     moment
-        Moment about the centre of the sphere, per unit of the magnitude.
+        Moment about the centre of the sphere, per unit of the magnitude. It includes the
+        moment of the force.
     force
-        Force per unit of the magnitude, 0 if the component is a couple. It acts at a point
-        of the link, and the moment above is that of this force about the centre.
+        Force per unit of the magnitude; 0 if the component is a couple.
     """
 
     link: int
@@ -71,11 +72,11 @@ class Loads:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """List the components of all loads, and which of them are friction.
+        """List the components of all loads, and find which of them are friction.
 
         A component is a part of a load: a magnitude that depends on the motion, and the
-        pair or the links on which it acts. A force on a link has three components, for
-        example. Components of one load follow one another in all lists.
+        pair (joint) or the links on which it acts. A force on a link has three components,
+        for example. Components of one load follow one another in all lists.
         """
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
@@ -86,11 +87,11 @@ class Loads:
             components += load_components
             self.load_of_component += [load_index] * len(load_components)
         self.components = tuple(components)
-        # Arguments of functions in the loads, such as that of a tanh, at whose zeros or
-        # extrema a load may change abruptly.
+        # Arguments of steep functions in loads, such as x in tanh(1000 x). A load may
+        # change abruptly where its argument is zero or extreme.
         self.steep_arguments = find_steep_arguments(mechanism)
-        # Numbers of the components that are friction in proportion to the load on a bearing
-        # or contact, and the coefficient of each.
+        # Indices of the components that are friction in proportion to the force in a
+        # bearing or contact, and their coefficients of friction.
         self.friction_components: list[int] = []
         coefficients: list[float] = []
         for index, component in enumerate(self.components):
@@ -101,8 +102,8 @@ class Loads:
                 self.friction_components.append(index)
                 coefficients.append(component.bearing_friction.friction_coefficient)
         self.friction_coefficients = np.array(coefficients)
-        # Loads that may change abruptly between the nodes of an integration step: steep
-        # functions, and Python functions of which nothing is known.
+        # Steep functions and arbitrary Python functions can change between the times at
+        # which an integration step evaluates them. Its steps are then tested at more times.
         self.needs_step_probes = bool(self.steep_arguments) or any(
             isinstance(component.magnitude, TorqueCallback) for component in self.components
         )
@@ -110,24 +111,25 @@ class Loads:
         self._first_components = np.unique(self.load_of_component, return_index=True)[1]
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
-        """Return the velocities on which the components of all loads work.
+        """Return the velocities on which the components of all loads do work.
 
-        A component of a load, such as one component of a force on a link, does work on the
-        rate of a pair or on the angular velocities of links.
+        Generalised forces are computed from them. A component of a load, such as one
+        component of a force on a link, does work on the rate of a pair (joint) or on the
+        angular velocities of links.
 
         Returns
         -------
-        (n, m, components) velocity per unit rate of each of the m coordinates, such that
-        the power of a component is its magnitude times this velocity times the rate.
+        (n, m, components) velocity per unit rate of each of m coordinates, at n rows.
+        The power of a component is its magnitude times this velocity times the rate.
         """
         velocities = np.zeros((*motion.rates.shape[:2], len(self.components)))
         for index, component in enumerate(self.components):
             if component.pair:
                 velocities[..., index] = self._pair_rate(motion.rates, component.pair)
-            # A component that acts at a pair has no forces and moments on links.
+            # This yields nothing for a component that acts at a pair.
             for wrench in self.unit_wrenches(component, motion.rotations):
-                # All links rotate about the centre. The work of a force on a link is
-                # therefore that of its moment about the centre.
+                # All links rotate about the centre, so a force on a link does work only by
+                # its moment about the centre.
                 work = motion.w[:, :, wrench.link] @ wrench.moment[..., None]
                 velocities[..., index] += work[..., 0]
         return velocities
@@ -135,11 +137,12 @@ class Loads:
     def unit_wrenches(
         self, component: LoadComponent, rotations: Floats
     ) -> Iterator[UnitWrench]:
-        """Yield the forces and moments on links by a load component of magnitude 1.
+        """Yield the moments and forces on links by a load component of magnitude 1.
 
-        Moments are about the centre of the sphere. Forces and moments are in ground axes:
-        (n, 3) if they turn with a link, or (3,) if they are the same in all n rows. A
-        component that acts at a pair yields nothing.
+        A load component is a part of a load with one magnitude and one direction. Moments
+        are about the centre of the sphere. Both vectors are in ground axes: (n, 3) if they
+        turn with a link, or (3,) if they are the same in all n rows (configurations). A
+        component that acts at a pair (joint) yields nothing.
 
         Parameters
         ----------
@@ -155,9 +158,9 @@ class Loads:
             direction = np.array(link_moment.direction)
             if link_moment.axes == "link":
                 direction = rotation @ direction
-            # Without an arm the direction is that of a couple. With an arm it is that of a
-            # force at a point of the link. The arm is the vector from the centre to this
-            # point, always in link axes.
+            # Without an arm the component is a couple. With an arm it is a force at a point
+            # of the link. The arm is the vector from the centre to this point, always in
+            # link axes.
             if link_moment.arm is None:
                 yield UnitWrench(link, moment=direction, force=0.0 * direction)
             else:
@@ -179,21 +182,22 @@ class Loads:
     ) -> Floats:
         """Return the magnitude of each component of each load.
 
-        Magnitudes are given by laws (expressions, functions or tables). The friction of a
-        bearing or contact is its law, times the coefficient of friction, times the load
-        that the bearing or contact carries.
+        Magnitudes follow laws (expressions, functions or tables). Friction of a bearing or
+        contact is its law, times the coefficient of friction, times the load that the
+        bearing or contact carries.
 
         Parameters
         ----------
         motion
-            The configurations at n rows, and their derivatives by m coordinates.
+            Configurations in n rows, and their derivatives by m coordinates.
         speed
             (n, m) rates of these coordinates by time.
         t
             (n,) time, s.
         carried
-            (n, k) load that is carried at each of the k `friction_components`: a force (N)
-            on a bearing, a moment (N m) at a contact. None for no friction.
+            (n, k) load carried by the bearing or contact of each of the k components in
+            `friction_components`: a force (N) on a bearing, a moment (N m) at a contact.
+            None: friction is left out.
 
         Returns
         -------
@@ -214,24 +218,25 @@ class Loads:
         speed: Floats,
         t: Floats,
     ) -> Floats:
-        """Return the values (n, laws) of expressions, functions and tables.
+        """Return the values (n, laws) of the laws of load components.
 
-        They are the magnitudes of load components. A law of friction gives the friction per
-        unit of its coefficient and of the carried load.
+        A law is an expression, a Python function or a table. Its value is the magnitude of
+        a component. For friction it is the magnitude per unit of its coefficient and of the
+        carried load.
 
         Parameters
         ----------
         laws
             The expressions, Python functions and torque tables.
         motion
-            The configurations at n rows, and their derivatives by m coordinates.
+            Configurations in n rows, and their derivatives by m coordinates.
         speed
-            (n, m) rates of these coordinates.
+            (n, m) rates of these coordinates by time.
         t
             (n,) times, s.
         """
-        # Laws name the time, the angles and rates of R pairs, and the sliding rates of
-        # contacts with friction.
+        # Laws can depend on the time, the angles and rates of R pairs (revolute joints),
+        # and the sliding rates of contacts with friction.
         values_by_name = {"t": t}
         variable_of_pair = self.mechanism.angles
         rates = rates_by_time(motion, speed)
@@ -266,22 +271,21 @@ class Loads:
         Parameters
         ----------
         motion
-            The configurations at n rows, and their derivatives by m coordinates.
+            Configurations in n rows, and their derivatives by m coordinates.
         speed
-            (n, m) rates of these coordinates.
+            (n, m) rates of these coordinates by time.
         t
             (n,) times, s.
         carried
-            (n, k) load that is carried at each of the k components that are friction of a
-            bearing or contact (`friction_components`): a force (N) on a bearing, a moment
-            (N m) at a contact. Friction is proportional to it. None for no friction.
+            (n, k) load carried by the bearing or contact of each of the k components in
+            `friction_components`: a force (N) on a bearing, a moment (N m) at a contact.
+            None: friction is left out.
         """
         # (n, components) N m or N.
         magnitudes = self.evaluate_magnitudes(motion, speed, t, carried)
-        # (n, m, components): the power of a component per unit rate of a coordinate is its
-        # magnitude times the velocity on which it works at this rate.
+        # (n, m, components) power of each component per unit rate of each coordinate.
         component_forces = magnitudes[:, None] * self.velocities(motion)
-        # The components of one load follow one another in the array, and are added.
+        # The components of each load follow one another. Add them, load by load.
         return np.add.reduceat(component_forces, self._first_components, axis=2)
 
 

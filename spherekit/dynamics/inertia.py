@@ -44,8 +44,9 @@ as motion.
 class Inertia:
     """Contributions of the links to the inertia matrix M and its derivatives, at n rows.
 
-    The links are those with mass, in the order of `Mechanism.masses`. With one coordinate
-    the matrix is a single number, the equivalent inertia B.
+    A row is one configuration of a motion. M is the inertia matrix of the mechanism for m
+    coordinates. The links are those with mass, in the order of `Mechanism.masses`. With one
+    coordinate the matrix is a single number, the equivalent inertia B.
 
     Attributes
     ----------
@@ -53,7 +54,8 @@ class Inertia:
         (n, masses, m, m) contribution of each link to M, kg m2 per product of the units of
         two coordinates.
     dM_parts
-        (n, masses, m, m, m) its derivatives: at [i, j, k] that of M_ij by coordinate k.
+        (n, masses, m, m, m) its derivatives: at [..., i, j, k] that of M_ij by coordinate
+        k.
     """
 
     M_parts: Floats
@@ -142,7 +144,9 @@ def _derivatives_seen_from_links(motion: CoordinateMotion) -> Floats:
 def _components_along_links(
     mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
 ) -> Floats:
-    """Return the components along link axes of a vector of each link with mass.
+    """Convert a vector of each link from ground axes to link axes, for the links with mass.
+
+    Inertia tensors are constant in link axes.
 
     Parameters
     ----------
@@ -188,7 +192,7 @@ def need_inertia(mechanism: Mechanism) -> None:
 def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     """Raise `SolveError` if the mechanism can move without any motion of a link with mass.
 
-    The acceleration of such a motion by a load would be infinite.
+    A load would accelerate such a motion infinitely.
 
     Parameters
     ----------
@@ -202,7 +206,7 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     smallest = principal_inertias[0]
     largest = principal_inertias[-1]
     if len(principal_inertias) > 1 and smallest < MIN_RELATIVE_INERTIA * largest:
-        # Other motions have inertia, but this one has none.
+        # With several coordinates, one combination of their rates has no inertia.
         coordinate_rates = directions[:, 0]
         _refuse_motion_without_inertia(mechanism, coordinate_rates @ motion.rates[0])
     if not smallest > _least_moving_inertia(mechanism, motion):  # also if it is NaN
@@ -239,9 +243,9 @@ def _refuse_motion_without_inertia(mechanism: Mechanism, variable_rates: Floats)
 def _least_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> float:
     """Return the inertia (kg m2) below which no link with mass moves at the start.
 
-    It is the inertia, the sum of I w^2, if all links with mass moved at the smallest speed
-    w that is no rounding error: `MIN_RELATIVE_SPEED` times the speed of the fastest link.
-    Speeds are those per unit rate of a single coordinate. I is the largest moment of
+    It is the sum of I w^2 over the links with mass, as if they all moved at the smallest
+    speed w that is more than a rounding error. This speed is `MIN_RELATIVE_SPEED` times
+    that of the fastest link, each per unit rate of a coordinate. I is the largest moment of
     inertia of a link.
 
     Parameters
@@ -277,18 +281,19 @@ def coriolis(dM: Floats, rates: Floats) -> Floats:
 
 
 def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:
-    """Return the driving torques tau (n, m) = M q'' + C q' - Q at the coordinates, N m.
+    """Return the driving torques tau (n, m) = M q'' + C q' - Q at the coordinates q, N m.
 
-    C q' are the torques that depend on products of rates (Coriolis and centrifugal).
+    They are the torques that produce a known motion. C q' are the torques that depend on
+    products of rates (Coriolis and centrifugal).
 
     Parameters
     ----------
     M, dM
-        (n, m, m) inertia matrix, and (n, m, m, m) its derivatives: at [..., k] those by
-        coordinate k.
+        (n, m, m) inertia matrix at n rows, and (n, m, m, m) its derivatives: at [..., k]
+        those by coordinate k.
     Q
-        (n, m) generalised forces of all loads.
+        (n, m) generalised forces, the sum over all loads.
     dq, ddq
-        (n, m) rates and accelerations of the coordinates.
+        (n, m) rates q' and accelerations q'' of the coordinates.
     """
     return (M @ ddq[..., None])[..., 0] + coriolis(dM, dq) - Q

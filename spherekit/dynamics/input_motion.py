@@ -24,15 +24,16 @@ def only_column(columns: Floats) -> Floats:
 
 
 class InputMotion:
-    """Base class of records with the motion of the inputs.
+    """Base class of results that contain the motion of the inputs (driven joint angles).
 
-    The properties are for mechanisms with a single input. With several inputs they raise
-    `SolveError`.
+    Its properties are short names for mechanisms with a single input. With several inputs
+    they raise `SolveError`.
 
     Attributes
     ----------
     inputs, input_rates, input_accelerations
-        (n, inputs) values (rad), rates (rad/s) and accelerations (rad/s2) of the inputs.
+        (n, inputs) values (rad), rates (rad/s) and accelerations (rad/s2) of the inputs, at
+        n samples.
     """
 
     inputs: Floats

@@ -68,15 +68,15 @@ def judged(
     rates: Floats,
     has_unknown_friction: Bools | bool,
 ) -> SmallIntegers:
-    """Set unknown torques and their parts to NaN in place, and return the status.
+    """Set torques that are not known, and their parts, to NaN in place; return the status.
 
-    Three rules say what is known in a row:
+    A row is one sample of a motion. Three rules say what is known in a row:
 
-    - Inertia is known in each row with rates. It does not depend on loads or friction.
-    - Loads are known in each row with rates, unless friction is unknown.
+    - Inertia is known if the rates are. It does not depend on loads or friction.
+    - Loads are known if the rates and the friction are.
     - Torques are known if all loads of the row are known.
 
-    A number that overflows is unknown as well. If one load overflows, the other loads of
+    A number that overflows is not known either. If one load overflows, the other loads of
     the row remain known, but the torques do not.
 
     Parameters
@@ -89,7 +89,7 @@ def judged(
     forces
         (n, m, loads) generalised forces at m inputs. The array is changed.
     torques
-        (n, m) torques. The array is changed.
+        (n, m) driving torques. The array is changed.
     rates
         (n, m) rates of the inputs.
     has_unknown_friction
@@ -229,19 +229,20 @@ class InverseSolution(InputMotion):
 
     @property
     def sure_torques(self) -> Floats:
-        """(n, inputs) driving torques, N m; 0 if they are only rounding errors.
+        """(n, inputs) driving torques, N m; 0 where they are only rounding errors.
 
-        A torque M ddq + C dq - Q is a rounding error if it is at most `MAX_ZERO_TORQUE`
-        times the sum of the sizes of its terms. M is the inertia matrix, C has products of
-        its derivatives dM/dq with rates, and Q are the generalised forces.
+        A torque M ddq + C dq - Q counts as a rounding error if it is at most
+        `MAX_ZERO_TORQUE` times the sum of the sizes of its terms. M is the inertia matrix,
+        C dq are the Coriolis torques, and Q the generalised forces.
 
-        M changes by about its own size when an input moves by 1 rad, so abs(M) is also the
-        size of dM/dq. The size of M ddq + C dq is then abs(M) a, with the effective
-        accelerations ``a_i = abs(ddq_i) + abs(dq_i) max(abs(dq))`` of the inputs i.
+        C has products of the derivatives dM/dq with rates. M changes by about its own size
+        when an input moves by 1 rad, so abs(M) is also taken as the size of dM/dq. The size
+        of M ddq + C dq is then abs(M) a, with effective accelerations ``a_i = abs(ddq_i) +
+        abs(dq_i) max(abs(dq))`` of the inputs i.
         """
         speeds = np.abs(self.input_rates)
         largest_speed = np.max(speeds, axis=1)[:, None]
-        # Sizes that overflow are infinite. The torque then counts as 0 if it is finite.
+        # A size that overflows is infinite, and a finite torque then counts as 0.
         with np.errstate(over="ignore"):
             effective_accelerations = largest_speed * speeds
             effective_accelerations += np.abs(self.input_accelerations)
@@ -383,11 +384,11 @@ def inverse_dynamics(
 def _driven(
     mechanism: Mechanism, law: TimeLaw | Mapping[str, TimeLaw], input_pair: str | None
 ) -> tuple[Mechanism, Mapping[str, TimeLaw]]:
-    """Return a mechanism whose inputs are the pairs with a time law, and these laws.
+    """Return a mechanism that is driven at the pairs with a time law, and these laws.
 
-    Laws given by name can drive other pairs than the inputs that the mechanism declares.
-    There have to be at least as many laws as declared inputs. Whether these pairs determine
-    the motion is checked by the position analysis.
+    Laws by name can drive pairs (joints) other than the inputs that the mechanism declares.
+    There have to be at least as many laws as declared inputs. The position analysis checks
+    later whether these pairs determine the motion.
 
     Parameters
     ----------
@@ -416,15 +417,15 @@ def _driven(
             f"{mechanism.name}: input {missing} has no law; give one for every input by "
             f"its name ({listing(inputs)})"
         )
-    # Columns of results are in the order of the inputs. If the laws are those of the
-    # declared inputs, the declared order is kept, otherwise that of the laws.
+    # Columns of results are in the order of the inputs: the declared order if exactly the
+    # declared inputs have laws, otherwise the order of the laws.
     drives_declared_inputs = set(inputs) == set(laws)
     driven_pairs = inputs if drives_declared_inputs else laws
     return mechanism.with_inputs(*driven_pairs), laws
 
 
 def _motion_of_rotation(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion:
-    """Return the motion of a mechanism that rotates an output about a fixed axis.
+    """Return the motion of a mechanism that rotates an output link about a fixed axis.
 
     Parameters
     ----------
@@ -439,8 +440,8 @@ def _motion_of_rotation(mechanism: Mechanism, schedule: TimeScaling, t: Floats) 
     # At these times: names, values, rates and accelerations of the inputs, and the angle
     # theta (rad) of the rotation.
     samples = schedule.at(t)
-    # The rotation has the pair variables at each angle, so no assembly modes are searched
-    # (follow=False). The position analysis makes a motion from these configurations.
+    # The rotation already has the pair variables (joint angles) at each angle. The position
+    # analysis only computes the other quantities of the motion (follow=False).
     configurations = schedule.rotation.at(samples.theta).values
     position_analysis = PositionAnalysis(
         mechanism.with_inputs(*samples.names), follow=False

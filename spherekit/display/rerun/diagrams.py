@@ -43,18 +43,26 @@ Moving = tuple[str, Columns]
 def draw_static(diagram: Diagram) -> Stills:
     """Yield the frame of a diagram, and the appearance of its parts that move.
 
-    Each item is a path below that of the diagram, and the data that are logged there once.
-    The parts that move are points with names, lines, and leaders: thin lines from a point
-    to its name. If each point has two angles to be listed as numbers (`readings`), they
-    are written in a legend. The part ``step`` is the text below the frame that explains the
-    current row. Positions and texts follow row by row, see `moving_columns`.
+    A diagram shows points and straight lines in a plane. It changes from row to row (one
+    row for each sample of a motion, or each step of a construction). Frame, colours and
+    line widths are the same in all rows, so they are logged to the recording once.
+    `moving_columns` logs the positions and texts of all rows.
+
+    The parts that move are ``points``, their ``names``, straight ``lines``, ``leaders``
+    (thin lines from a point to its name), ``legend`` and ``step``. The legend lists two
+    angles of each point, if the diagram has such `readings`. The part ``step`` is a text
+    below the frame that explains the current row.
+
+    Yields
+    ------
+    For each part its path below that of the diagram, and the data to log there.
     """
     width = _frame_width(diagram)
     x = frame_side(diagram.x_label, diagram.x_range)
     y = frame_side(diagram.y_label, diagram.y_range)
     yield from draw_frame(width, x, y)
     yield "points", rr.Points2D.from_fields(radii=rr.Radius.ui_points(DIAGRAM_POINT_RADIUS))
-    # A text is the label of a point. The radius 0 hides the point itself.
+    # The viewer writes texts only as labels of points. The radius 0 hides the point itself.
     yield "names", rr.Points2D.from_fields(radii=0.0, show_labels=True)
     for name, colour, line_width in (
         ("leaders", colours.GRATICULE, DIAGRAM_LEADER_WIDTH),
@@ -63,30 +71,32 @@ def draw_static(diagram: Diagram) -> Stills:
         radius = rr.Radius.ui_points(line_width)
         yield name, rr.LineStrips2D.from_fields(colors=colour, radii=radius)
     if diagram.readings is not None:
-        # Each point has the number of its colour in a list of colours, its tone.
+        # The tone of a point is the number of its colour in a list.
         tints = [colours.tone_colour(tone) for tone in diagram.tones[:MAX_LISTED_READINGS]]
         yield "legend", legend_style(legend_places(width, len(tints)), tints)
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)
 
 
 def moving_columns(diagram: Diagram) -> Iterator[Moving]:
-    """Yield the moving parts of a diagram: points, names, leaders, lines and texts.
+    """Yield the parts of a diagram that move, for all rows of a recording at once.
 
-    A leader is a thin line from a point to its name, which is moved aside if names would
-    cover each other. A row is the diagram at one sample, or in one step of a construction.
-    Each part is logged for all rows at once. The yielded items are the path of a part below
-    that of the diagram, and its columns for the viewer, which have all rows.
+    A row is the diagram at one sample of a motion, or in one step of a construction. The
+    parts are points, their names, straight lines, and leaders (thin lines from a point to
+    its name). If each point has two angles to be listed as numbers (`readings`), they are
+    written in a legend. If each row has a text (`words`), the text is written below the
+    frame.
 
-    If each point has two angles to be listed as numbers (`readings`), they are written in a
-    legend. If each row has a text (`words`), such as what is done in a step, it is written
-    below the frame.
+    Yields
+    ------
+    For each part its path below that of the diagram, and the data of all its rows as
+    columns for the viewer rerun (`rr`).
     """
     is_visible = _is_in_frame(diagram)
-    # The places of a diagram are in the units of its axes, with y up. `_place` converts
-    # them to the units of the chart, with y down.
+    # `_place` converts positions from units of the diagram's axes, with y up, to units of
+    # the chart, with y down.
     places = _place(diagram, diagram.places)
-    # Each name is written at its point, or beside it if it would cover another name. A name
-    # is as wide as its number of letters times `LETTER_WIDTH`.
+    # Each name is written at its point, or beside the point if names would cover each
+    # other. Hidden points (NaN) need no space for a name.
     visible_places = np.where(is_visible[..., None], places, np.nan)
     name_places = place_labels(diagram.names, visible_places, LETTER_WIDTH)
 
@@ -110,19 +120,19 @@ def _is_in_frame(diagram: Diagram) -> Bools:
 
 
 def _point_columns(diagram: Diagram, places: Floats, is_visible: Bools) -> Columns:
-    """Return the places and colours of the visible points of all rows.
+    """Return the places and colours of the visible points, as columns for the viewer.
 
     Parameters
     ----------
     diagram
-        The diagram.
+        The diagram, with the colours of the points.
     places
-        (rows, points, 2) places in the units of the chart.
+        (rows, points, 2) places in units of the chart; a row is the diagram at one sample.
     is_visible
-        (rows, points) whether a point is drawn.
+        (rows, points) whether a point is within the frame.
     """
-    # The number of visible points changes from row to row. The column lists those of all
-    # rows, one row after another, and `partition` is told how many each row has.
+    # The column lists the visible points of all rows, one row after another. `partition`
+    # divides the list into rows by the number of visible points in each row.
     points = rr.Points2D.columns(
         positions=places[is_visible], colors=_visible_colours(diagram, is_visible)
     )
@@ -130,26 +140,29 @@ def _point_columns(diagram: Diagram, places: Floats, is_visible: Bools) -> Colum
 
 
 def _name_columns(diagram: Diagram, name_places: Floats, is_visible: Bools) -> Columns:
-    """Return the places, texts and colours of the names of the visible points.
+    """Return places, texts and colours of the names of visible points, as viewer columns.
 
     Parameters
     ----------
     diagram
-        The diagram.
+        The diagram, with the names and colours of the points.
     name_places
-        (rows, points, 2) places of the names in the units of the chart.
+        (rows, points, 2) places of the names in units of the chart, with y down. A row is
+        the diagram at one sample.
     is_visible
-        (rows, points) whether a point is drawn.
+        (rows, points) whether a point is within the frame. Only then its name is written.
     """
     row_count = len(is_visible)
-    # The viewer writes a text `LABEL_DROP` below its position. Names are moved up by this
-    # length, and up is the direction of negative y.
+    # The viewer writes a text `LABEL_DROP` below its position, so names are moved up
+    # (towards negative y) by this length.
     positions = name_places[is_visible] - [0.0, LABEL_DROP]
     names = rr.Points2D.columns(
         positions=positions,
         labels=np.tile(diagram.names, (row_count, 1))[is_visible].tolist(),
         colors=_visible_colours(diagram, is_visible),
     )
+    # The columns list the names of all rows, one row after another. `partition` divides
+    # them by the number of names in each row.
     return names.partition(is_visible.sum(axis=1))
 
 
@@ -209,24 +222,25 @@ def _angle_text(degrees: float) -> str:
 
 
 def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:
-    """Return the parts of the lines of a diagram within its frame.
+    """Return the part of each straight line of a diagram that is within the frame.
 
-    A line (a, b, c) consists of the points with a x + b y + c = 0. With the unit vector d
-    along it and its point f nearest to the origin, its points are f + t d. The line is
-    within the x limits for t between two values, and within the y limits for t between two
-    others. The part in the frame is the intersection of both intervals of t.
+    A line (a, b, c) consists of the points with a x + b y + c = 0. Let f be its point
+    nearest to the origin, and d the unit vector along it. Then all its points are f + t d
+    with a number t. One interval of t is within the x limits of the frame, another one
+    within the y limits. The visible part is the intersection of both intervals.
 
     Returns
     -------
     ends
-        (rows, lines, 2, 2) the two ends (third axis) of the part in the frame.
+        (rows, lines, 2, 2) the two ends (third axis) of the visible part, each with x and
+        y. A row is the diagram at one sample.
     is_visible
         (rows, lines) whether the line crosses the frame at all.
     """
     normal = diagram.lines[..., :2]  # (rows, lines, 2)
     c = diagram.lines[..., 2:]  # (rows, lines, 1)
-    # A line parallel to a side has infinite limits of t there. If it coincides with the
-    # side, they are NaN, and the line is not visible.
+    # For a line parallel to a side, the division by zero gives infinite limits of t. For a
+    # line that lies on a side it gives NaN, and the line counts as not visible.
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
         foot = -normal * (c / length**2)  # f
@@ -246,14 +260,21 @@ def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:
 def _line_interval(
     foot: Floats, direction: Floats, limits: tuple[float, float]
 ) -> tuple[Floats, Floats]:
-    """Return the smallest and largest t for which foot + t direction is within limits.
+    """Return the interval of t in which one coordinate of a line is within limits.
+
+    The points of a straight line are foot + t direction. One call treats one coordinate,
+    x or y. A coordinate that does not change along a line gives infinite limits.
 
     Parameters
     ----------
     foot, direction
-        (rows, lines) a coordinate of the foot points and of the directions of lines.
+        (rows, lines) the coordinate of a point of each line, and of its unit vector.
     limits
-        Lower and upper limit of this coordinate.
+        Lower and upper limit of the coordinate.
+
+    Returns
+    -------
+    (rows, lines) smallest and largest t.
     """
     low, high = limits
     t_at_low = (low - foot) / direction

@@ -121,19 +121,24 @@ def draw_sphere() -> Stills:
 def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
     """Yield the data of a primitive that are the same in all rows and are logged once.
 
-    Each item is a path below the path of the primitive, and the data to be logged there by
-    rerun (`rr`), which shows recordings. The path `ENTITY_ITSELF` is the primitive. Many
-    primitives log only their appearance here; their positions follow row by row, see
-    `moving_columns`.
+    A primitive is something to draw: a link, an arrow, a curve, a chart, a text and so on.
+    A row is its state at one sample of a motion. The data are written to a recording of
+    the viewer rerun (`rr`). Many primitives log only their appearance here, and their
+    positions row by row, see `moving_columns`.
 
     Parameters
     ----------
     primitive
-        Something to draw: a link, an arrow, a curve, a chart, a text, ... A `Portrait` is a
-        plot of one quantity against another, with a mark at the current sample.
+        The primitive. A `Portrait` is a plot of one quantity against another, with a mark
+        at the current sample. A `Trace` is the path of a direction seen from a link.
     names
-        For a link, its own name and those of its pairs: the text, and the place (3,) in
-        axes of the link. Other primitives do not use them.
+        For a link, its own name and those of its pairs (joints): the text, the place (3,)
+        in axes of the link, and whether it names a pair. Unused for other primitives.
+
+    Yields
+    ------
+    A path below the path of the primitive, and the data to log there. The path
+    `ENTITY_ITSELF` stands for the path of the primitive.
     """
     match primitive:
         case Body():
@@ -152,7 +157,7 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
                 ),
             )
         case Series() | Trace() | InputMarks():
-            return  # drawn in charts, or as curves after the last row
+            return  # other functions draw these: in charts, or as curves after the last row
         case Portrait():
             yield from portraits.draw_portrait(primitive)
             yield "mark", dot_style()
@@ -180,12 +185,10 @@ def moving_columns(
 ) -> Iterator[Moving]:
     """Yield the data of a primitive that change from row to row, for one block of rows.
 
-    Each item is a path below the path of the primitive, and the columns to be logged there
-    by rerun (`rr`), which shows recordings. The path `ENTITY_ITSELF` is the primitive. A
-    row without a configuration is NaN: it gets no arrow, point or label.
-
-    Links and what is fixed to them are logged once, and only their rotations (quaternions)
-    change. A primitive without quaternions belongs to the ground, which does not move.
+    A primitive is something to draw, such as a link, an arrow or a plot. A row is its state
+    at one sample of a motion. A row without a configuration is NaN: it gets no arrow, point
+    or label. The curves of a link were logged once by `draw_static`; only the rotation of
+    the link (a quaternion) changes. A primitive without quaternions belongs to the ground.
 
     Parameters
     ----------
@@ -193,6 +196,11 @@ def moving_columns(
         The primitive. If it does not move, nothing is yielded.
     labels
         (rows,) labels of an arrow. By default the label of the arrow is used in all rows.
+
+    Yields
+    ------
+    A path below the path of the primitive, and the columns (one item per row) to log there
+    with the viewer rerun (`rr`). The path `ENTITY_ITSELF` stands for that of the primitive.
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
@@ -201,23 +209,22 @@ def moving_columns(
             yield from diagrams.moving_columns(primitive)
         case Body(quaternions=quaternions) if quaternions is not None:
             yield ENTITY_ITSELF, _rotation_columns(quaternions)
-            # The labels move with the link and were logged by `draw_static`. Each row says
-            # whether they are shown.
+            # `draw_static` logged the labels of the link. They are hidden in rows without a
+            # configuration.
             yield "labels", rr.Points3D.columns(show_labels=all_finite(quaternions, 1))
         case Arrow():
             yield from _arrow_columns(primitive, labels)
         case GreatCircle(normals=normals):
-            # The static circle is about z, so z is turned to the normal of the plane.
+            # `draw_static` logged the unit circle about z. It is rotated so that z becomes
+            # the normal of the plane.
             rotations = frame_from(normals, perpendicular(normals))
             yield ENTITY_ITSELF, _rotation_columns(quaternion(rotations))
         case Portrait():
-            # A portrait is a plot of one quantity against another. Only the mark at the
-            # current row moves. Its place is a part of the width and height of the frame,
-            # which `place_in_frame` converts to units of the chart.
+            # Only the mark at the current row moves. `placed` gives its place as fractions
+            # of the width and height of the frame.
             points = place_in_frame(primitive.placed())
             is_valid = all_finite(points, 1)
-            # The points themselves differ from row to row. `partition` gives each valid row
-            # one point, and the others none.
+            # `partition` assigns one point to each valid row and none to the other rows.
             columns = rr.Points2D.columns(positions=points[is_valid])
             yield "mark", columns.partition(is_valid)
         case Series(values=values):
@@ -227,11 +234,16 @@ def moving_columns(
 
 
 def _arrow_style(arrow: Arrow) -> Stills:
-    """Yield the appearance of an arrow, and of the label and trail of a pole.
+    """Yield the appearance of an arrow, which is the same in all rows of a recording.
 
-    A primary arrow is the axis of a pair, in silver. Every other arrow is the instantaneous
-    pole axis of two links that no pair joins, in gold. The trail shows as dots where the
-    pole was in the last samples.
+    A primary arrow is the axis of a pair (joint), in silver. Every other arrow is a pole:
+    the instantaneous axis of the relative rotation of two links that no pair joins. It is
+    gold, and has a label and a trail of dots where the pole was in the last samples.
+
+    Yields
+    ------
+    A path below the path of the arrow, and the data to log there. `ENTITY_ITSELF` stands
+    for the path of the arrow. Positions follow row by row, see `_arrow_columns`.
     """
     if arrow.primary:
         yield ENTITY_ITSELF, rr.Arrows3D.from_fields(colors=colours.SILVER, radii=0.006)
@@ -246,21 +258,25 @@ def _arrow_style(arrow: Arrow) -> Stills:
 
 
 def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator[Moving]:
-    """Yield the rows of an arrow, and of the label and trail of a pole.
+    """Yield the directions of an arrow in all rows, and places of its label and trail.
 
-    Each item is a path below the path of the arrow, and the columns to be logged there.
-    Rows without a direction (NaN) get no arrow.
+    A row is one sample of the motion. Rows without a direction (NaN) get no arrow.
 
     Parameters
     ----------
     arrow
-        The axis of a pair (`primary`), or the pole axis of two other links.
+        The axis of a pair (`primary`), or a pole: the axis of the relative rotation of two
+        links that no pair joins. Only a pole has a label and a trail (dots along its path).
     labels
         (rows,) labels, empty where the pole has none. By default the label of the arrow is
         used in all rows.
+
+    Yields
+    ------
+    A path below the path of the arrow, and the columns to log there for the viewer rerun.
     """
     is_valid = all_finite(arrow.directions, 1)
-    # `partition` gives each row for which its argument is True one item, the others none.
+    # `partition` assigns one item to each valid row and none to the other rows.
     directions = arrow.directions[is_valid]
     length = PAIR_ARROW_LENGTH if arrow.primary else POLE_ARROW_LENGTH
     yield (
@@ -307,26 +323,28 @@ def rows_for_path(primitive: Primitive) -> Floats | None:
 
 
 def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Stills:
-    """Yield the curve on which a direction or a point of a plot moved over all rows.
+    """Yield the curve on which a direction or a point of a plot has moved over all rows.
 
-    One pair is yielded: a name and the curve. In the recording, the curve is a child with
-    this name of the entity of the primitive. Nothing is yielded if all rows are NaN. Curves
-    on the sphere are drawn a little outside of it (`CURVE_SCALE`, `PATH_SCALE`), so that it
-    does not hide them.
+    It is drawn once, after the last row (sample) of a recording. Curves on the sphere are
+    drawn a little outside of it (`CURVE_SCALE`, `PATH_SCALE`), where it cannot hide them.
 
     Parameters
     ----------
     primitive
-        The primitive that moved: an `Arrow`, a `Trace` (a direction seen in the axes of a
-        link), or a `Portrait` (a plot of one quantity against another). A primary arrow is
-        the axis of a pair, in silver. Other arrows are the pole axes about which two links
-        turn relative to each other at the moment.
+        What has moved: an `Arrow`, a `Trace` (a direction seen in the axes of a link), or a
+        `Portrait` (a plot of one quantity against another). A primary arrow is the axis of
+        a pair (joint). Other arrows are poles (axes of the relative rotation of two links).
     rows
-        Its positions in all rows: directions (rows, 3), or points (rows, 2) of the plot as
+        The positions in all rows: directions (rows, 3), or points (rows, 2) of the plot as
         fractions of its width and height.
     row_length
-        Number of samples in one row of a grid of two inputs, after which the curve is
-        broken; None if the samples follow each other along a single curve.
+        Number of samples in one line of a grid of two inputs, after which the curve is
+        broken. None if the samples follow each other along a single curve.
+
+    Yields
+    ------
+    A name and the curve, which is logged under this name below the path of the primitive.
+    Nothing is yielded if all rows are NaN, or if a direction does not move.
     """
     if isinstance(primitive, Portrait):
         if shapes.split_at_nan(rows):
@@ -346,7 +364,7 @@ def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Sti
             colour = colours.GOLD
             line_width = POLE_PATH_WIDTH
         else:
-            colour = colours.BRONZE  # many curves, one for each row of the grid
+            colour = colours.BRONZE  # many curves, one for each line of the grid
             line_width = THIN_PATH_WIDTH
         yield "path", _curves(lines, PATH_SCALE, colour, line_width)
 
@@ -354,14 +372,15 @@ def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Sti
 def _curves(
     lines: Iterable[Floats], scale: float, colour: colours.Colour, line_width: float
 ) -> rr.LineStrips3D:
-    """Return curves on the sphere, moved outwards.
+    """Return polylines on the sphere as an object that the viewer rerun draws.
 
     Parameters
     ----------
     lines
         Polylines (n, 3) on the unit sphere.
     scale
-        Distance from the centre at which they are drawn.
+        Distance from the centre at which they are drawn, a little more than 1. The sphere
+        then does not hide them.
     colour
         Their colour.
     line_width
@@ -403,15 +422,15 @@ def _point_columns(positions: Floats, has_point: Bools) -> Columns:
 
 
 def _rotation_columns(quaternions: Floats) -> Columns:
-    """Return the transforms of rows: a rotation, and a scale that hides NaN rows.
+    """Return the rotation of a moving object in each row, and hide it in NaN rows.
 
-    The transforms move data that were logged once, so these data cannot be left out in a
-    single row. In a row without a rotation they are shrunk to a point instead.
+    The object, such as the curves of a link, was logged once. It can't be removed in a
+    single row, so in a NaN row it is shrunk to a point.
 
     Parameters
     ----------
     quaternions
-        (rows, 4) rotations as quaternions xyzw, NaN in rows without a configuration.
+        (rows, 4) rotations as quaternions xyzw; NaN in rows without a configuration.
     """
     is_valid = all_finite(quaternions, 1)[:, None]
     return rr.Transform3D.columns(
@@ -421,14 +440,20 @@ def _rotation_columns(quaternions: Floats) -> Columns:
 
 
 def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
-    """Yield the curves, joints and names of a link in the frame that moves with it.
+    """Yield the curves, joints and names of a link, in the frame that moves with the link.
 
     Parameters
     ----------
     body
         The link.
     names
-        The names that it shows: text, place (3,), and whether it is the name of a pair.
+        The names that the link shows: text, place (3,) in its frame, and whether it names
+        a pair (joint).
+
+    Yields
+    ------
+    A path below the path of the link, and the data to log there once. `ENTITY_ITSELF`
+    stands for the path of the link.
     """
     colour = colours.link_colour(body.number)
     # Links are drawn at a few different distances from the centre. Arcs of two links that
@@ -450,18 +475,19 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
             labels=[text for text, _, _ in names],
             colors=[colours.PALE if is_pair else colour for _, _, is_pair in names],
             radii=LABEL_RADIUS,
-            # Whether a moving link shows its names is logged with each row.
+            # A moving link shows its names only in rows with a configuration. This is
+            # logged with the rows.
             show_labels=True if body.quaternions is None else None,
         ),
     )
 
 
 def _draw_sphere_curves(item: SphereCurves) -> Stills:
-    """Yield curves and marks on the sphere.
+    """Yield curves and marks on the unit sphere, which do not move.
 
-    Each item is a path below that of the drawing, and the data that are logged there once.
-    The path of the curves is empty (`ENTITY_ITSELF`): they have the path of the drawing.
-    The tone is the number of a colour.
+    Each item is a path below that of the drawing, and the data to log there once. The path
+    `ENTITY_ITSELF` stands for the path of the drawing. The tone of curves or of a mark is
+    the number of their colour in a list.
     """
     if item.curves:
         colour = colours.tone_colour(item.tone)
@@ -470,8 +496,8 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
             _curves(item.curves, CURVE_SCALE, colour, SPHERE_CURVE_WIDTH),
         )
     if item.marks:
-        # If every mark has another label, all labels are visible. Otherwise the same text
-        # would be written several times, so a label appears when its mark is pointed at.
+        # Labels are always visible if no two are equal. Otherwise the viewer shows a label
+        # only while the pointer is on its mark.
         labels = [mark.label for mark in item.marks]
         yield (
             "marks",
@@ -486,13 +512,12 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
 
 
 def _draw_sphere_map(item: SphereMap) -> Stills:
-    """Yield a map on the sphere as a coloured mesh, or as points if it has no triangles.
+    """Yield a map: values on the unit sphere, shown as colours of a mesh or of points.
 
-    One item is yielded: a path below that of the map, and the data that are logged there
-    once. The path is `ENTITY_ITSELF`, which stands for the path of the map itself.
+    It is drawn as points if it has no triangles. One item is yielded: the path
+    `ENTITY_ITSELF`, which stands for the path of the map, and the data to log there once.
     """
-    # Vertices that belong to no triangle are not drawn, so they do not widen the range of
-    # values that the colours show.
+    # Colours span only the values at vertices that are drawn.
     low, high = choose_map_range(item.shown_values, item.unit)
     tints = colours.heat_colours(item.values, low, high)
     # The map is a little outside of the sphere, which would hide it otherwise.
@@ -503,7 +528,7 @@ def _draw_sphere_map(item: SphereMap) -> Stills:
             rr.Mesh3D(
                 vertex_positions=positions,
                 triangle_indices=item.triangles,
-                vertex_normals=item.vertices,
+                vertex_normals=item.vertices,  # on the unit sphere, both are equal
                 vertex_colors=tints,
             ),
         )
@@ -584,10 +609,10 @@ def _draw_surface(surface: Surface) -> Stills:
 
 
 def _draw_graph(graph: Graph) -> Stills:
-    """Yield the graph of links and pairs.
+    """Yield the graph of a mechanism, with links as nodes and pairs (joints) as edges.
 
-    A node is a tuple of name, label and number of the link, which decides its colour. Nodes
-    without a number are grey. Positions are from 0 to 1 in both directions.
+    A node is a tuple of name, label and link number. The number decides the colour; a node
+    without a number is grey. Positions of nodes are from 0 to 1 in both directions.
     """
     names, labels, link_numbers = zip(*graph.nodes, strict=True)
     tints = [

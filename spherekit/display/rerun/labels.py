@@ -79,16 +79,17 @@ Sight = tuple[Floats, Floats, Floats]
 class _Box:
     """The rectangle that a name, or the dot of a pair axis, covers in the viewer's window.
 
-    A picture is the mechanism in one configuration, as the eye sees it. The rectangle moves
-    with its link from picture to picture. Lengths are in radii of the sphere.
+    Names are placed where they cover few of these rectangles. A picture is the mechanism in
+    one configuration, seen from the eye of the viewer. The rectangle moves from picture to
+    picture, because the name or dot is fixed to a link. Lengths are in radii of the sphere.
 
     Attributes
     ----------
     cost
-        Cost of covering it with a further name: 1 for a name, `DOT_COST` for a dot. Names
-        are placed where this cost is low.
+        Cost of covering this rectangle with another name: 1 for a name, `DOT_COST` for a
+        dot.
     centres
-        (pictures, 2) its centre in each picture, to the right and up.
+        (pictures, 2) its centre in each picture: coordinates to the right and up.
     half_size
         (2,) half its width and height.
     """
@@ -100,22 +101,24 @@ class _Box:
 
 @dataclass(frozen=True)
 class _NameRequest:
-    """A name that needs a place.
+    """A name that needs a place in the view of a mechanism, and the places to choose from.
+
+    The name is fixed to a link and moves with it. The chosen place is one at which it
+    covers few other names in several pictures (the mechanism in one configuration each).
 
     Attributes
     ----------
     path
-        The link that shows the name, by its path in the tree of the recording.
+        Path of the link that shows the name, in the tree of the recording.
     text
-        The name, or names, of a link or pair.
+        The name of a link, or the names of one or more pairs (joints).
     is_pair
         Whether it is the name of a pair.
     places
         (k, 3) possible places in the axes of the link, the best first.
     centres
-        (pictures, k, 2) for each of the k places, the middle of the name in each picture. A
-        picture shows the mechanism in one configuration. The name moves with its link, so
-        it must cover few other names in all pictures.
+        (pictures, k, 2) the middle of the name in each picture, for each possible place:
+        coordinates to the right and up.
     """
 
     path: str
@@ -126,20 +129,21 @@ class _NameRequest:
 
 
 def facing(focus: Floats | None) -> Sight:
-    """Return eye, target and upward direction for a view of a mechanism.
+    """Return the eye, its target and the upward direction for a view of a mechanism.
 
-    The eye looks at the middle of the mechanism, a little from the side. The z axis is up
-    unless the eye would look nearly along it; then -x is up.
+    The eye looks at the middle of the mechanism, a little from the side. The z axis is up.
+    If the middle is near the z axis, -x is up instead, so that the picture is not twisted.
 
     Parameters
     ----------
     focus
-        (3,) direction of the middle of the mechanism. None: `DEFAULT_FOCUS`.
+        (3,) direction from the centre of the sphere to the middle of the mechanism. None:
+        `DEFAULT_FOCUS`.
     """
     focus = unit_rows(np.array(DEFAULT_FOCUS if focus is None else focus))
     up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP_COSINE else [-1.0, 0.0, 0.0])
     right = unit_rows(np.cross(focus, up))
-    # From the focus the eye is moved by 0.8 to the right and 0.6 upwards (a unit vector).
+    # The unit vector of the sideways offset is 0.8 to the right and 0.6 upwards.
     eye = focus + EYE_OFFSET * (0.8 * right + 0.6 * np.cross(right, focus))
     target = 0.1 * focus  # nearly the centre of the sphere
     return EYE_DISTANCE * unit_rows(eye), target, up
@@ -177,19 +181,19 @@ class Names:
         """Return the names that links show, each with the point at which it is written.
 
         A name moves with its link. Whether it covers other names is therefore judged in
-        pictures of a few configurations: perspective images from the eye of the viewer.
-        From a list of possible places on the link the one with the lowest cost is chosen.
-        Places of long names are chosen first, because they are the hardest to find.
+        several pictures (perspective images of the mechanism in one configuration each).
+        For each name, the place with the lowest cost is chosen from a list of possible
+        places. Long names are placed first, because it is hardest to find space for them.
 
         Parameters
         ----------
         bodies
-            The links, at rest or with their orientations in all rows.
+            The links, at rest or with their orientations in all rows (samples).
 
         Returns
         -------
-        For each link, by its path (name in the tree of the recording), the names that it
-        shows: its own, and those of its pairs that no other link shows.
+        By the path of each link in the recording: the names of the link itself, and of its
+        pairs (joints) that no other link shows.
         """
         requests: list[_NameRequest] = []
         for body, rotations in zip(bodies, _picture_rotations(bodies), strict=True):
@@ -203,7 +207,7 @@ class Names:
             best = int(np.argmin(self._place_costs(request)))
             name = (request.text, request.places[best], request.is_pair)
             names[request.path].append(name)
-            # Later names avoid this one. It costs 1 to cover it in all pictures.
+            # Names that follow avoid the rectangle of this name.
             box = _Box(
                 cost=1.0,
                 centres=request.centres[:, best],
@@ -213,14 +217,17 @@ class Names:
         return names
 
     def _dot_boxes(self, body: Body, rotations: Floats) -> list[_Box]:
-        """Return the areas of the dots that mark the pair axes of a link.
+        """Return the rectangles of the dots that mark the pair axes of a link.
+
+        Names are placed so that they cover few of these dots.
 
         Parameters
         ----------
         body
-            The link. Its `joints` are the unit vectors of the pair axes in its frame.
+            The link. Its `joints` are the unit vectors of its pair axes in its own frame.
         rotations
-            (pictures, 3, 3) its orientation in each picture.
+            (pictures, 3, 3) its orientation in each picture (a configuration of the
+            mechanism).
         """
         boxes = []
         for axis in body.joints:
@@ -244,22 +251,22 @@ class Names:
         return costs
 
     def _pair_name_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
-        """Return requests for places of the names of a link's pairs.
+        """Return requests for places of the names of a link's pairs (joints).
 
-        Pairs that another link names already are left out. Pairs with nearly the same axis
-        share one name, such as "A, B". Each request lists several possible places of the
-        name. `place_names` later chooses the place at which the name covers few other
-        names. It compares the places in pictures, which show the mechanism in a few
-        configurations.
+        A request has a name and several possible places on the link. `place_names` later
+        chooses the place at which the name covers few others. A pair belongs to two links,
+        so pairs that another link already names are left out. Pairs with nearly the same
+        axis share one name, such as "A, B".
 
         Parameters
         ----------
         body
-            The link.
+            The link. Its `joints` are unit vectors of its pair axes in its own frame.
         rotations
-            (pictures, 3, 3) its orientation in each picture.
+            (pictures, 3, 3) its orientation in each picture (a configuration of the
+            mechanism).
         """
-        # Each name has an axis beside which it is written, and a text.
+        # Each name has a text, and an axis beside which it is written.
         axes: list[Floats] = []
         texts: list[str] = []
         for axis, label in zip(body.joints, body.joint_labels, strict=True):
@@ -278,8 +285,8 @@ class Names:
                 texts.append(label)
         requests = []
         for text, axis in zip(texts, axes, strict=True):
-            # Possible places (k, 3) in the axes of the link, and where the middle of the
-            # name would be (pictures, k, 2) in the pictures.
+            # Possible places (k, 3) in the axes of the link, and the middle of the name in
+            # each picture for each of these places (pictures, k, 2).
             places = PAIR_NAME_RADIUS * _places_around(axis, body.joints)
             centres = self._centres(rotations, places)
             requests.append(
@@ -288,27 +295,27 @@ class Names:
         return requests
 
     def _link_name_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
-        """Return a request for a place of the name of a link, at its longest arc.
+        """Return a request for a place of the name of a link, at the link's longest arc.
 
-        The list is empty if the link has no name or no arc. The request lists several
-        possible places. `place_names` later chooses the place at which the name covers few
-        other names. It compares the places in pictures, which show the mechanism in a few
-        configurations.
+        The request has several possible places along the arc. `place_names` later chooses
+        the place at which the name covers few others. The list is empty if the link has no
+        name or no arc.
 
         Parameters
         ----------
         body
-            The link.
+            The link. Its `curves` are its arcs in its own frame.
         rotations
-            (pictures, 3, 3) its orientation in each picture.
+            (pictures, 3, 3) its orientation in each picture (a configuration of the
+            mechanism).
         """
         if not len(body.curves) or not body.label:
             return []
         longest_arc = np.asarray(max(body.curves, key=_curve_length))  # (points, 3)
         last = len(longest_arc) - 1
         point_numbers = np.round(LINK_NAME_FRACTIONS * last).astype(int)
-        # Possible places (k, 3) in the axes of the link, and where the middle of the name
-        # would be (pictures, k, 2) in the pictures.
+        # Possible places (k, 3) in the axes of the link, and the middle of the name in each
+        # picture for each of these places (pictures, k, 2).
         places = LINK_NAME_RADIUS * longest_arc[point_numbers]
         centres = self._centres(rotations, places)
         return [
@@ -324,21 +331,21 @@ class Names:
 
 
 def _covered_shares(request: _NameRequest, obstacle: _Box) -> Floats:
-    """Return the share of pictures in which a name would cover an obstacle.
+    """Return the share of pictures in which a name would cover an obstacle, by place.
 
-    Half of the weight is on the first picture, because the viewer shows it first. The other
-    half is on the mean over all pictures.
+    A picture is the mechanism in one configuration. The viewer shows the first picture at
+    the start, so it has half of the weight. The mean over all pictures has the other half.
 
     Parameters
     ----------
     request
         The name, with k possible places.
     obstacle
-        The rectangle of another name or of a dot.
+        The rectangle of another name, or of the dot of a pair axis.
 
     Returns
     -------
-    (k,) shares from 0 to 1.
+    (k,) weighted shares of pictures, from 0 to 1.
     """
     # Two rectangles overlap if their centres are nearer than the sum of their half sizes,
     # in both directions.
@@ -360,12 +367,11 @@ def _name_half_size(text: str) -> Floats:
 def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
     """Return the rotations (pictures, 3, 3) of each link in the same few configurations.
 
-    The caller projects these configurations onto the screen, to test whether the names of
-    links and pairs cover each other. The configurations are `MAX_PICTURES` rows of the
-    motion. They are evenly spaced among the rows in which all links have an orientation. If
-    there are fewer such rows, some of them occur several times. The array of a link at rest
-    has only one rotation, which is the identity. If no such row exists, all links have this
-    array.
+    The caller projects these configurations onto the screen and tests where names of links
+    and pairs cover each other. The configurations are `MAX_PICTURES` evenly spaced rows
+    (samples) of the motion, out of those in which all links have an orientation. If there
+    are fewer such rows, some occur several times. A link at rest gets a single identity
+    matrix, and so do all links if there is no such row.
     """
     at_rest = np.eye(3)[None]
     moving = [body.quaternions for body in bodies if body.quaternions is not None]
@@ -386,9 +392,10 @@ def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
 def _places_around(axis: Floats, pair_axes: Floats) -> Floats:
     """Return possible places of a name around the axis of a pair, on the unit sphere.
 
-    A place at the angle r from the axis, in the direction f, is cos(r) axis + sin(r)
-    (cos(f) a + sin(f) b). Here a points away from the other axes of the link and b is at
-    right angles to it and to the axis.
+    Let a be the unit vector at right angles to the axis that points away from the other
+    axes of the link, and b a third unit vector at right angles to both. A place at the
+    angle r from the axis, in the direction f, is
+    cos(r) axis + sin(r) (cos(f) a + sin(f) b).
 
     Parameters
     ----------
@@ -399,14 +406,15 @@ def _places_around(axis: Floats, pair_axes: Floats) -> Floats:
 
     Returns
     -------
-    (k, 3) places. The nearest come first. At equal distance the first is away from the
-    other axes of the link (f = 0), and the others follow with a growing size of f.
+    (k, 3) places, the nearest first. Among places at one distance, the first is away from
+    the other axes (f = 0), and the size of f grows from there.
     """
     away = -np.sum(pair_axes, axis=0)
     away = away - (away @ axis) * axis
-    # A vector that is shorter than the smallest distance of a name counts as zero.
+    # A short vector has no reliable direction.
     if np.linalg.norm(away) < PAIR_NAME_ANGLES_RAD[0]:
-        # The axes balance each other, so any direction across the axis will do.
+        # The axes balance each other. Any direction at right angles to the axis will do,
+        # such as the cross product with the coordinate axis that differs most from it.
         away = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     away = unit_rows(away)
     across = np.array([away, np.cross(axis, away)])  # rows: a, b

@@ -31,15 +31,16 @@ def with_margin(primitive: Primitive) -> Primitive:
 
 
 def draw_portrait(portrait: Portrait) -> Stills:
-    """Yield the frame, curves, marks and legend of a portrait, a plot of two quantities.
+    """Yield the parts of a portrait (a plot of one quantity against another).
 
-    Marks with equal labels are one kind. Up to `MAX_LEGEND_KINDS` kinds are named in the
-    legend. If there are more kinds, the label is written beside each mark instead, but only
-    if there are at most `MAX_SHOWN_LABELS` marks. More labels would cover each other.
+    The parts are frame, curves, marks (labelled points) and legend. Marks with equal labels
+    are one kind. Up to `MAX_LEGEND_KINDS` kinds are named in the legend. More kinds are
+    not: then each mark has its label beside it, if there are at most `MAX_SHOWN_LABELS`
+    marks. More labels would cover each other.
 
     Yields
     ------
-    For each part the last piece of its name in the tree of the recording, and its drawing.
+    For each part its name below that of the portrait in the recording, and its drawing.
     """
     x = frame_side(
         title_with_unit(portrait.x_label, portrait.x_unit),
@@ -61,8 +62,8 @@ def draw_portrait(portrait: Portrait) -> Stills:
             draw_portrait_curve(points, colours.tone_colour(curve.tone)),
         )
 
-    # The legend: labels of curves and of kinds of marks. The tone is the number of a
-    # colour.
+    # The legend lists labels of curves and kinds of marks. The tone is the number of a
+    # colour in a list.
     tone_of_kind = {mark.label: mark.tone for mark in portrait.marks}
     has_few_kinds = len(tone_of_kind) <= MAX_LEGEND_KINDS
     legend = {curve.label: curve.tone for curve in portrait.curves if curve.label}

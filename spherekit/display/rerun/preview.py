@@ -40,7 +40,10 @@ ZERO_ARC_STEP_RAD = 0.05
 
 
 def preview(mechanism: Mechanism, path: Path | str) -> str:
-    """Write a recording of a mechanism at the start of its inputs, in every assembly mode.
+    """Write a recording of a mechanism before any analysis, to check its links and sizes.
+
+    It shows the mechanism at the start of its inputs, in every assembly mode (way to
+    assemble the links). The viewer rerun opens it.
 
     Parameters
     ----------
@@ -59,16 +62,16 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     ------
     PlanError, SolveError
         If the number of degrees of freedom is not that of the inputs, or if the mechanism
-        cannot be assembled anywhere in the ranges of its inputs.
+        can't be assembled at any of the inputs tried.
     OutputError
-        If the recording cannot be written.
+        If the recording can't be written.
     """
     position_analysis, motion, note = _assemble(mechanism)
     shapes = link_shapes(mechanism)
     with RerunRecorder(mechanism.name, path=path) as recorder:
-        # The recording has a text on how poles (axes of the relative rotation of two links)
-        # are constructed. It needs a plan for each input. The plans use the same mobility
-        # as the position analysis: by count, or by the rank of the velocity equations.
+        # The plans say how poles (axes of the relative rotation of two links) are
+        # constructed; the recording shows them as a text. They count the degrees of freedom
+        # in the same way as the position analysis: by formula, or by rank.
         pole_plans = plans(mechanism, position_analysis.by_rank)
         head = RecordingHead(
             scenes=[static_scene(pole_plans, shapes)],
@@ -77,7 +80,7 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
         )
         recorder.start(head)
         sample = np.zeros(1, np.int64)  # the recording has one sample, number 0
-        # Each assembly mode has one row in the motion, and a page in the recording.
+        # The motion has one row for each assembly mode. Each mode gets a page.
         for row, scene in enumerate(moving_link_scenes(motion, shapes)):
             recorder.log(scene, sample)
             additions = (*_zero_arcs(motion, row), _size_table(motion, row, note))
@@ -111,16 +114,15 @@ def _find_middle_of_axes(motion: Motion) -> Floats | None:
 
 
 def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
-    """Assemble a mechanism in all modes, at one value of its inputs.
+    """Assemble a mechanism in all its assembly modes, at one value of its inputs.
 
-    The first values of the input ranges are tried first. If the mechanism cannot be
-    assembled at these, `TRIED_INPUTS` samples of the ranges are tried. The first sample at
-    which the mechanism can be assembled is used.
+    The first values of the input ranges are preferred. If the mechanism can't be assembled
+    there, `TRIED_INPUTS` samples of the ranges are tried and the first that works is used.
 
     Returns
     -------
-    The position analysis, a motion with one sample, and a note on the inputs of that sample
-    if they are not the first values of the ranges.
+    The position analysis; a motion with one sample and a row for each mode; and a note on
+    the inputs of the sample, empty if they are the first values of the ranges.
 
     Raises
     ------
@@ -143,7 +145,7 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
             "in the ranges of its inputs, so there is nothing to show; change the ranges "
             "or the sizes"
         )
-    # The rows of one sample are its configurations, one for each mode that exists there.
+    # A sample is one value of the inputs. It has a row for each mode that exists there.
     first_sample = assembled.rows(assembled.sample == assembled.sample[0])
     inputs = ", ".join(
         f"{item.pair} = {np.degrees(angle):.4g} deg"
@@ -161,23 +163,23 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
 
 
 def _zero_arcs(motion: Motion, row: int) -> list[Primitive]:
-    """Return, for every R pair, an arc about its axis from its zero to its present angle.
+    """Return, for every R pair (revolute joint), an arc from its zero to its present angle.
 
-    A line joins the axis with the beginning of the arc. Arcs of input pairs are labelled in
-    the middle with the angle in degrees.
+    The arc runs about the axis of the pair. A line joins the axis with the beginning of
+    the arc. The arc of an input pair is labelled in the middle with the angle in degrees.
 
     Parameters
     ----------
     motion
-        Configurations of the mechanism.
+        Configurations of the mechanism, one per row.
     row
-        The row of the configuration.
+        The row of the configuration to draw.
     """
     mechanism = motion.mechanism
     arcs: list[Primitive] = []
     for name, variable in mechanism.angles.items():  # R pairs, with their variables
-        # Columns of the pair frame: x, y and z, the axis of the pair. The x axis moves with
-        # the second link. Seen from it, the zero of the pair is at the angle -value.
+        # Columns of the frame of the pair: x, y, and z along the pair axis. Its x axis
+        # moves with the second link, so the zero of the pair is at the angle -value from x.
         x, y, axis = motion.frames[row, mechanism.pair_number[name]].T
         value = motion.values[row, variable]
         count = int(abs(value) / ZERO_ARC_STEP_RAD) + 2
@@ -196,21 +198,21 @@ def _zero_arcs(motion: Motion, row: int) -> list[Primitive]:
 
 
 def _size_table(motion: Motion, row: int, note: str) -> Text:
-    """Return the arcs of links and the angles of pairs as a Markdown page.
+    """Return a page of text with two tables: the arcs of links, and the angles of pairs.
 
     Parameters
     ----------
     motion
-        Configurations of the mechanism.
+        Configurations of the mechanism, one per row.
     row
-        The row of the configuration whose angles are listed.
+        The row of the configuration whose pair angles are listed.
     note
         A sentence below the heading; may be empty.
     """
     mechanism = motion.mechanism
     lines = [f"# {markdown_text(mechanism.name)}", "", note, ""]
     lines += ["| link | arcs between its axes, deg |", "|---|---|"]
-    # A row for each link, with the arcs between successive axes of its pairs.
+    # First table: for each link the arcs (deg) between successive axes of its pairs.
     for link, axes in link_axes(mechanism).items():
         names = [markdown_text(pair) for pair in axes]
         arcs = [_degrees(arc(first, second)) for first, second in pairwise(axes.values())]
@@ -218,7 +220,7 @@ def _size_table(motion: Motion, row: int, note: str) -> Text:
         sizes = [f"{end} {size}" for end, size in zip(ends, arcs, strict=True)]
         lines.append(f"| {markdown_text(link)} | {', '.join(sizes or names)} |")
     lines += ["", "| pair | type | links | here, deg | driven |", "|---|---|---|---|---|"]
-    # A row for each pair, with its variables in this configuration.
+    # Second table: for each pair its variables (deg) in this configuration.
     input_ranges = {
         item.pair: f"{np.degrees(item.start):.5g} to {np.degrees(item.stop):.5g}"
         for item in mechanism.inputs

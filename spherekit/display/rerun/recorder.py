@@ -212,28 +212,36 @@ class RerunRecorder:
             self._outputs.close(error)
 
     def start(self, head: RecordingHead) -> None:
-        """Begin the recording: timelines, layout, and the scenes that do not move."""
+        """Begin the recording: choose its timeline, and log everything that does not move.
+
+        Parameters
+        ----------
+        head
+            What is known before the motion: times or inputs of all samples, titles of
+            assembly modes (ways to assemble the mechanism), and scenes (drawings) that do
+            not move.
+        """
         sight = facing(head.focus)  # eye, target and upward direction
         layout, timeline_note = self._make_layout(head, sight)
-        # Each assembly mode (one way to assemble the mechanism) has a page: number, title.
+        # Each assembly mode has a page of the window, with a number and a title.
         layout.pages.update(head.assembly_modes.items())
         # The property "logged" exists if not all samples are recorded. It is a text such as
         # "one of 5 successive samples".
         if "logged" in head.properties:
             timeline_note += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
-        # Number of samples in a row of a grid of several inputs; None if there is no grid.
+        # Number of samples in one line of a grid of several inputs; None without a grid.
         self._grid_row_length = head.row
-        # `Names` places names so that they do not cover each other from this eye. The key
-        # None stands for everything that all pages show.
+        # `Names` places names so that they do not cover each other as seen from `sight`.
+        # The key None stands for names that all pages show.
         self._names[None] = Names(sight)
         self._outputs.send_name(self.name, head.properties)
-        # `ENTITY_ITSELF` is the empty path: the axes belong to the root itself.
+        # `ENTITY_ITSELF` is the empty path, so z is declared as up for the root itself.
         self._outputs.log_static(
             self.root,
             [(ENTITY_ITSELF, rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.draw_sphere()],
         )
-        # These scenes show the ground and texts, and no results of analyses (findings).
+        # These scenes show the ground and texts. Findings are results of analyses.
         for scene in map(convert_to_degrees, head.scenes):
             names = self._names_of_new_links(scene)
             for primitive in scene.primitives:
@@ -243,7 +251,7 @@ class RerunRecorder:
                     has_findings=False,
                     names=names.get(primitive.path, ()),
                 )
-        # A recording with nothing to look at yet gets no text about it.
+        # A recording with nothing to look at needs no explanation.
         if head.scenes or layout.pages:
             notes = NOTES.format(
                 name=self.name, timeline=timeline_note, compared=MAX_COMPARED_CURVES
@@ -253,21 +261,20 @@ class RerunRecorder:
             self._send_layout()
 
     def _make_layout(self, head: RecordingHead, sight: Sight) -> tuple[Layout, str]:
-        """Return an empty layout, and a sentence about its timeline for the notes.
+        """Return an empty window layout, and a sentence about its timeline for the notes.
 
-        The layout is the arrangement of the viewer's window. The viewer plays the times (s)
-        of the recording if it has times, otherwise its inputs, and sample numbers
-        otherwise. The viewer's timelines other than that of time have whole numbers only.
-        Inputs are therefore counted in ticks of 1, 0.1, 0.01 or 0.001 degrees.
+        The viewer plays a recording along a timeline: of times if there are times,
+        otherwise of inputs, otherwise of sample numbers. A timeline of inputs counts whole
+        ticks of 1, 0.1, 0.01 or 0.001 degrees, because rerun has only whole numbers there.
 
-        This method also sets the range of the times (s) or inputs (deg), for the axes of
-        charts, and the number of ticks per degree.
+        This method also sets the range of times (s) or inputs (deg) for the axes of charts,
+        and the number of ticks per degree.
 
         Parameters
         ----------
         head
-            Properties of the recording, with its times or inputs (rad). It has inputs only
-            if the mechanism has a single input.
+            Properties of the recording, with its times (s) or inputs (rad). It has inputs
+            only if the mechanism has a single input.
         sight
             Eye, target and upward direction of the view of the sphere.
 
@@ -372,27 +379,26 @@ class RerunRecorder:
     ) -> None:
         """Log the rows of all primitives (things that are drawn) of a scene.
 
-        A row is the scene at one sample of the motion. Some primitives leave a curve, the
-        path of a moving point: pole axes and traced directions on the sphere, and the point
-        of a portrait (a plot of two quantities) that has no curves of its own. Their rows
-        are also stored, since the curve is drawn at the end of the recording.
+        A row is the scene at one sample of the motion. Some moving points leave a curve:
+        pole axes (about which two links turn relative to each other), traced directions,
+        and the point of a plot of two quantities (portrait). The curve is drawn at the end
+        of the recording, so the positions of the point are stored.
 
         Parameters
         ----------
         scene
             The scene of one block of rows.
         timelines
-            The positions of the rows on the timelines.
+            The positions of the rows on the timelines of the viewer.
         row_count
             Number of rows of the block.
         """
         layout = self._open_charts.layout
-        # Arrows that cover each other in a row share one label, so labels vary with the
-        # row.
+        # Arrows with the same direction share one label, so labels change with the row.
         labels = arrow_labels(scene.primitives)
         for primitive in scene.primitives:
-            # The name of the primitive in the tree of the recording. A primitive can
-            # consist of several parts, whose names begin with it.
+            # The parts of a primitive have names (`suffix`) below the name of the primitive
+            # in the tree of the recording.
             name_in_tree = layout.path(scene.page, primitive)
             for suffix, columns in entities.moving_columns(
                 primitive, labels.get(primitive.path)
@@ -409,24 +415,24 @@ class RerunRecorder:
     def _log_failures(
         self, scene: Scene, timelines: list[rr.TimeColumn], row_count: int
     ) -> bool:
-        """Log a label at the rows without a configuration, where a link is NaN.
+        """Log a label at the rows without a configuration, where a link has NaN.
 
-        The label is an entity of its own in the view of the sphere. A page has the drawings
-        of an assembly mode or an analysis. When the label is logged there for the first
-        time, it is added to the layout of the window, which then has to be sent again.
+        The label ("no configuration here") is an item of its own in the view of the sphere
+        of a page (the drawings of an assembly mode or an analysis). The first label of a
+        page is added to the layout of the window, which then has to be sent again.
 
         Parameters
         ----------
         scene
-            A block of samples, with its links.
+            A block of samples, with its links. Without links there is no label.
         timelines
-            The time of each row on each timeline.
+            The time of each row (sample) on each timeline.
         row_count
             Number of rows of the block.
 
         Returns
         -------
-        Whether the layout has changed. A scene without links has no label.
+        Whether the layout has changed.
         """
         bodies = [item for item in scene.primitives if isinstance(item, Body)]
         if not bodies:
@@ -450,10 +456,11 @@ class RerunRecorder:
     def _timelines(
         self, samples: Integers, inputs: Floats | None, times: Floats | None
     ) -> list[rr.TimeColumn]:
-        """Return the positions of rows on all timelines.
+        """Return the positions of a block of rows on all timelines of the recording.
 
-        Every recording has a timeline of sample numbers. It can have a second one, of the
-        times (s) or of the inputs in ticks, which are parts of a degree.
+        A row is one sample of the motion. Every recording has a timeline of sample numbers.
+        It can have a second one: of times (s), or of inputs in ticks (fixed parts of a
+        degree).
 
         Parameters
         ----------
@@ -465,13 +472,13 @@ class RerunRecorder:
         Raises
         ------
         ValueError
-            If the inputs or times of a timeline are missing.
+            If the recording has a timeline of inputs or times and these are missing.
         """
         timelines = [
             rr.TimeColumn(SAMPLE_TIMELINE, sequence=np.asarray(samples, dtype=np.int64))
         ]
-        # The viewer plays the timeline of this name: that of times or inputs if there is
-        # one, otherwise that of sample numbers. Ticks exist only for a timeline of inputs.
+        # Name of the timeline that the viewer plays. `_ticks_per_degree` is set only for a
+        # timeline of inputs.
         name = self._open_charts.layout.timeline
         if name == TIME_TIMELINE:
             if times is None or len(times) != len(samples):
@@ -487,16 +494,17 @@ class RerunRecorder:
     def _default_axis(
         self, samples: Integers, inputs: Floats | None, times: Floats | None
     ) -> Axis:
-        """Return the axis for a scene that does not name one: time, input or sample number.
+        """Return the horizontal axis of charts for a scene that does not name one.
 
-        The range of the times or inputs of the whole recording was set at its start, if it
-        has some. All blocks of rows then have the same axis. The number of samples is not
-        known in advance, so an axis of sample numbers has the range of this block.
+        It is the axis of times, of inputs or of sample numbers. `start` has set the range
+        of times or inputs, so all blocks of rows have the same axis. The total number of
+        samples isn't known in advance, so an axis of sample numbers has the range of this
+        block.
 
         Parameters
         ----------
         samples
-            (rows,) sample numbers.
+            (rows,) sample numbers; a row is one sample of the motion.
         inputs, times
             (rows,) inputs (rad) and times (s).
         """
@@ -505,6 +513,7 @@ class RerunRecorder:
         if self._axis_range is not None and inputs is not None:
             return Axis("input", "deg", np.degrees(inputs), self._axis_range)
         numbers = samples.astype(float)
+        # The initial values are for a block without rows.
         low = np.min(numbers, initial=np.inf)
         high = np.max(numbers, initial=-np.inf)
         return Axis("sample", "", numbers, (low, high))
@@ -534,10 +543,14 @@ class RerunRecorder:
             return
 
     def _names_of_new_links(self, scene: Scene) -> dict[str, list[Name]]:
-        """Return names, with their positions, of the links that occur for the first time.
+        """Choose places for the names of links that a page shows for the first time.
 
-        The result is a mapping from the path of a link (its name in the tree of the
-        recording) to the names that are drawn with the link.
+        Names are logged once, together with the link.
+
+        Returns
+        -------
+        By the path of a new link in the recording: the names to draw with the link (its own
+        and those of its pairs), with their positions.
         """
         layout = self._open_charts.layout
         # A link is new if nothing has been recorded at its path on this page.
@@ -567,9 +580,10 @@ class RerunRecorder:
         has_findings: bool = True,
         names: Sequence[Name] = (),
     ) -> bool:
-        """Write the static data of a primitive to the recording, if it is new.
+        """Write the static data of a primitive to the recording if they are not there yet.
 
-        It is also added to the layout, the arrangement of the window of the viewer.
+        A new primitive is also added to the layout (the arrangement of the viewer's
+        window).
 
         Parameters
         ----------
@@ -578,14 +592,14 @@ class RerunRecorder:
         primitive
             Something to draw. It is identified by its page and its own path.
         has_findings
-            Whether it shows results of an analysis, and not only the motion. A page has the
-            plots with such results before the others.
+            Whether it shows results of an analysis, and not only the motion. Plots with
+            such results come first on a page.
         names
             The texts to draw on a link, with their positions.
 
         Returns
         -------
-        Whether it is new.
+        Whether the primitive is new.
         """
         path = self._open_charts.layout.path(page, primitive)
         is_new = self._outputs.log_first(path, entities.draw_static(primitive, names))

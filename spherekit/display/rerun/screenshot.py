@@ -172,9 +172,10 @@ def check_version(recording: Path) -> None:
 
 
 def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
-    """Let the 3D view of the page in front fill the window, without bars; return its id.
+    """Let the 3D view of the visible page fill the window, without bars; return its id.
 
-    The layout is read from the viewer as a nested mapping, changed and sent back.
+    The layout of the window (rerun calls it a blueprint) is a nested mapping. It is read
+    from the viewer, changed and sent back.
 
     Parameters
     ----------
@@ -197,16 +198,16 @@ def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
 
 
 def _visible_views(blueprint: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the ids of the views that are not hidden behind other tabs, from the left.
+    """Yield the ids of the views that are not hidden behind other tabs, from left to right.
 
-    The layout is a tree: containers consist of views and other containers. A container of
-    tabs shows only its active tab. The tree is walked depth first.
+    The layout of the window is a tree: containers consist of views and other containers. A
+    container of tabs shows only its active tab. The tree is walked depth first.
 
     Parameters
     ----------
     blueprint
-        The layout of the window: by the path of a part (such as ``/container/ID``), and by
-        the type of its data (such as ``ContainerBlueprint``), its settings by name.
+        The layout: blueprint[path of a part][type of its data][name of a setting]. A path
+        is such as ``/container/ID``, a type such as ``ContainerBlueprint``.
     """
     root = blueprint["/viewport"]["ViewportBlueprint"]["root_container"]
     pending = [f"container/{root}"]
@@ -219,8 +220,9 @@ def _visible_views(blueprint: Mapping[str, Any]) -> Iterator[str]:
         else:
             container = blueprint[f"/{path}"]["ContainerBlueprint"]
             is_tabs = container["container_kind"] == "Tabs"
+            # Parts of a container, each as "view/ID" or "container/ID".
             contents = _as_list(container["active_tab" if is_tabs else "contents"])
-        pending = contents + pending[1:]  # the contents come before the next neighbour
+        pending = contents + pending[1:]  # the contents come before the next part
 
 
 def _as_list(value: str | list[str]) -> list[str]:
@@ -280,16 +282,17 @@ def _activate_tabs(client: ViewerClient, recording: Path, titles: Sequence[str])
 
 
 def _take_stable_picture(client: ViewerClient, view_id: str | None) -> bytes:
-    """Return a PNG as soon as two pictures in a row are equal, since plots appear late.
+    """Return a PNG of the viewer once two successive pictures are equal.
 
-    For its first seconds the viewer shows a notice over the picture, which cannot be
-    switched off. The function waits until the notice disappears, at most
-    `NOTICE_TIMEOUT_S`. A picture that never settles is returned after `MAX_FRAMES`.
+    Plots appear some time after the recording is loaded. At first the viewer also shows a
+    notice over the picture, which can't be switched off. The function waits until the
+    notice disappears, at most `NOTICE_TIMEOUT_S`. After that it takes at most `MAX_FRAMES`
+    further pictures; if they still change, the last one is returned.
 
     Parameters
     ----------
     client
-        The viewer.
+        The connection to the viewer.
     view_id
         The view that fills the window; None for the whole window.
     """
@@ -325,12 +328,12 @@ def _cursor_position(
     input_deg: float | None,
     recording: Path,
 ) -> tuple[str, int]:
-    """Return the timeline and the time on it for a sample or an input.
+    """Return the timeline, and the position on it, at which a picture is to be taken.
 
     Parameters
     ----------
     timelines
-        The first time on each timeline, by its name.
+        The first position on each timeline of the recording, by its name.
     sample, input_deg
         A sample number or an input (deg). If both are None, the beginning of the recording
         is chosen, on the timeline of times, of the input or of samples.
@@ -342,10 +345,10 @@ def _cursor_position(
     timeline
         Name of the timeline.
     tick
-        The time on it: a sample number, the input in units of the timeline, or ns.
+        The position on it, a whole number: a sample number, the input in ticks (parts of a
+        degree), or a time in ns.
     """
-    # Times are whole numbers, so timelines of the input count in parts of a degree (ticks).
-    # For other timelines the number of ticks per degree is None.
+    # `ticks_per_degree` is None for timelines that are not of an input.
     input_timelines = []
     for name in timelines:
         scale = ticks_per_degree(name)
@@ -375,13 +378,14 @@ def _first_valid_time(
 ) -> int:
     """Return the first time at which the visible page shows a configuration.
 
-    A recording has a failure label ("no configuration here") on each page. The label has a
-    position in rows without a configuration, and none in the others.
+    A mechanism may not be assembled at its first samples, and a picture would be empty
+    there. Each page has a failure label ("no configuration here"). The label has a position
+    only in rows (samples) without a configuration, and this tells them apart.
 
     Parameters
     ----------
     client
-        The viewer.
+        The connection to the viewer.
     recording
         Path of the recording.
     timeline
@@ -389,7 +393,8 @@ def _first_valid_time(
     start
         The time to return if no row has a configuration.
     """
-    # The contents of a view are rules such as "+ /root/assembly_mode_0/status/**".
+    # Rules say what a view shows, such as "+ /root/assembly_mode_0/status/**". The failure
+    # label of a page has a path that ends in "/status".
     blueprint = client.get_blueprint().blueprint
     label_paths = set()
     for view in _visible_views(blueprint):
@@ -424,7 +429,7 @@ def _check_sample(recording: Path, sample: int) -> None:
 
 
 def _wait_until_loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
-    """Wait until the viewer has loaded a recording.
+    """Wait until the viewer has loaded a recording, and return the start of its timelines.
 
     Returns
     -------
@@ -449,9 +454,9 @@ def _wait_until_loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
 
 @contextmanager
 def _headless_viewer(size: Size) -> Iterator[ViewerClient]:
-    """Run a viewer without a window as long as a `with` block lasts.
+    """Run a viewer without a window for the duration of a `with` block.
 
-    The value of the block is a client, by which the viewer is controlled.
+    The value of the block is a client (a connection that controls the viewer).
 
     Raises
     ------
@@ -477,17 +482,21 @@ def _headless_viewer(size: Size) -> Iterator[ViewerClient]:
 def _failure_message(
     process: subprocess.Popen[bytes], messages: IO[bytes], reason: str
 ) -> str:
-    """Return a message on a viewer that failed.
+    """Return a message for the user about a viewer that failed.
+
+    A missing graphics driver is the usual cause. It is recognised by words in the error
+    stream of a viewer that has ended, and the message then says how to install one.
 
     Parameters
     ----------
     process
         The process of the viewer, which may still run.
     messages
-        Its error stream, in which a missing graphics driver is recognised.
+        Its error stream.
     reason
-        The reason for the message if the graphics driver is not to blame.
+        The reason for the message in all other cases.
     """
+    # A viewer that is about to end gets the time to do so.
     with suppress(subprocess.TimeoutExpired):
         process.wait(EXIT_TIMEOUT_S)
     messages.seek(0)

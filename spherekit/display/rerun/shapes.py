@@ -31,27 +31,28 @@ def box(low: Floats, high: Floats) -> list[Floats]:
 
 
 def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
-    """Return unit normals (v, 3) of a mesh at its vertices.
+    """Return unit normals (v, 3) of a triangle mesh at its vertices, for its shading.
 
     The normal at a vertex is the mean of the normals of the triangles around it, weighted
-    with their areas. These triangles may have opposite orientations. A normal is therefore
-    reversed if it points against the sum so far. A vertex without triangles gets (0, 0, 1).
+    by area. Neighbouring triangles may have opposite orders of corners, and their normals
+    would then cancel. A triangle normal is therefore reversed if it points against the sum
+    so far. A vertex without triangles gets (0, 0, 1).
 
     Parameters
     ----------
     vertices
         (v, 3) points.
     triangles
-        (t, 3) indices of vertices.
+        (t, 3) indices of the three vertices of each triangle.
     """
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    triangle_normals = np.cross(b - a, c - a)  # their length weighs with the area
+    triangle_normals = np.cross(b - a, c - a)  # length: twice the area
     sums = np.zeros_like(vertices)
     for corner in range(3):
         vertex = triangles[:, corner]
         is_opposite = np.vecdot(sums[vertex], triangle_normals) < 0.0
         signed_normals = np.where(is_opposite[:, None], -triangle_normals, triangle_normals)
-        np.add.at(sums, vertex, signed_normals)
+        np.add.at(sums, vertex, signed_normals)  # also adds where an index is repeated
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     unit_normals = sums / np.where(length > 0.0, length, 1.0)
     return np.where(length > 0.0, unit_normals, [0.0, 0.0, 1.0])
@@ -71,17 +72,19 @@ def graticule() -> list[Floats]:
 
 
 def path_on_sphere(directions: Floats, row_length: int | None = None) -> list[Floats]:
-    """Return the path of a direction on the unit sphere as polylines (n, 3).
+    """Return the path of a moving direction on the unit sphere as polylines (n, 3).
 
     The path is broken at NaN rows, and between successive samples that are more than a
-    right angle apart. A direction that does not move has no path.
+    right angle apart, since the direction may have jumped. A direction that does not move
+    has no path.
 
     Parameters
     ----------
     directions
         (n, 3) unit vectors, in the order of samples.
     row_length
-        Number of samples of a row of a grid of inputs. The path is broken after each row.
+        Number of samples in one line of a grid of two inputs. The path is broken after each
+        line. None if the samples follow each other along a single curve.
     """
     is_finite = all_finite(directions, 1)
     # Whether each sample is joined with the one after it.
@@ -103,19 +106,24 @@ def split_at_nan(points: Floats) -> list[Floats]:
 
 
 def _resample(line: Floats) -> Floats:
-    """Return a polyline (n, 3) on the sphere with fewer short and without long steps.
+    """Return a polyline (n, 3) on the unit sphere without too short or too long steps.
 
-    Points that are closer than about `MIN_PATH_STEP_RAD` are joined. Points are then added
-    so that no step is longer than `MAX_PATH_STEP_RAD`. An added point may be close to one
-    of the polyline. A polyline shorter than `MIN_PATH_STEP_RAD` altogether becomes empty.
+    Of points closer together than about `MIN_PATH_STEP_RAD` only one is used, to save
+    space. Then points are added so that no step is longer than `MAX_PATH_STEP_RAD`, where
+    the chord would visibly leave the sphere. A polyline shorter than `MIN_PATH_STEP_RAD`
+    altogether becomes empty.
     """
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    length = np.concatenate([[0.0], np.cumsum(steps)])  # from the beginning to each point
+    # Length of the polyline from its beginning to each point.
+    length = np.concatenate([[0.0], np.cumsum(steps)])
     if length[-1] < MIN_PATH_STEP_RAD:
         return line[:0]
-    # Keep the first point of each piece of the smallest length, and the last point.
+    # Divide the length into intervals of `MIN_PATH_STEP_RAD`. Use the first point in each
+    # interval, and the last point of all.
     _, first_points = np.unique(np.floor(length / MIN_PATH_STEP_RAD), return_index=True)
     used = np.union1d(first_points, len(line) - 1)
     new_lengths = np.union1d(length[used], np.arange(0.0, length[-1], MAX_PATH_STEP_RAD))
     components = [np.interp(new_lengths, length[used], column[used]) for column in line.T]
-    return unit_rows(np.stack(components, axis=1))  # chords are moved to the sphere
+    return unit_rows(
+        np.stack(components, axis=1)
+    )  # points of chords are moved to the sphere

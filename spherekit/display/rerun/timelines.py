@@ -26,10 +26,10 @@ TICK_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class InputTimeline:
-    """The timeline of the input of a recording.
+    """The timeline of the input of a recording, along which the viewer plays the motion.
 
-    A timeline holds whole numbers only, so inputs are counted in ticks, which are parts of
-    a degree.
+    A timeline of the viewer has whole numbers only. Inputs (rad) are therefore counted in
+    ticks, which are fixed parts of a degree.
 
     Attributes
     ----------
@@ -39,8 +39,8 @@ class InputTimeline:
     ticks_per_degree
         Number of ticks in a degree: 1, 10, 100 or 1000.
     is_exact
-        Whether all inputs are whole numbers of ticks. This fails only for the finest ticks,
-        thousandths of a degree, to which inputs are then rounded.
+        Whether all inputs are whole numbers of ticks. If not, ticks are thousandths of a
+        degree and inputs are rounded to them.
     """
 
     name: str

@@ -24,12 +24,12 @@ RECORDING_HEADER = b"RRF"
 
 
 def recording_at(file: AnyPath) -> Path:
-    """Return the path of a recording.
+    """Return the path of a file after checking that it is a recording of the viewer.
 
     Raises
     ------
     OutputError
-        If there is no such file, or it is no recording.
+        If there is no such file, or if it does not begin as a recording does.
     """
     path = Path(file)
     hint = "make a recording with: spherekit run FILE --save X.rrd"
@@ -57,9 +57,9 @@ def free_ports(count: int) -> list[int]:
 def run_viewer(
     *words: str, messages: Any = subprocess.DEVNULL
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the viewer as long as a `with` block lasts.
+    """Run the viewer as a separate program for the duration of a `with` block.
 
-    `with run_viewer(...) as process` gives the process of the viewer to the block.
+    The value of the block is the process of the viewer, which is killed at the end.
 
     Parameters
     ----------
@@ -76,6 +76,7 @@ def run_viewer(
     spec = find_spec("rerun_cli")
     if spec is None or spec.origin is None:
         raise OutputError("the viewer is missing; install the package rerun-sdk")
+
     binary = Path(spec.origin).parent / ("rerun.exe" if os.name == "nt" else "rerun")
     # Log messages would appear in pictures, so only errors are logged. With CI set, the
     # viewer sends no statistics to its makers.

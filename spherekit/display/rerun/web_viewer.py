@@ -45,7 +45,7 @@ def serve_web(recording: Path | str, announce: Callable[[str], None]) -> None:
 
 @contextmanager
 def served(recording: Path | str) -> Iterator[str]:
-    """Serve a recording as long as a `with` block lasts.
+    """Serve a recording to web browsers for the duration of a `with` block.
 
     One program serves the page with the viewer at one port, and the data of the recording
     at a second port. The value of the block is the address of the page.
@@ -60,5 +60,6 @@ def served(recording: Path | str) -> Iterator[str]:
                 f"the viewer's web page did not answer at http://{HOST}:{page_port}/; "
                 "use `spherekit view X.rrd` to open a window, with --png to save a picture"
             )
+        # The page fetches the recording from the address in `url`.
         source = quote(f"rerun+http://{HOST}:{data_port}/proxy", safe="")
         yield f"http://{HOST}:{page_port}?url={source}"
