@@ -182,7 +182,9 @@ class PositionAnalysis:
             self.assembly_modes = (wanted_mode,)
 
     def find_mode_index(self, assembly_mode: int | str) -> int:
-        """Return the position in `assembly_modes` of a mode, by its number or name.
+        """Return the index in `assembly_modes` of a mode, by its number or name.
+
+        An assembly mode is one way to assemble the mechanism; the file can name it.
 
         Raises
         ------
@@ -196,7 +198,7 @@ class PositionAnalysis:
             if has_number or has_name:
                 return index
         titles = listing(f"{mode.number} ({mode.title})" for mode in self.assembly_modes)
-        # `unused_mode_names` has a sentence for each name in the file that no mode has.
+        # Names in the file that no mode has may explain the error; each has a sentence.
         raise SolveError(
             f"{self.mechanism.name}: there is no assembly mode {assembly_mode}; the "
             f"assembly modes found are {titles}"
@@ -204,11 +206,13 @@ class PositionAnalysis:
         )
 
     def _search_modes(self, search: bool) -> tuple[AssemblyMode, ...]:
-        """Plan the assembly, search its modes and return them.
+        """Plan how the links are placed, then search the assembly modes and return them.
 
-        The mobility is counted on the graph of links and pairs, or with `by_rank` follows
-        from the rank of the velocity equations. If `follow` of the constructor was False,
-        no modes are searched and only the plan is made.
+        An assembly mode is one way to assemble the mechanism. The plan lists groups of
+        links in the order in which they are placed. It requires as many inputs as degrees
+        of freedom. These are counted from the numbers of links and pairs. With `by_rank`,
+        they follow from the rank of the velocity equations. If `_follow` is false, only the
+        plan is computed.
 
         Parameters
         ----------
@@ -224,38 +228,41 @@ class PositionAnalysis:
         self.solver = PositionSolver(self.mechanism, self.assembly)
         if not self._follow:
             return ()
-        # `independent`: the samples are unrelated to each other, and are no motion.
+        # `independent`: the samples are unrelated to each other, and do not form a motion.
         mode_search = ModeSearch(
             self.solver, self.input_grid, search=search, independent=self._independent
         )
-        # `claim` states how complete the modes are, and `methods` how they were found.
-        # `probes` counts the inputs at which they were searched. Curves of configurations
-        # cross at `crossings`.
+        # `claim` says how complete the modes are, `methods` how each group was solved, and
+        # `probes` at how many inputs modes were searched. At `crossings` curves of
+        # configurations cross.
         self.methods = mode_search.methods
         self.claim = mode_search.claim
         self._probe_count = mode_search.probes
         self._crossings = mode_search.crossings
-        # At the inputs of a crossing, the solver computes a configuration with half the
-        # digits only, because crossings are singular. It returns the crossing instead.
+        # Crossings are singular, so the solver would compute them with half the digits. It
+        # returns these exact configurations instead.
         self.solver.exact_configurations += [
             crossing.values for crossing in mode_search.crossings
         ]
         return tuple(mode_search.assembly_modes)
 
     def _pass_crossings(self) -> None:
-        """Replace the modes by those that follow smooth curves through crossings.
+        """Replace the assembly modes by those that follow smooth curves through crossings.
 
-        `_modes_with_constant_signs` keeps the former modes. The sign that says in which of
-        two ways a dyad closes is constant along each, but may change at a crossing on a
-        smooth curve. A smooth curve gets the number of the former mode that is on it at the
-        input of the reference pose, if this input is in the range and not at a crossing.
-        Otherwise it gets the number of the former mode at the low end of the range.
+        The configurations of a mode form a curve over the input. At a crossing of two
+        curves, the former modes keep the signs of their dyads (groups of two links), but
+        change to the other smooth curve. The new modes stay on the smooth curve, and their
+        signs change. The former modes are stored as `_modes_with_constant_signs`.
+
+        A new mode gets the number of the former mode on the same curve at one input, the
+        `numbering_input`. It is the input of the reference pose, if this is in the range
+        and not at a crossing. Otherwise it is the low end of the range.
 
         Raises
         ------
         SolveError
-            If there are several inputs, or curves meet and it is not known how they
-            continue.
+            If there are several inputs, or if it is not known how curves continue at a
+            crossing.
         """
         name = self.mechanism.name
         if len(self.inputs) != 1:
@@ -263,7 +270,7 @@ class PositionAnalysis:
                 f"{name}: crossings are passed with one input only: the inputs are "
                 f'{listing(self.inputs)}; lock all but one, or leave crossings at "end"'
             )
-        # A meeting is resolved if it is known which modes continue each other.
+        # At a resolved meeting it is known which modes continue each other.
         for meeting in self.mode_meetings:
             if not meeting.resolved:
                 sentence = meeting.describe(self.inputs[0], passed=True)
@@ -271,9 +278,9 @@ class PositionAnalysis:
                     f"{name}: {sentence}; narrow the range "
                     'to one side of that input, or leave crossings at "end"'
                 )
-        # `numbering_input` is the input at which smooth curves get their numbers. The low
-        # end of the range may be a crossing, where modes coincide, so an input a little
-        # above it is used. The anchor, the input of the reference pose, is preferred.
+        # At a crossing modes coincide, so their numbers would be ambiguous. The low end of
+        # the range can be one, so an input just above it is used. The input of the
+        # reference pose (anchor) is preferred.
         low, high = self.input_grid.range
         self.numbering_input = low + MIN_CROSSING_DISTANCE_RAD
         anchor = float(self.solver.anchor_inputs[0])
@@ -363,18 +370,19 @@ class PositionAnalysis:
     def at(self, q: Floats) -> Motion:
         """Return all assembly modes at inputs q (k,) or (k, inputs) rad in any order.
 
+        An assembly mode is one way to assemble the mechanism. The result has a row for each
+        mode and each input.
+
         Raises
         ------
         SolveError
-            If there are several inputs and irreducible groups: groups of links without a
-            closed form. Their configurations are known at the samples of the analysis only.
-            The message advises to analyse the inputs q instead, as the path of a new
-            position analysis.
+            If there are several inputs, and groups of links without a closed form. Their
+            configurations are known at the samples of the analysis only. A new analysis
+            with the inputs q as its path solves the problem.
         """
-        # Newton's method closes an irreducible group from a start near the solution. Each
-        # mode has verified configurations for this, called its guide. With one input they
-        # form a curve, which gives a start at any input. With several inputs they are known
-        # at the samples of a grid only.
+        # Groups without a closed form are solved by Newton's method, from a start that the
+        # `guide` of the mode predicts. With one input the guide is a curve, which predicts
+        # at any input. With several inputs (`ModeOverGrid`) it only knows the samples.
         if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
                 f"{self.mechanism.name}: for a mechanism with several inputs and "
@@ -390,20 +398,23 @@ class PositionAnalysis:
     def _evaluate(self, q: Floats, rows: Indices | None) -> Motion:
         """Return the configurations of all assembly modes at some inputs, as a motion.
 
+        An assembly mode is one way to assemble the mechanism. A motion is a table with a
+        row for each mode and each input.
+
         Parameters
         ----------
         q
             (k, inputs) inputs (rad).
         rows
-            (k,) numbers of the samples that have these inputs, None if they are not
-            samples. With several inputs, some modes can only be computed at samples.
+            (k,) numbers of the samples with these inputs. None if the inputs are not
+            samples; with several inputs some modes cannot be computed then.
 
         Returns
         -------
-        Rows for mode after mode, in each the k inputs in order.
+        The motion: all inputs in the first mode, then all in the next mode, and so on.
         """
         if not self.assembly_modes:
-            # A motion without rows, which still states the number of inputs of each mode.
+            # No mode: a motion without rows. It still stores the number of inputs.
             no_values = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(make_motion(self.solver, no_values), samples=len(q))
         configurations = ModeConfigurations.concatenate(
@@ -413,7 +424,7 @@ class PositionAnalysis:
             self.solver,
             self.assembly_modes,
             q=q,
-            # Inputs that are no samples are numbered as they are given.
+            # Inputs that are not samples get the numbers 0, 1, ... in their order.
             sample=np.arange(len(q)) if rows is None else rows,
             configurations=configurations,
             is_path=self.input_grid.is_path,
@@ -466,17 +477,18 @@ def trace(
 ) -> Motion:
     """Return the motion of a mechanism over the ranges of its inputs.
 
-    The motion contains the configurations of all assembly modes at all samples. Its angles
-    are in rad. Errors are those of `PositionAnalysis`.
+    The motion contains the configurations of all assembly modes (ways to assemble the
+    mechanism) at all samples. Its angles are in rad. Errors are those of
+    `PositionAnalysis`.
 
     Parameters
     ----------
     mechanism
         The mechanism, its name, or its file.
     samples
-        Number of samples on the straight path through the ranges of all inputs. If `grid`
-        is true, it is the number for each input, or a sequence with one number for each
-        input.
+        Number of samples. They are on a straight path: all inputs go through their ranges
+        together. If `grid` is true, the number for each input, or a sequence with one
+        number for each input.
     input_pair
         Names of the driven pairs, by default those that the mechanism declares.
     assembly_mode
@@ -484,13 +496,14 @@ def trace(
     search
         Whether to search for modes other than the mode of a given reference pose.
     grid
-        Whether to sample all combinations of the inputs.
+        Whether to sample all combinations of the values of the inputs.
     path
         (n, inputs) values of the inputs in `angle_unit`, instead of their ranges.
     crossings
-        What an assembly mode does where configuration curves cross. With "end" it keeps
-        the signs of its dyads. With "pass" it follows its smooth curve through the
-        crossing, and its signs change.
+        What an assembly mode does where curves of configurations cross. With "end" it keeps
+        the signs of its dyads (groups of two links; the sign tells the two ways to close
+        them apart). With "pass" it follows its smooth curve through the crossing, and signs
+        change.
     angle_unit
         Unit of `path`, ``"rad"`` or ``"deg"``.
     """

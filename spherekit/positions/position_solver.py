@@ -66,7 +66,7 @@ EXACT_ERROR_RAD = 16.0 * EPS
 
 @dataclass(frozen=True)
 class ModeConfigurations(ArrayRows):
-    """The configurations of an assembly mode at n samples of the inputs.
+    """The configurations of an assembly mode (one way to assemble) at n samples of inputs.
 
     Attributes
     ----------
@@ -75,13 +75,13 @@ class ModeConfigurations(ArrayRows):
     rotations
         (n, links, 3, 3) rotations from link axes to ground axes.
     status
-        (n,) `Status` of each sample. For samples without a configuration the other arrays
-        are NaN.
+        (n,) `Status` of each sample: OK, or why there is no configuration. The other arrays
+        are NaN then.
     residual
-        (n,) largest component of the closure residuals (rad).
+        (n,) largest component of the closure errors of the loops (rad).
     singular_error
-        (n,) bounds (rad) of the errors of `values` near dead centres. They are NaN at other
-        samples.
+        (n,) bounds (rad) of the errors of `values` near dead centres, where they are large.
+        NaN at other samples.
     """
 
     values: Floats
@@ -116,10 +116,15 @@ class PositionSolver:
     """
 
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
-        """Prepare the evaluation of a mechanism.
+        """Prepare the computation of positions of a mechanism.
 
-        `assembly` contains its driven pairs, and the groups of links that are placed one
-        after another.
+        Parameters
+        ----------
+        mechanism
+            The links and the pairs (joints) that join them.
+        assembly
+            The driven pairs (inputs), and the groups of links in the order in which they
+            are placed.
         """
         self.mechanism = mechanism
         self.assembly = assembly
@@ -130,14 +135,12 @@ class PositionSolver:
         for pair in assembly.inputs:
             driven += mechanism.variables_of(pair)
         self.driven = tuple(driven)
-        # At the anchor inputs, all passive angles are in (-pi, pi]. At other inputs,
-        # passive angles are continued from there over full revolutions. The anchor inputs
-        # are those of the reference pose, if the file has one.
+        # The angles of a motion may exceed a revolution. Their count starts at the anchor
+        # inputs, where all angles that are not inputs are in (-pi, pi].
         self.anchor_inputs = np.zeros(len(self.driven))
         # Configurations that are known up to rounding: the reference pose, and crossings of
-        # configuration curves, which callers add. Crossings are singular, and the reference
-        # pose can be. Near a singular configuration a computed result has half the digits,
-        # and is replaced by the exact one.
+        # curves, which callers add. Near a singular configuration, a computed result has
+        # only half the digits. So it is replaced by one of these.
         self.exact_configurations: list[Floats] = []
         if self.reference is not None:
             self.anchor_inputs = self.reference[list(self.driven)]
@@ -186,9 +189,8 @@ class PositionSolver:
     def shift_inputs(self, values: Floats, q: Floats) -> Floats:
         """Return the same configurations at inputs that are whole periods away.
 
-        A period is the growth of an input after which the configurations repeat: one
-        revolution, or several if wheels roll on each other. In the returned configurations,
-        wheels have rolled farther by the whole periods.
+        A period of an input is the change after which all orientations repeat. It is one
+        revolution, or several if wheels roll on each other.
 
         Parameters
         ----------
@@ -199,7 +201,8 @@ class PositionSolver:
 
         Returns
         -------
-        (n, variables) configurations in which wheels have rolled by the difference.
+        (n, variables) configurations with the new inputs. The lengths by which wheels have
+        rolled are larger by the amount that belongs to the periods.
         """
         shifted = values.copy()
         shifted[:, list(self.driven)] = q
@@ -210,11 +213,11 @@ class PositionSolver:
         return shifted
 
     def shift_near_samples(self, values: Floats, sampled_inputs: Floats) -> Floats:
-        """Return the same configuration with inputs that are near the sampled ones.
+        """Return a configuration with inputs moved by whole periods near to the samples.
 
-        After whole periods of the inputs the configuration is the same. An input outside of
-        the range of the samples is moved by whole periods, as near to the middle of the
-        range as possible. It may still be outside, if the range is shorter than a period.
+        After a period of an input all orientations repeat. An input inside the range of the
+        samples stays. Any other input is moved as near to the middle of the range as
+        possible. It remains outside if no multiple of the period leads into the range.
 
         Parameters
         ----------
@@ -238,20 +241,22 @@ class PositionSolver:
 
     @cached_property
     def wheel_trains(self) -> frozenset[int]:
-        """Positions, in solving order, of the groups that are trains of wheels.
+        """Positions, in solving order, of the groups of bodies that are trains of wheels.
 
-        A group is a set of bodies that are placed together. Gear ratios give the angles of
-        some R pairs from the inputs. In a train of wheels these angles are enough to place
+        A group is a set of bodies that are placed together. In a train of wheels, gear
+        ratios give the angles of enough revolute pairs to place all bodies. No equations
+        have to be solved. All other pairs are rolling contacts between wheels.
         all bodies of the group. All its contacts are rolling contacts between wheels.
         """
         gear_train = self._gear_train
+        # The mechanism has no gear ratios.
         if gear_train is None:
             return frozenset()
         positions = set()
         for position, group in enumerate(self.assembly.groups):
             contacts = {pair for pair in group.pairs if not self.joints[pair].has_axis}
-            # The first body of a group is placed before the group. From it, each R pair
-            # with a known angle (`followers`) places one more body.
+            # The first body is placed already. Each revolute pair with a known angle
+            # (`followers`) places one more.
             placed_count = 1 + len(find_train_paths(group, gear_train.followers))
             are_all_placed = placed_count == len(group.bodies)
             if are_all_placed and contacts and contacts <= {*gear_train.contacts}:
@@ -279,16 +284,16 @@ class PositionSolver:
     ) -> Linearisation:
         """Place the bodies of a train of wheels, and make them one rigid body.
 
-        The gear ratios give the angles of the wheels. Newton's method starts from these
-        angles and closes the loops of the train.
+        A body is a set of links that are rigid relative to each other. Gear ratios give the
+        angles of the wheels. Newton's method starts from these angles and closes the loops
+        of the train, since the ratios alone have small errors.
 
         Parameters
         ----------
-        state
-            The bodies that are placed so far, each a set of links that are rigid relative
-            to each other; changed in place. It also gets the variables of the pairs of the
+        The bodies that are placed so far. This function changes the state: it unites the
+        bodies of the train, and stores the variables of its pairs.
             train.
-        position
+        Position of the train among the groups of links, in solving order.
             Position in solving order of the group of links that is the train.
         q
             (n, inputs) inputs (rad).
@@ -296,8 +301,8 @@ class PositionSolver:
         Returns
         -------
         Linearisation
-            The loop equations of the train at the result. Their residual tells the caller
-            whether the train is closed.
+            The loop equations of the train at the result. The caller tests their residual,
+            to see whether the train is closed.
         """
         group = self.assembly.groups[position]
         rotations = place_train_bodies(
@@ -318,29 +323,31 @@ class PositionSolver:
     ) -> Floats:
         """Return the variables of the pairs of a train of wheels at given orientations.
 
+        They are the start of Newton's method. Gear ratios have given the orientations.
+
         Parameters
         ----------
-        state
+        The bodies that are placed so far, each of rigidly joined links. It is not changed.
             The bodies that are placed so far. It is not changed.
-        group
+        The train: bodies that revolute pairs and rolling contacts join.
             The train: bodies that R pairs and rolling contacts join.
         rotations
             (n, bodies, 3, 3) rotations from the axes of each body of the train to those of
             its first body.
-        q
-            (n, inputs) inputs (rad).
+        (n, inputs) values of the inputs (rad).
 
         Returns
         -------
-        (n, variables of the group) angles of R pairs and rolled lengths of contacts (rad).
+        (n, variables of the group) angles of revolute pairs, and lengths by which wheels
+        have rolled on each other (rad).
         """
         trial_state = state.copy()
-        # R pairs: their angles are measured between the links, after the links of the train
-        # have been oriented.
+        # Revolute pairs: orient the links of the train in a copy of the state, and measure
+        # the angles between them.
         trial_state.merge(group, rotations)
         trial_state.read_values(group)
-        # Rolling contacts: their rolled lengths follow from the inputs. The orientations do
-        # not show over how many revolutions wheels have rolled on each other.
+        # Rolling contacts: orientations do not show the number of revolutions that wheels
+        # have rolled. The rolled lengths follow from the inputs instead.
         gear_phases = self.gear_phases
         assert gear_phases is not None  # since a train has rolling contacts
         rolled_lengths = gear_phases.rolled_lengths(q)
@@ -438,17 +445,15 @@ class PositionSolver:
     def _evaluate_pieces(
         self, assembly_mode: AssemblyMode, q: Floats
     ) -> ModeConfigurations:
-        """Return the configurations of a mode with pieces at inputs q (n, 1) rad.
+        """Return the configurations of an assembly mode with pieces at inputs q (n, 1) rad.
 
-        A mode with pieces follows a smooth curve of configurations through crossings with
-        other curves. A piece is the interval of the input between two crossings. In each
-        piece the mode is the same as one of the modes without pieces, whose signs are
-        constant.
+        Such a mode follows a smooth curve of configurations through crossings with other
+        curves. Between two crossings it coincides with a mode of constant signs of its
+        dyads (groups of two links). The curve consists of these pieces.
         """
         piece_numbers = assembly_mode.pieces_at(q[:, 0])
-        # The results are computed piece after piece; a piece without samples adds no rows.
-        # `order` lists the samples in this order, and its inverse permutation puts the
-        # results back in the order of q.
+        # The results of the pieces are joined in the order of the pieces. `order` lists the
+        # samples in this order, and `argsort(order)` puts the results back.
         order = np.argsort(piece_numbers, kind="stable")
         results_of_pieces = [
             self.evaluate(mode, q[piece_numbers == number])
@@ -527,19 +532,18 @@ class PositionSolver:
     def _restore_exact(self, q: Floats, values: Floats, status: SmallIntegers) -> Bools:
         """Replace singular configurations by exact ones that are near to them.
 
-        A configuration at a dead centre has been computed with half the digits only.
-        `exact_configurations` are those that are known up to rounding: the reference pose,
-        and those at which curves of configurations cross. One of them replaces a singular
-        configuration that has the same inputs and differs from it by less than
-        `EXACT_DISTANCE_RAD`.
+        At a dead centre a computed configuration has only half the digits. Some
+        configurations are known up to rounding (`exact_configurations`): the reference
+        pose, and crossings of curves. One of them is taken if it has the same inputs and is
+        nearer than `EXACT_DISTANCE_RAD`.
 
         Parameters
         ----------
         q
             (n, inputs) inputs (rad).
         values
-            (n, variables) configurations (rad), changed in place. Angles keep their full
-            revolutions, and inputs stay as they are.
+            (n, variables) configurations (rad). This function changes them, but keeps the
+            inputs and the full revolutions of angles.
         status
             (n,) status of each configuration. Only those at a singularity are replaced.
 
@@ -554,14 +558,13 @@ class PositionSolver:
         driven = list(self.driven)
         passive_angles = [v for v in self.angles if v not in driven]
         for exact_values in self.exact_configurations:
-            # Samples whose inputs are those of the exact configuration, up to rounding and
-            # full revolutions.
+            # Samples with the inputs of the exact configuration, up to full revolutions.
             singular_q = q[singular_rows]
             input_deviation = max_abs(wrap(singular_q - exact_values[driven]), axis=1)
             scale = np.maximum(1.0, max_abs(singular_q, axis=1))
             rows = singular_rows[input_deviation <= SAME_INPUT_TOLERANCE * scale]
             correction = exact_values - values[rows]
-            # Passive angles and inputs may differ by full revolutions, which are kept.
+            # Differences of full revolutions are removed; the inputs stay.
             correction[:, passive_angles] = wrap(correction[:, passive_angles])
             correction[:, driven] = 0.0
             is_near = max_abs(correction, axis=1) < EXACT_DISTANCE_RAD
@@ -581,24 +584,22 @@ class PositionSolver:
         state: AssemblyState,
         status: SmallIntegers,
     ) -> Bools:
-        """Move samples just behind the end of a curve back to its last node.
+        """Move samples just behind the end of an assembly mode back to its last node.
 
-        A mode of one input is stored as a curve of verified configurations, its nodes
-        (`ModeCurve`). At an end of the curve the input may have a dead centre, where it
-        reverses. The last node is at most `LAST_NODE_DISTANCE_RAD` before the dead centre.
-        A sample may therefore be farther than the last node, although it is not out of
-        reach. Its variables are set to those of the node, from which the caller computes
-        them more accurately.
+        With one input, a mode is a curve of verified configurations, its nodes. It ends at
+        a dead centre, where the input reverses. The last node is a little before the dead
+        centre, at most `LAST_NODE_DISTANCE_RAD`. A sample between the two is not out of
+        reach. It gets the configuration of the node, from which the caller computes a
+        better one.
 
         Parameters
         ----------
         assembly_mode
-            The mode. Its `guide`, which predicts configurations, has nodes if it is a
-            `ModeCurve`.
+            The mode. Its `guide` is the curve with the nodes if it is a `ModeCurve`.
         q
             (n, inputs) inputs (rad).
         state
-            The placed bodies; its variables are changed in place.
+            The placed bodies. Its variables are changed for the moved samples.
         status
             (n,) status of each sample.
 
@@ -610,8 +611,7 @@ class PositionSolver:
         mode_curve = assembly_mode.guide
         is_out = status == Status.OUT_OF_REACH
         if isinstance(mode_curve, ModeCurve) and np.any(is_out):
-            # For a sample outside the curve, this is the input of the last node on its
-            # side.
+            # Samples outside the curve get the input of the last node on their side.
             nearest_q = np.clip(q[:, 0], mode_curve.inputs[0], mode_curve.inputs[-1])
             distance_to_node = np.abs(q[:, 0] - nearest_q)
             was_moved = is_out & (distance_to_node < LAST_NODE_DISTANCE_RAD)

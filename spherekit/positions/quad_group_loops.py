@@ -55,10 +55,11 @@ def largest_change(values: Array, start: Array) -> Floats:
 
 
 class PairFrames(NamedTuple):
-    """The two frames of an R pair, in quad precision. Their z axis is the axis of the pair.
+    """The two frames of a revolute pair, one in each body, in quad precision (33 digits).
 
-    If the first frame is rotated by the angle of the pair about its z axis, it coincides
-    with the second frame in space.
+    The z axis of both is the axis of the pair. The first frame, rotated about z by the
+    angle of the pair, coincides with the second frame in space. This relation gives the
+    relative orientation of the bodies.
 
     Attributes
     ----------
@@ -74,9 +75,9 @@ class PairFrames(NamedTuple):
 
 @dataclass(frozen=True)
 class LoopEvaluation:
-    """The loop equations of a group at n rows of its variables.
+    """The loop equations of a group of bodies, evaluated for n configurations (rows).
 
-    Arrays in quad precision have elements of the type `quad()`, with 33 digits.
+    Newton's method solves them in quad precision (33 digits).
 
     Attributes
     ----------
@@ -129,26 +130,28 @@ class GroupFold:
     ) -> Array:
         """Estimate the configuration that belongs to an assembly mode near a fold.
 
-        At a fold two configurations of the group meet. If the variables are moved from the
-        fold by x (rad) along the unit vector `direction`, the loops open by
-        f(x) = e + h x^2 / 2 (rad), with e = `residual` and h = `curvature`. The roots
-        x = +- sqrt(-2 e / h) belong to two modes, with opposite signs of the determinant of
-        the Jacobian. In rows without a fold (`is_known`) the result has no meaning and may
-        be NaN.
+        At a fold two configurations of a group meet, so Newton's method works badly near
+        it. If the variables move from the fold by x (rad) along the unit vector
+        `direction`, the loops open by f(x) = e + h x^2 / 2 (rad). Here e is `residual` and
+        h is `curvature`. The roots x = +- sqrt(-2 e / h) belong to two modes (ways to
+        assemble). The determinants of their Jacobians have opposite signs.
+
+        There are n configurations (rows). Rows without a fold (`is_known` is false) may be
+        NaN.
 
         Parameters
         ----------
         loops
             The loops of the group.
         start
-            (n, pairs) float64 configurations (rad).
+            (n, pairs) float64 configurations (rad) near the wanted one.
         determinant_sign
-            Sign of the determinant of the Jacobian in the mode, 0 if not known. The root
-            nearer to `start` is taken then.
+            Sign of the determinant of the Jacobian in the wanted mode. If it is not known
+            (0), the root nearer to `start` is taken.
 
         Returns
         -------
-        (n, pairs) variables (rad) in quad precision; those of the fold if f has no root.
+        (n, pairs) variables (rad) in quad precision. If f has no root, those of the fold.
         """
         # Without a root the maximum is 0, and both roots become the fold.
         distance = np.sqrt(np.maximum(-2.0 * self.residual / self.curvature, 0.0))
@@ -189,11 +192,12 @@ class GroupLoops:
         """Evaluate the loop equations at variables (n, pairs), in rad.
 
         The bodies are placed along the pairs of a spanning tree. Each other pair, a chord,
-        closes a loop. The residual is the rotation by which the loop is open. Residuals are
-        in quad precision. The Jacobian is in float64, in which Newton's method inverts it.
+        closes a loop. The residual is the rotation by which the loop is open, in quad
+        precision. The Jacobian is in float64, which is enough for the steps of Newton's
+        method.
         """
-        # The first frame of each pair, rotated by the angle of the pair, in the axes of the
-        # first body: F_first Z(angle). It coincides with the second frame in space.
+        # For each pair: the first frame, rotated by the angle of the pair, in the axes of
+        # the first body. It coincides with the second frame in space.
         rotated_frames = [
             multiply_matrices(frames.in_first_body, rotate_about_z(values[:, k]))
             for k, frames in enumerate(self.pair_frames)
@@ -203,9 +207,9 @@ class GroupLoops:
             self._open_angles(rotations, pair, rotated_frames[pair])
             for pair in self.tree.chords
         ]
-        # While the residual of a loop is small, its derivative by the angle of a pair is
-        # the axis of this pair, if the loop passes the pair. `LoopTree.jacobian` knows the
-        # loops, and gives axes that a loop passes backwards the opposite sign.
+        # For nearly closed loops, the derivative of a residual by the angle of a pair is
+        # the axis of the pair, with the sign in which the loop passes the pair (0 if it
+        # does not).
         axes = self._pair_axes(rotations).astype(float)
         return LoopEvaluation(
             rotations=rotations,
@@ -224,13 +228,16 @@ class GroupLoops:
     def _place_bodies(self, rotated_frames: Sequence[Array]) -> list[Array]:
         """Return the rotation (n, 3, 3) from the axes of each body to those of body 0.
 
+        The bodies are placed one after the other, along the pairs of a spanning tree.
+
         Parameters
         ----------
         rotated_frames
-            For each pair the second frame (n, 3, 3), in the axes of the first body.
+            For each pair its second frame (n, 3, 3), in the axes of its first body.
         """
         identity = np.eye(3).astype(quad())
         rotations = {0: np.broadcast_to(identity, rotated_frames[0].shape)}
+        # The pair joins a placed body (parent) to the next body (child).
         for pair, parent, child in self.tree.placements:
             first_from_second = multiply_matrices(
                 rotated_frames[pair],
@@ -250,9 +257,9 @@ class GroupLoops:
     ) -> Array:
         """Return the rotation vectors (n, 3) in rad by which one loop is open.
 
-        The frame of the chord is computed twice, from each of the two bodies that it joins.
-        If the loop is closed, both results are equal. The rotation vector leads from the
-        second to the first.
+        A chord is a pair that closes a loop. Its frame is computed from each of the two
+        bodies that it joins. The rotation vector leads from the frame of the second body to
+        that of the first. It is zero if the loop is closed.
 
         Parameters
         ----------
@@ -271,8 +278,8 @@ class GroupLoops:
         difference = multiply_matrices(
             from_first_body, transpose_matrices(from_second_body)
         )
-        # The skew part of a rotation has the length sin(angle) along the axis. For nearly
-        # closed loops, from which Newton's method starts, this is the rotation vector.
+        # The skew part of a rotation is sin(angle) times the axis. For nearly closed loops
+        # this is the rotation vector.
         skew = difference - transpose_matrices(difference)
         return 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
 
@@ -288,18 +295,18 @@ class GroupLoops:
         return np.stack(axes, axis=1)
 
     def close(self, values: Array) -> tuple[Array, Floats]:
-        """Close the loops by Newton's method from variables (n, pairs), in rad.
+        """Close the loops of a group by Newton's method from variables (n, pairs), in rad.
 
-        The Jacobian is inverted in float64. This makes the convergence slower, but does not
-        change the solution, because the residual is computed in quad precision.
+        The Jacobian is inverted in float64, and the residual computed in quad precision. So
+        the solution has quad precision, but convergence is slower.
 
         Returns
         -------
         values
             (n, pairs) variables (rad) in quad precision.
         step_size
-            (n,) length (rad) of the last step, the largest of any variable. Newton's method
-            has converged if it is at most `CONVERGED_QUAD_STEP_RAD`.
+            (n,) last Newton step (rad), the largest of any variable. The caller compares it
+            with `CONVERGED_QUAD_STEP_RAD`.
         """
         n = len(values)
         values = values.copy()
@@ -311,7 +318,7 @@ class GroupLoops:
             step = -rotate_vectors(inverse, evaluation.residual)
             length = np.max(np.abs(step.astype(float)), axis=1)
             step_size = np.where(active, length, step_size)
-            # Rows that have converged, or diverge, take no further step.
+            # Rows that have converged, or that diverge, take no further step.
             active &= (length > CONVERGED_QUAD_STEP_RAD) & (
                 length < LARGEST_NEWTON_STEP_RAD
             )

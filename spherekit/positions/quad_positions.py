@@ -63,25 +63,25 @@ configurations have no bound.
 
 
 class QuadConfigurations(NamedTuple):
-    """Configurations of a mechanism at n rows of its inputs.
+    """Configurations of a mechanism at n values of its inputs, in quad precision.
 
-    The links are placed group by group. A group is a set of bodies that become one rigid
-    body when the pairs between them are closed. The inputs are float64 numbers, which may
-    stand for decimal numbers of degrees that differ by a rounding error. The status takes
-    this error into account.
+    Quad precision means 33 digits. The links are placed group by group. A group is a set of
+    bodies that become one rigid body when the pairs between them are closed. An input is a
+    float64 number, and the user may mean a decimal number of degrees that differs by
+    rounding. The status allows for this difference.
 
     Attributes
     ----------
     values
         (n, variables) pair variables (rad) in float64.
     error
-        (n,) bound of the error of `values` (rad). The correct values are those for the
-        decimal sizes of links in the file. The error of rounding `values` to float64 is
-        included. Infinite if they are not reliable.
+        (n,) bound (rad) of the difference of `values` from the exact variables for the
+        decimal link sizes in the file. Rounding to float64 is included. Infinite if they
+        are not reliable.
     status
         (n,) status of each configuration. OUT_OF_REACH: a group does not close for any
         input within the rounding error. AT_SINGULARITY: a group is at its dead centre for
-        an input within the rounding error, or the error bound is too large. Otherwise OK.
+        such an input, or the error bound is too large. Otherwise OK.
     exact_values
         (n, variables) pair variables (rad) in quad precision.
     rotations
@@ -97,11 +97,11 @@ class QuadConfigurations(NamedTuple):
 
 @dataclass
 class _Bodies:
-    """The bodies of a mechanism at n rows of inputs, while its groups are placed.
+    """The bodies of a mechanism at n values of the inputs, while its groups are placed.
 
     A body is a set of links whose relative orientations are known already. A group is a set
-    of bodies that become one rigid body when the pairs between them are closed. At the end
-    there is one body.
+    of bodies that become one rigid body when the pairs between them are closed. Each group
+    unites its bodies, until one body is left.
 
     Attributes
     ----------
@@ -109,20 +109,18 @@ class _Bodies:
         For each link the rotations (n, 3, 3) from its axes to those of its body, in quad
         precision. A body has the axes of one of its links.
     values
-        (n, variables) pair variables (rad) in quad precision, NaN as long as they are
-        unknown.
+        (n, variables) pair variables (rad) in quad precision, NaN while they are unknown.
     error
-        (n,) bound of the error (rad) of the rotations if the inputs are exact. At a dead
-        centre it also covers the rounding of the inputs.
+        (n,) bound of the error (rad) of the rotations, for exact inputs. At a dead centre
+        it also covers the rounding of the inputs.
     rounding
-        (n,) rounding error (rad) of the inputs, by which they may differ from the numbers
-        that the user has in mind.
+        (n,) largest difference (rad) between the inputs and the numbers that the user
+        means.
     is_out_of_reach
-        (n,) whether a group closes for no input within this rounding error.
+        (n,) whether a group does not close for any input within this rounding error.
     is_at_dead_centre
         (n,) whether a group is at its dead centre for an input within this rounding error.
-        Also True if this cannot be excluded, because Newton's method has not reached a
-        reliable configuration.
+        Also True if Newton's method gave no reliable configuration to decide it.
     """
 
     body_from_link: dict[int, Array]
@@ -133,10 +131,10 @@ class _Bodies:
     is_at_dead_centre: Bools
 
     def merge(self, group: Group, body_rotations: Sequence[Array]) -> None:
-        """Merge the bodies of a group into its first body, in place.
+        """Unite the bodies of a group with its first body, in place.
 
-        `body_rotations` are rotations (n, 3, 3) of all bodies but the first, from their
-        axes to those of the first.
+        `body_rotations` has the rotations (n, 3, 3) of the other bodies to the axes of the
+        first.
         """
         for links, rotation in zip(group.bodies[1:], body_rotations, strict=True):
             for link in links:
@@ -242,42 +240,45 @@ class QuadAssembly:
         )
 
     def _place_input_bodies(self, q: Floats) -> _Bodies:
-        """Return the bodies before any group of links is placed.
+        """Return the bodies at the given inputs, before any group of links is placed.
 
-        A body is a set of links whose relative orientations are known. At the beginning,
-        links that input pairs join are one body, because the inputs q (n, inputs), in rad,
-        fix their relative orientations. All numbers are computed in quad precision (33
-        digits).
+        A body is a set of links with known relative orientations. Links that input pairs
+        join are one body, because the inputs q (n, inputs), in rad, fix their relative
+        orientations. Any other link is a body on its own. All numbers are in quad precision
+        (33 digits).
         """
         n = len(q)
         mechanism = self.mechanism
         quad_type = quad()
         values = np.full((n, len(mechanism.variable_owners)), np.nan).astype(quad_type)
-        # An R pair has one variable.
+        # All pairs are revolute, with one variable each.
         for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
             (variable,) = mechanism.variables_of(pair)
             values[:, variable] = input_values.astype(quad_type)
         return _Bodies(
             body_from_link=self._orient_links_in_bodies(values),
             values=values,
-            # Error of the rotations if the inputs are exact.
+            # Error bound (rad) of the rotations for exact inputs.
             error=np.full(n, ROUNDING_RAD),
-            # Largest difference between an input, which is a float64 number, and the number
-            # that the user means. Near a dead centre, it decides whether the loops close.
+            # Bound (rad) of the difference between an input, a float64 number, and the
+            # number that the user means. Near a dead centre it decides whether the loops
+            # close.
             rounding=INPUT_ROUNDING * np.maximum(1.0, np.max(np.abs(q), axis=1)),
             is_out_of_reach=np.zeros(n, dtype=bool),
             is_at_dead_centre=np.zeros(n, dtype=bool),
         )
 
     def _orient_links_in_bodies(self, values: Array) -> dict[int, Array]:
-        """Return the orientation of each link in the body to which input pairs join it.
+        """Return the orientation of each link relative to the body to which it belongs.
 
-        A body has the axes of one of its links: the link whose number is that of the body.
+        Links that input pairs join form a body. The axes of the body are those of one of
+        its links. Each other link is reached from there through input pairs with known
+        angles.
 
         Parameters
         ----------
         values
-            (n, variables) quad values of the pair variables (rad). Only inputs are read.
+            (n, variables) pair variables (rad) in quad precision. Only inputs are read.
 
         Returns
         -------
@@ -286,9 +287,9 @@ class QuadAssembly:
         """
         mechanism = self.mechanism
         identity = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
+        # All links begin with the axes of their body.
         body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
-        # Beginning at the link that gives a body its axes, each input pair leads from a
-        # link whose orientation is known (parent) to another link of the body (child).
+        # Each input pair leads from an oriented link (parent) to the next one (child).
         branches = find_spanning_tree(
             mechanism.ends, start=self.assembly.body_of_link, pairs=self.assembly.inputs
         )
@@ -503,16 +504,17 @@ class QuadAssembly:
 def _cosine_difference(
     arc: HalfAngle, sum_square: Array, difference_square: Array
 ) -> Array:
-    """Return the difference cos(arc) - a . c for two unit axes a and c.
+    """Return cos(arc) - a . c for two unit vectors a and c, without cancellation.
 
-    Of two formulas, the one without cancellation is used for each element.
+    Here a and c are the outer pair axes of a dyad. Of two equal formulas, the one for small
+    arcs is used if the half arc has the smaller sine, otherwise the one for large arcs.
 
     Parameters
     ----------
     arc
         Sine and cosine (n,) of half the arc.
     sum_square, difference_square
-        (n,) squares |a + c|^2 and |a - c|^2.
+        (n,) squares |a + c|^2 and |a - c|^2 of the sum and the difference of the axes.
     """
     first = 0.5 * difference_square - 2.0 * (arc.sine * arc.sine)
     second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * sum_square
@@ -525,25 +527,25 @@ def _sine_of_arc(arc: HalfAngle) -> Floats:
 
 
 def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Floats:
-    """Return a bound (n,) of the error (rad) of the bodies of a dyad, after it is placed.
+    """Return a bound (n,) of the error (rad) of the orientations of a dyad's two bodies.
 
-    The dyad has two bodies, which are placed relative to a third one, the carrier of its
-    outer axes. Their error is that of the carrier plus that of the angles of the dyad. For
-    the angles there are two bounds, one away from the dead centre and one at it. The
-    smaller one is taken. The result is infinite, which means unknown, if both are.
+    A dyad is two bodies joined by a pair. They are placed relative to a third body, the
+    carrier of the outer axes. The bound adds the error of the carrier and that of the
+    dyad's angles. For the angles, the smaller one of two bounds is taken: one is good away
+    from the dead centre, the other at it. An infinite result means unknown.
 
     Parameters
     ----------
     error
         (n,) error bound (rad) of the carrier.
     triple
-        (n,) absolute triple product of the three axes of the dyad. 0 at the dead centre.
+        (n,) absolute triple product of the three axes of the dyad; 0 at the dead centre.
     sines
-        Sines (n,) of the arcs of both bodies, and of the arc between the outer axes.
+        (n,) sines of the arcs of both bodies, and of the arc between the outer axes.
     """
     regular_error = _regular_angle_error(error, triple)
     flat_error = _flat_angle_error(error, np.minimum.reduce(sines))
-    # `fmin` takes the other one if one of them is NaN. The factor 4 is for safety.
+    # `fmin` ignores a bound that is NaN. The factor 4 covers neglected terms.
     return 4.0 * (error + np.fmin(regular_error, flat_error))
 
 

@@ -105,22 +105,22 @@ class SearchStatistics:
     counts: Counter[int] = field(default_factory=Counter)
 
     def add(self, starts: int, hits: Indices, total: int) -> None:
-        """Count a round of starts.
+        """Count the starts of one round of a random search, and where they led.
 
         Parameters
         ----------
         starts
             Number of starts.
         hits
-            (k,) index of the solution to which each start led, or -1 if it led to none.
-            Starts that led to none may also be left out.
+            (k,) index of the solution to which each start led. Starts without a solution
+            are -1, or are left out.
         total
-            Number of solutions that exist so far. Some may be known from elsewhere, and
-            have been reached by no random start: their count is 0.
+            Number of solutions that are known so far. Some may be known from elsewhere, and
+            count 0.
         """
         self.starts += starts
-        # `update` of a `Counter` adds to its counts. Adding 0 makes an entry for each
-        # solution, also for those that no start has reached.
+        # `update` adds to the counts. Adding 0 makes an entry also for solutions that no
+        # start has reached.
         self.counts.update(dict.fromkeys(range(total), 0))
         self.counts.update(hits[hits >= 0].tolist())
 
@@ -150,13 +150,16 @@ class SearchStatistics:
         return 1.0 - MISS_PROBABILITY ** (1.0 / max(self.starts, 1))
 
     def sentence(self, mode_count: int) -> str:
-        """Return whole sentences for users about how sure the search is.
+        """Return sentences for users that say how likely a mode was missed.
+
+        An assembly mode is one way to assemble the mechanism; modes are searched from
+        random starts.
 
         Parameters
         ----------
         mode_count
-            Number of assembly modes that the search has given. Several of them can be on
-            one curve of configurations, which `counts` has once.
+            Number of assembly modes found. The search counts curves of configurations, and
+            one curve can have several modes.
         """
         starts = counted(self.starts, "random start")
         if not self.closed_starts:
@@ -181,12 +184,12 @@ class SearchStatistics:
         return f"{counted(count, things.removesuffix('s'))} found"
 
     def describe(self, things: str) -> str:
-        """Return a sentence about how surely the search has met all solutions.
+        """Return a summary of the random search that says how likely a solution was missed.
 
-        An example is "1536 random starts, 812 closed on 3 curves, on each at least 9 times;
-        one to which 0.30% of all starts lead would have been found with a probability of
-        99%". A start has closed if it led to a solution. The percentages are `missed_share`
-        and 1 - `MISS_PROBABILITY`.
+        Example: "1536 random starts, 812 closed on 3 curves, on each at least 9 times; one
+        to which 0.30% of all starts lead would have been found with a probability of 99%".
+        A start has closed if it led to a solution. The percentages are `missed_share` and 1
+        - `MISS_PROBABILITY`.
 
         Parameters
         ----------
@@ -204,10 +207,9 @@ class SearchStatistics:
             if min(counts) > 1:
                 result += f"each at least {min(counts)} times"
             else:
-                # Good's estimate: the probability that the next closing start leads to a
-                # new solution is the share of closed starts that were the only ones to
-                # reach their solution. Solutions that no random start has reached, because
-                # they are known from elsewhere, do not enter the estimate.
+                # Good's estimate of the probability that the next closing start finds a new
+                # solution: the number of solutions reached once, divided by the number of
+                # closed starts. Solutions known from elsewhere (count 0) do not enter.
                 never_count = counts.count(0)
                 once_count = counts.count(1)
                 new_probability = once_count / self.closed_starts
@@ -229,18 +231,20 @@ def descend_to_closure(
     low: Floats | float = -np.inf,
     high: Floats | float = np.inf,
 ) -> tuple[Floats, Bools]:
-    """Minimise the sum of squared closure residuals from many starts.
+    """Minimise the sum of squared closure errors from many starts.
 
-    The closure residuals are the angles (rad) by which the loops of links do not close.
+    This brings random starts near to closed loops, where Newton's method can take over. The
+    closure errors are angles (rad) by which the loops of links are open. Minima with open
+    loops also occur.
 
     Parameters
     ----------
     closure
-        The loops.
+        The loops, as equations for the pair variables.
     values
         (n, variables) start values (rad).
     fixed
-        Numbers of the variables that are not changed.
+        Numbers of the variables that stay constant.
     low, high
         (variables,) limits of the variables (rad).
 
@@ -249,7 +253,8 @@ def descend_to_closure(
     values
         (n, variables) values at the minima (rad).
     is_near_closed
-        (n,) whether the residuals are so small that Newton's method closes the loops.
+        (n,) whether the errors at the minimum are so small that Newton's method can close
+        the loops.
     """
     # The unknowns are the variables that are not fixed.
     free = [v for v in range(values.shape[1]) if v not in fixed]
@@ -258,7 +263,7 @@ def descend_to_closure(
     values = values.copy()
 
     def evaluate_residuals(free_values: Floats, rows: Indices) -> tuple[Floats, Floats]:
-        """Return the residuals of some starts, and their derivatives by the variables."""
+        """Return the closure errors (k, equations) of starts, and their derivatives."""
         all_values = values[rows]
         all_values[:, free] = free_values
         linearisation = closure.select_rows(rows).linearise(all_values)
@@ -273,16 +278,18 @@ def descend_to_closure(
 
 @dataclass(frozen=True)
 class WheelRepetition:
-    """Two wheels that have rolled on by whole revolutions of one of them, or of both.
+    """How two wheels touch after rolling on by whole revolutions of one, or of both.
+
+    It serves to recognise configurations that differ only by such revolutions. A wheel has
+    made a whole revolution if it touches at the same point of its profile as before.
 
     Attributes
     ----------
     repeated_wheel
-        Number of the body that is a wheel which has made whole revolutions relative to the
-        point of contact: it touches at the same point of its profile as before.
+        Number of the body that is a wheel after whole revolutions.
     turned_wheel
-        Number of the other wheel if it touches at another point of its profile than before.
-        None if it has made whole revolutions, too.
+        Number of the other wheel, if it touches at another point than before. None if it
+        has made whole revolutions, too.
     """
 
     repeated_wheel: int
@@ -293,14 +300,16 @@ class WheelRepetition:
 class RolledLength:
     """The variable that measures how far two wheels have rolled on each other.
 
+    It serves to recognise configurations that differ only by whole revolutions of wheels.
+
     Attributes
     ----------
     variable
-        Number of the variable among those of the group. It is an arc length (rad).
+        Number of the variable in the group of bodies. It is an arc length (rad).
     profiles
-        The profiles of the two wheels.
+        The profiles (rims) of the two wheels.
     wheels
-        The numbers of the bodies that are the two wheels, in the same order.
+        The numbers of the bodies of the two wheels, in the same order.
     """
 
     variable: int
@@ -310,16 +319,16 @@ class RolledLength:
     def find_repetition(self, additional_length: float) -> WheelRepetition | None:
         """Return which wheels have made whole revolutions after rolling on.
 
-        A wheel that has made whole revolutions relative to the point of contact touches at
-        the same point of its profile as before. The result is None if neither wheel does.
-        `additional_length` is the arc length (rad) by which the wheels have rolled on.
+        Such a wheel touches at the same point of its profile as before. `additional_length`
+        is the arc length (rad) by which the wheels have rolled on. The result is None if
+        neither wheel has made whole revolutions.
         """
         first_profile, second_profile = self.profiles
         first_repeats = _is_whole_circumference(first_profile, additional_length)
         second_repeats = _is_whole_circumference(second_profile, additional_length)
         first_wheel, second_wheel = self.wheels
         if first_repeats and second_repeats:
-            # Both touch at the same points as before, so none of them is a turned wheel.
+            # Both have, so either can be the repeated wheel, and there is no turned wheel.
             return WheelRepetition(repeated_wheel=first_wheel, turned_wheel=None)
         if first_repeats:
             return WheelRepetition(repeated_wheel=first_wheel, turned_wheel=second_wheel)
@@ -341,7 +350,9 @@ def _is_whole_circumference(profile: ContactProfile, length: float) -> bool:
 
 @dataclass(frozen=True)
 class ClosedConfiguration:
-    """A closed configuration of a group, with the data by which copies are recognised.
+    """A closed configuration of a group of bodies, with data to recognise copies.
+
+    A copy is the same configuration, computed from another start.
 
     Attributes
     ----------
@@ -350,10 +361,10 @@ class ClosedConfiguration:
     rotations
         (bodies, 3, 3) rotations from body axes to those of body 0.
     copy_tolerance
-        Largest difference of a component of the rotations of two copies, which are computed
-        from different starts.
+        Largest difference between components of rotation matrices at which another
+        configuration counts as a copy.
     is_singular
-        Whether the group may be movable, although the inputs are locked.
+        Whether the group may be movable although the inputs are locked.
     """
 
     values: Floats
@@ -385,12 +396,13 @@ class DistinctConfigurations:
     """
 
     def __init__(self, closure: Closure) -> None:
-        """Begin without any configurations of the group."""
+        """Begin without configurations of the group of bodies with the loops `closure`."""
         self.closure = closure
         self.is_truncated = False
         self._configurations: list[ClosedConfiguration] = []
-        # Rolled lengths and numbers of joints show which configurations differ only by
-        # whole revolutions of wheels.
+        # Lengths by which wheels have rolled on each other, and the number of joints of
+        # each body (below). They show which configurations differ only by whole revolutions
+        # of wheels.
         ends = closure.tree.ends
         self._rolled_lengths = [
             RolledLength(
@@ -409,11 +421,11 @@ class DistinctConfigurations:
         return [configuration.values for configuration in self._configurations]
 
     def add(self, values: Floats) -> Indices:
-        """Add closed configurations that are new.
+        """Add those of the given closed configurations that are new.
 
-        Configurations whose profiles enter each other, or end before the contact, are left
-        out. The configurations in which wheels have rolled least are added first, so that
-        they represent those in which the wheels have made further revolutions.
+        A configuration is left out if contact profiles enter each other, or end before the
+        contact point. Configurations that differ by whole revolutions of wheels count as
+        one. The one with the least rolling is added first, and represents the others.
 
         Parameters
         ----------
@@ -422,8 +434,8 @@ class DistinctConfigurations:
 
         Returns
         -------
-        (n,) index in `self.values` of each configuration, new or not; -1 if it was left
-        out.
+        (n,) index in `self.values` of each configuration, also if it was known before. -1
+        if it was left out.
         """
         indices = np.full(len(values), -1, dtype=np.intp)
         linearisation = self.closure.linearise(values)
@@ -477,13 +489,17 @@ class DistinctConfigurations:
         return not (configuration.is_singular and singular_count == MAX_SINGULAR_MODES)
 
     def _find_copy(self, configuration: ClosedConfiguration) -> int | None:
-        """Return the index of the first stored configuration that is the same, or None."""
+        """Return the index of the first stored configuration that is the same, or None.
+
+        It is the same if all bodies are oriented alike, or if only whole revolutions of
+        wheels differ.
+        """
         if not self._configurations:
             return None
         # (stored configurations, bodies, 3, 3)
         stored_rotations = np.array([stored.rotations for stored in self._configurations])
         differences = max_abs(stored_rotations - configuration.rotations, axis=(1, 2, 3))
-        # The less accurate one of two copies decides how much they may differ.
+        # Both are computed with errors. The larger tolerance counts.
         tolerances = np.maximum(
             configuration.copy_tolerance,
             [stored.copy_tolerance for stored in self._configurations],
@@ -499,12 +515,11 @@ class DistinctConfigurations:
     ) -> bool:
         """Return whether two configurations differ only by whole revolutions of wheels.
 
-        Such configurations follow from each other if the inputs make whole revolutions, so
-        they count as one. They arise in this way: two wheels roll on each other until one
-        of them has made whole revolutions and touches at the same point of its profile
-        again. The other wheel then touches at another point, unless it has made whole
-        revolutions, too. If this turned wheel has only two joints, the contact and its
-        bearing, the loops close again, and only its own orientation has changed.
+        Such configurations count as one, because whole revolutions of the inputs lead from
+        one to the other. Two wheels have rolled on until one of them touches at the same
+        point of its profile again. The other wheel (turned wheel) may touch at another
+        point. If it has only two joints, the contact and its bearing, the loops close
+        again. Only its own orientation differs.
         """
         repetitions = self._find_repetitions(configuration.values - stored.values)
         if not repetitions:
@@ -514,12 +529,12 @@ class DistinctConfigurations:
             for repetition in repetitions
             if repetition.turned_wheel is not None
         }
-        # Rolled lengths of different modes can also differ by whole circumferences by
-        # chance. Then a turned wheel has further joints, or other bodies have moved, too.
+        # With further joints, the turned wheel would have moved other bodies. The rolled
+        # lengths are then equal to whole circumferences by chance.
         if any(self._joint_counts[wheel] > 2 for wheel in turned_wheels):
             return False
-        # The other bodies must have kept their orientations relative to each other. Any
-        # repeated wheel among them can be the reference.
+        # All other bodies must have the same orientations relative to each other. A
+        # repeated wheel is one of them, and is the reference.
         return _have_equal_orientations(
             configuration.rotations,
             stored.rotations,
@@ -528,7 +543,9 @@ class DistinctConfigurations:
         )
 
     def _find_repetitions(self, differences: Floats) -> list[WheelRepetition]:
-        """Return the repetition of each pair of wheels that has rolled on.
+        """Return how wheels touch again, for each pair of wheels that has rolled on.
+
+        A repetition is a whole number of revolutions of one wheel, or of both.
 
         Parameters
         ----------
@@ -537,9 +554,8 @@ class DistinctConfigurations:
 
         Returns
         -------
-        One repetition for each contact with another rolled length. The list is empty if
-        there is no such contact, or if two wheels have rolled on without whole revolutions
-        of either.
+        One repetition for each contact with a changed rolled length. Empty if no length has
+        changed, or if one has changed without whole revolutions of either wheel.
         """
         repetitions = []
         for rolled_length in self._rolled_lengths:
@@ -559,16 +575,16 @@ def _have_equal_orientations(
     reference_body: int,
     ignored_bodies: set[int],
 ) -> bool:
-    """Return whether bodies have equal orientations in two configurations.
+    """Return whether bodies have equal relative orientations in two configurations.
 
     Parameters
     ----------
     rotations, other_rotations
         (bodies, 3, 3) rotations from body axes to those of body 0, in each configuration.
     reference_body
-        Number of the body to which the orientations are relative.
+        Number of the body relative to which the orientations are compared.
     ignored_bodies
-        Numbers of the bodies that are not compared.
+        Numbers of the bodies that may differ.
 
     Returns
     -------
@@ -581,20 +597,19 @@ def _have_equal_orientations(
 
 
 def compute_copy_tolerances(residual: Floats, smallest_singular_value: Floats) -> Floats:
-    """Return how much two copies of one solution may differ, if they are computed apart.
+    """Return how much copies of a solution, computed from different starts, may differ.
 
-    To first order, the error of a solution is its closure residual over the smallest
-    singular value of the closure Jacobian. Copies can differ by `ERROR_SPREAD` times as
-    much. The tolerance is at least `SAME_MODE`, because of rounding. At a dead centre,
-    where errors are largest, it is at most `SAME_DEAD_CENTRE`, so that different modes are
-    not taken for copies.
+    To first order, the error of a solution is its closure error divided by the smallest
+    singular value of the Jacobian of the loops. Copies may differ by `ERROR_SPREAD` times
+    this error. The tolerance is at least `SAME_MODE`, for rounding. It is at most
+    `SAME_DEAD_CENTRE`, so that two modes near a dead centre stay distinct.
 
     Parameters
     ----------
     residual
-        (n,) closure residuals (rad).
+        (n,) closure errors of the loops (rad).
     smallest_singular_value
-        (n,) smallest singular values of the closure Jacobians.
+        (n,) smallest singular values of the Jacobians.
 
     Returns
     -------
@@ -607,18 +622,18 @@ def compute_copy_tolerances(residual: Floats, smallest_singular_value: Floats) -
 def search_group(
     closure: Closure, distinct: DistinctConfigurations, start_values: Floats | None = None
 ) -> SearchStatistics:
-    """Search the closed configurations of a group at one sample from random starts.
+    """Search the closed configurations of a group at fixed inputs from random starts.
 
     A group is a set of bodies that are placed together by closing their loops. The search
-    ends when each configuration was reached often enough, after a number of starts that
-    depends on the number of variables, or when there are `MAX_MODES` configurations.
+    ends when each configuration was reached so often that a missing one is unlikely, or
+    when there are `MAX_MODES`.
 
     Parameters
     ----------
     closure
-        The loop equations of the group, with a single sample.
+        The loop equations of the group, at one sample of the inputs.
     distinct
-        The configurations known so far. New ones are added to it, in place.
+        The configurations known so far. New ones are added to this object.
     start_values
         (n, variables) starts (rad) that are tried before the random ones.
 
@@ -634,10 +649,11 @@ def search_group(
     progress = ProgressReporter("searching the modes of a group at an input")
     while statistics.needs_more_starts and len(distinct.values) < MAX_MODES:
         starts = random.uniform(low, high, (STARTS_PER_ROUND, len(low)))
-        # Newton's method would fail from most random starts. The Levenberg-Marquardt method
-        # first leads near a closed configuration, or to a minimum that is not closed.
+        # Newton's method fails from most random starts. The Levenberg-Marquardt method
+        # comes first. It leads near a closed configuration, or to a minimum with open
+        # loops.
         values, is_near_closed = descend_to_closure(closure, starts)
-        # The index of the configuration to which each start has led, -1 for none.
+        # Index of the configuration to which each start has led, -1 if it was left out.
         hits = distinct.add(_close_by_newton(closure, values[is_near_closed]))
         statistics.add(STARTS_PER_ROUND, hits=hits, total=len(distinct.values))
         progress.report_if_due(lambda: statistics.progress_text("modes"))
