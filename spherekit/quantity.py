@@ -51,7 +51,7 @@ class Dimension:
     Attributes
     ----------
     noun
-        The quantity in words, with its article, such as ``an angular speed``.
+        The quantity in words for messages, such as ``an angular speed``.
     time_power
         Power of seconds by which an angle is divided: 0 for an angle, 1 for its rate, 2 for
         its acceleration. None for a time.
@@ -67,7 +67,7 @@ class Dimension:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """The units that are allowed, as users write them."""
+        """The units that users may write, such as ``deg/s`` and ``rpm``."""
         if self.time_power is None:
             return ("s", "ms")
         suffix = _per_time(self.time_power)
@@ -75,7 +75,10 @@ class Dimension:
         return (*names, "rpm") if self.time_power == 1 else tuple(names)
 
     def unit_of_file(self, angle_unit: AngleUnit) -> str:
-        """Return the unit of a number without a unit, where the file has `angle_unit`."""
+        """Return the unit of a number that a file states without a unit.
+
+        `angle_unit` is the unit of angles of the file, such as deg.
+        """
         if self.time_power is None:
             return "s"
         return f"{angle_unit}{_per_time(self.time_power)}"
@@ -107,18 +110,18 @@ def angle_by_time(power: int) -> Dimension:
 
 @dataclass(frozen=True)
 class FieldUnit:
-    """The unit of a number that is a parameter of an analysis, as part of its type.
+    """The unit of a number that is a parameter of an analysis.
 
-    A parameter ``near: Degrees = 5.0`` is a number in degrees in Python. The text of a
-    user, with any unit of angles, is converted to degrees.
+    It is part of the type of the parameter. For example, ``near: Degrees = 5.0`` is a
+    number in degrees in Python. If a user writes ``0.1rad``, it is converted to degrees.
 
     Attributes
     ----------
     angle_unit
         Unit of angles, deg or rad, of the number in Python.
     dimension
-        The kind of the quantity. For a rate, for example, the unit of the number is that of
-        angles per second.
+        The kind of the quantity, such as an angle or an angular speed. The number of an
+        angular speed is in `angle_unit` per second.
     """
 
     angle_unit: AngleUnit
@@ -155,14 +158,16 @@ def field_unit_of(annotation: Any) -> FieldUnit | None:
 
 
 def split_unit(text: str) -> tuple[str, str]:
-    """Divide a text into a number and a unit, which is empty if the text has none.
+    """Divide a text such as ``35deg`` into its number and its unit.
+
+    The unit is empty if the text is a number alone.
 
     Raises
     ------
     QuantityError
         If the text does not begin with a number.
     """
-    # Numbers come first, since 1e9 is a number and not 1 with the unit e9.
+    # Try the whole text as a number first, as 1e9 is not 1 with the unit e9.
     with suppress(ValueError):
         float(text)
         return text.strip(), ""
@@ -175,28 +180,30 @@ def split_unit(text: str) -> tuple[str, str]:
 def angle_unit_and_factor(
     number: str, unit: str, dimension: Dimension = ANGLE
 ) -> tuple[AngleUnit, int]:
-    """Return a unit of angles or their rates as a multiple of deg or rad.
+    """Return how many deg or rad a unit of angles, speeds or accelerations has.
 
     For example, ``turn`` is 360 deg and ``rpm`` is 6 deg/s.
 
     Parameters
     ----------
-    number, unit
-        The number, for messages, and the unit as the user wrote it, such as ``turn/s``.
+    number
+        The number in front of the unit; it is only repeated in messages.
+    unit
+        The unit as the user wrote it, such as ``turn/s``.
     dimension
-        The dimension that is needed: that of an angle or of its rates.
+        The expected quantity: an angle, or its first or second derivative by time.
 
     Returns
     -------
     angle_unit
-        "deg" or "rad", without the part by time.
+        "deg" or "rad". The part ``/s`` or ``/s2`` of the unit is left out.
     factor
-        The number of these in the unit, such as 360 for ``turn/s``.
+        The number of deg or rad in the unit, such as 360 for ``turn/s``.
 
     Raises
     ------
     QuantityError
-        If the unit is unknown, or is of another dimension.
+        If the unit is unknown, or belongs to another dimension.
     """
     assert dimension.time_power is not None
     word = unit.replace(" ", "").replace("^", "").replace("²", "2")
@@ -204,6 +211,7 @@ def angle_unit_and_factor(
         return _RPM  # type: ignore[return-value]
     suffix = _per_time(dimension.time_power)
     name = word.removesuffix(suffix) if suffix else word
+    # A word without the suffix, such as "deg" for a speed, is refused.
     if name in _ANGLE_UNITS and word == f"{name}{suffix}":
         return _ANGLE_UNITS[name]
     raise _unit_error(number, unit, dimension)
@@ -269,11 +277,12 @@ def read_quantity(
 def check_turns(number: float, angle_unit: AngleUnit) -> None:
     """Raise `QuantityError` if an angle without a unit has implausibly many turns.
 
-    The message says in which unit the number was read.
+    The user has probably forgotten the unit, for example written 90 where the file is in
+    rad. The message says in which unit the number was read.
     """
     turn = 360.0 if angle_unit == "deg" else 2.0 * math.pi
     turns = abs(number) / turn
-    # The comparison is false for NaN, which other checks refuse.
+    # NaN and infinite numbers pass here; other checks refuse them.
     if MAX_TURNS_WITHOUT_UNIT[angle_unit] < turns < math.inf:
         hint = "" if angle_unit == "deg" else f"{number:g}deg if it is in degrees, or "
         raise QuantityError(

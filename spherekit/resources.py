@@ -25,12 +25,12 @@ def usable_cores() -> int:
 def usable_memory() -> int:
     """Return the memory (bytes) that this process may use.
 
-    It is the smallest of the memory of the machine, the rest of the address space
-    (``ulimit -v``), and the limits of the control groups (containers). psutil does not
-    know the limits of control groups.
+    It is the smallest of three numbers: the memory of the machine, the rest of the address
+    space (``ulimit -v``), and the limit of the container (a Linux control group).
     """
     import psutil
 
+    # psutil does not know the limits of control groups.
     limits = [psutil.virtual_memory().total, *_control_group_limits()]
     total_address_space = address_space()
     if total_address_space is not None:
@@ -50,7 +50,7 @@ def address_space() -> int | None:
 
 
 def need_space(size: int, what: str) -> None:
-    """Check that the address space of this process is large enough.
+    """Raise an error if the address space of this process is too small for a library.
 
     Without the check, libraries in other languages would end the process when they load.
 
@@ -59,12 +59,12 @@ def need_space(size: int, what: str) -> None:
     size
         Required address space (bytes).
     what
-        Beginning of the message: the part of the program that requires it.
+        Beginning of the message, such as "recordings need".
 
     Raises
     ------
     SpherekitError
-        If the address space is too small.
+        If the limit of the address space (``ulimit -v``) is smaller than `size`.
     """
     limit = address_space()
     if limit is not None and limit < size:
@@ -77,9 +77,9 @@ def need_space(size: int, what: str) -> None:
 def _control_group_limits() -> Iterator[int]:
     """Yield the memory limits (bytes) that Linux sets for this process by control groups.
 
-    Control groups are nested, and each may have a limit; containers use them. They exist in
-    two versions, which have their limits in different files. On other systems nothing is
-    yielded.
+    Containers use control groups. The groups are nested, and each of them may have a limit.
+    The two versions of control groups store limits in different files. On other systems
+    nothing is yielded.
     """
     try:
         lines = GROUP_MEMBERSHIP.read_text("utf-8").splitlines()
@@ -94,6 +94,7 @@ def _control_group_limits() -> Iterator[int]:
         root = GROUP_LIMITS / "memory" if controllers else GROUP_LIMITS
         file_name = "memory.limit_in_bytes" if controllers else "memory.max"
         group_folder = root / path.lstrip("/")
+        # The groups around the group have limits too.
         for folder in (group_folder, *group_folder.parents):
             with suppress(OSError, ValueError):  # the file is missing, or contains "max"
                 yield int((folder / file_name).read_text("ascii"))

@@ -27,16 +27,16 @@ INSTALLED_PACKAGES_FOLDER = sysconfig.get_path("purelib")
 
 
 def describe_failed_rows(summary: Facts) -> list[str]:
-    """Return a sentence for each table with failed rows, with their number and status.
+    """Return a sentence for each table of results that has failed rows.
 
-    The numbers are those of ``failed_rows`` in the summary. A row counts as failed only if
-    the configuration of its sample was computed. Other rows without numbers are no fault of
-    the analysis.
+    The sentence states the number of failed rows for each status (reason). A row has failed
+    if the position of the mechanism was computed at its sample, but not the results. Rows
+    of samples without a position are not counted.
 
     Parameters
     ----------
     summary
-        The summary of a run, as in its file.
+        The summary of a run, as in its JSON file.
     """
     sentences = []
     for analysis in summary.get("analyses", ()):
@@ -53,8 +53,8 @@ def describe_failed_rows(summary: Facts) -> list[str]:
 def convert_plugin_errors(analysis: str, action: str) -> Iterator[None]:
     """Convert errors of a plugin to `PluginError` in a `with` block.
 
-    A plugin is an analysis, which other people may have written. Errors of spherekit
-    itself (`SpherekitError`) are unchanged, and so are interruptions by the user.
+    A plugin is an analysis that other people may have written. Two kinds of exceptions pass
+    unchanged: errors of spherekit itself (`SpherekitError`), and interruptions by the user.
 
     Parameters
     ----------

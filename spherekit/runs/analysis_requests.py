@@ -21,9 +21,10 @@ def plan_requests(
 ) -> tuple[Request, ...]:
     """Return the poles and links to evaluate, as one request for each input.
 
-    A request is about the motion in which this input moves and all others are locked. A
-    pole is the axis about which one link rotates relative to another. `Needs` has four sets
-    of poles. Each set is for one quantity that analyses read:
+    The requests of a run are planned before its samples are computed. A request is about
+    the motion in which one input moves and all others are locked. A pole is the axis about
+    which one link rotates relative to another. `Needs` has four sets of poles, one for each
+    quantity that analyses read:
 
     - `directions`: their directions,
     - `rates`: their velocity coefficients (angular velocity per unit rate of the input),
@@ -44,9 +45,8 @@ def plan_requests(
     pair_links = [mechanism.pair(name).links for name in needs.pair_rates]
     links = needs.link_rates.union(*pair_links)
     link_numbers = sorted(mechanism.link_number[link] for link in links)
-    # The direction of a pole is that of a relative angular velocity. Its derivative follows
-    # from angular velocities and their derivatives. The poles of `turns` are therefore
-    # evaluated like those of `rates`.
+    # A pole has the direction of a relative angular velocity. The derivative of this
+    # direction needs the angular velocity, so poles of `turns` are also rate poles.
     rate_poles = sorted(needs.rates | needs.turns)
     return tuple(
         request(
@@ -59,5 +59,5 @@ def plan_requests(
             by_rank=by_rank,
             links=link_numbers,
         )
-        for driven in driven_pairs(mechanism)
+        for driven in driven_pairs(mechanism)  # index of the pair of each input
     )

@@ -250,16 +250,18 @@ class Batch:
         def make_column(quantity: str, component: int | None) -> Interleaved:
             """Return the table column of a quantity of all poles.
 
-            The column first has the numbers of all poles at the first row of the batch,
-            then those at the second row, and so on. Numbers that are not computed yet are
-            computed when the column is read.
+            A pole is the axis about which one link rotates relative to another. A row of
+            the batch is one sample in one assembly mode (way to assemble the mechanism).
+            The column first has the numbers of all poles at the first row, then those at
+            the second row, and so on. Numbers that are not computed yet are computed when
+            the column is read.
 
             Parameters
             ----------
             quantity
                 Name of a quantity of a pole, such as "direction".
             component
-                Index of the component of a vector, None for a number.
+                Index of the component if the quantity is a vector, otherwise None.
             """
             if quantity not in _POLE_FIELD_NAMES:
                 raise AnalysisError(
@@ -297,9 +299,12 @@ class Batch:
     def _make_lazy_column(
         self, i: int, j: int, moved: int, quantity: str, component: int | None
     ) -> LazyColumn | Floats:
-        """Return a column (n,) of a quantity of a pole, computed when it is read.
+        """Return a column (n,) of a quantity of a pole that is computed when it is read.
 
-        It is an array, computed now, if no compiled function has the quantity.
+        A pole is the axis of the relative rotation of two links. A column has one number
+        for each of the n rows (samples in all assembly modes). Compiled functions compute
+        it. If none of them has the quantity, the result is an array that is computed at
+        once.
 
         Parameters
         ----------
@@ -310,12 +315,12 @@ class Batch:
         quantity
             Name of the quantity, such as "direction". It must not be computed yet.
         component
-            Index of the component of a vector, None for a number.
+            Index of the component if the quantity is a vector, otherwise None.
         """
         self._check_pole(i, j, quantity)
         pole_field = self._pole_field(moved)
         assert isinstance(pole_field, LazyField)
-        # A quantity that is a number is stored as its only component, 0.
+        # A scalar quantity is stored as component 0.
         component_index = 0 if component is None else component
         return pole_field.column(
             _POLE_FIELD_NAMES[quantity], pole_of(i, j), component_index
@@ -343,11 +348,11 @@ class Batch:
         of velocity and acceleration, and status.
         """
         columns: dict[str, Interleaved] = {}
-        # These are the same for all poles of a batch row.
+        # These columns have equal numbers for all poles of a batch row.
         for name in ("sample", "assembly_mode", "residual"):
             columns[name] = Interleaved([getattr(self, name)] * len(poles))
 
-        # These are the same in all batch rows of a pole.
+        # These columns have equal texts in all batch rows of a pole.
         links = self.mechanism.links
         texts_by_column = {
             "link": [links[j] for _, j, _ in poles],
@@ -493,10 +498,17 @@ class Batch:
         return self._link_rate(link, self._pole_field(moved).dw)
 
     def pair_rate(self, name: str, moved: int = 0) -> Floats:
-        """Return (n,) the rate of a pair's variable per unit rate of the input.
+        """Return the rate (n,) of a pair's variable per unit rate of the input.
 
-        `name` is the name of a pair with one variable, such as an R pair. `moved` is the
-        index of the input that moves while the others are locked.
+        A pair (joint) such as an R pair has one variable, its angle. Each of the n rows is
+        one sample in one assembly mode.
+
+        Parameters
+        ----------
+        name
+            Name of a pair with one variable.
+        moved
+            Index of the input that moves while the others are locked.
 
         Raises
         ------
@@ -508,10 +520,10 @@ class Batch:
         # Pairs with several variables cannot be declared in `Needs.pair_rates`.
         (variable,) = self.mechanism.variables_of(pair)
         first, second = self.mechanism.ends[pair]
-        # (n, 3) relative angular velocity of the links per unit rate of the variable.
+        # (n, 3) relative angular velocity of the two links per unit rate of the variable.
         axis = self._motion.vectors[:, variable]
-        # The relative angular velocity of the links per unit rate of the input is the axis
-        # times the rate that is sought. `w` has the angular velocity (n, 3) of each link.
+        # `w` has the angular velocity (n, 3) of each link per unit rate of the input.
+        # w[second] - w[first] is the axis times the rate that is sought.
         w = self._pole_field(moved).w
         along_axis = np.sum((w[second] - w[first]) * axis, axis=1)
         return along_axis / np.vecdot(axis, axis)
@@ -527,8 +539,8 @@ class Batch:
         quantity
             Name of the quantity in the message.
         need
-            Name of the field of `Needs` that declares it. Some fields are flags. Others
-            are sets of the pairs or links for which the quantity is read.
+            Name of the field of `Needs` that declares the quantity. Some fields are flags.
+            Others are sets of the pairs or links for which the quantity is read.
         name
             The pair or link that the set must contain. None if the field is a flag.
         """
@@ -582,14 +594,13 @@ class Batch:
         return _read_only(values[pole_of(i, j)])
 
     def _check_pole(self, i: int, j: int, quantity: str) -> None:
-        """Raise `UndeclaredNeed` if an analysis reads a quantity that it has not declared.
+        """Raise `UndeclaredNeed` if an analysis reads an undeclared quantity of a pole.
 
-        An analysis declares in its `Needs` of which poles it reads which quantities,
-        because a run computes only the declared ones. A pole is the instantaneous axis of
-        the relative rotation of two links. A quantity may be read if the pole is in one of
-        certain sets of `Needs`. The direction of a pole, for example, is computed together
-        with its velocity coefficient (`rates`) and its great circles (`planes`), so each of
-        these sets is enough.
+        A pole is the instantaneous axis of the relative rotation of two links. An analysis
+        declares in its `Needs` which quantities of which poles it reads, because a run
+        computes only these. `Needs` has several sets of poles. For most quantities more
+        than one set is enough: a direction, for example, is also computed for poles in the
+        set `rates`.
 
         Parameters
         ----------
@@ -600,17 +611,17 @@ class Batch:
         """
         pole = pole_of(i, j)
         needs = self.needs
-        # Two names that can be read are no `PoleQuantity`: "planes" and "pole_status".
+        # "planes" and "pole_status" can also be read, but are not in `_QUANTITY_BY_NAME`.
+        # The basic needs are sufficient for "pole_status".
         pole_quantity = _QUANTITY_BY_NAME.get(quantity)
         sufficient_needs = BASIC_NEEDS
         if pole_quantity is not None:
             sufficient_needs = pole_quantity.sufficient_needs
         elif quantity == "planes":
             sufficient_needs = ("planes",)
-        # The sets are searched one by one. A union would take longer, as this method is
-        # called for every column of every pole.
+        # Searching the sets one by one is faster than building their union.
         is_declared = any(pole in getattr(needs, name) for name in sufficient_needs)
-        # What the message proposes.
+        # The declaration that the message proposes.
         declaration = f"{sufficient_needs[0]}=..."
         if pole_quantity is not None and pole_quantity.is_derivative:
             is_declared = is_declared and needs.derivatives

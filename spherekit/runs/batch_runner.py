@@ -134,7 +134,7 @@ class BlockRows:
         kernel
             Compiled functions that evaluate many rows at once.
         position_analysis
-            The assembly modes, and the solver of rows that the kernel does not certify.
+            The assembly modes, and the solver for rows that the kernel does not certify.
         q
             (inputs, n) inputs of the rows, rad: all samples of the first mode, then all
             samples of the second mode, and so on.
@@ -147,14 +147,15 @@ class BlockRows:
         self.configuration_error = np.empty(n)
         self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
-        # Bounds of the errors near dead centres are computed in rows without certificate.
+        # Error bounds near dead centres. The solver fills them in uncertified rows only.
         self.singular_error = nans(n)
-        # A closed form computes all pair variables in `fill`. Otherwise the caller has to
-        # predict them before. Rows without a prediction stay NaN, and are solved singly.
+        # A closed form computes all pair variables (joint angles) in `fill`. Otherwise the
+        # caller predicts them before. Rows without a prediction stay NaN; the solver
+        # computes them one by one.
         new_array = np.empty if kernel.has_closed_form else nans
         self.values = new_array((len(position_analysis.mechanism.variable_owners), n))
-        # This function computes the numbers that decide whether rows are certified: from
-        # inputs and signs of dyads if there is a closed form, otherwise from `values`.
+        # This function computes the error bounds of rows. In closed form it starts from the
+        # inputs and the assembly mode, otherwise from the predicted `values`.
         if kernel.has_closed_form:
             self._quality_function = kernel.closed_form_quality
         else:
@@ -168,23 +169,23 @@ class BlockRows:
         """Compute all rows of the block, and certify those with small error bounds.
 
         A row is one sample in one assembly mode (way to assemble the mechanism). The
-        arrays of this object (pair variables, residuals, certificates, status codes) are
-        filled.
+        results (pair variables, residuals, certificates, status codes) are stored in this
+        object. Compiled functions compute most rows. The others are solved one after
+        another.
 
         Parameters
         ----------
         samples
-            (k,) numbers of the samples of the block in the run. Rows that the kernel does
-            not certify are solved at these samples, one after another.
+            (k,) numbers of the samples of the block in the run.
 
         Returns
         -------
-        For each slice with certified rows, in their order: the rows between which the
-        direction of a pole may reverse. A pole is the axis about which one link rotates
-        relative to another.
+        For each slice (successive rows of one mode) with certified rows: the rows
+        between which the direction of a pole may reverse. A pole is the axis about which
+        one link rotates relative to another. A pole is a line, so its computed direction
+        may change its sign from row to row.
         """
-        # A slice is examined for reversals at once if the kernel certifies all its rows
-        # within reach. The result of other slices is None.
+        # The result of a slice is None if some of its rows have to be solved first.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
@@ -192,8 +193,9 @@ class BlockRows:
         examined_slices: list[SliceReversals] = []
         for row_slice, reversals in zip(self.slices, reversals_by_slice, strict=True):
             if reversals is None:
-                # The slice was not examined, as some rows have only now been solved.
+                # The missing rows of the slice are solved now.
                 reversals = self._examine_slice(row_slice)
+            # It is still None if no row of the slice is certified.
             if reversals is not None:
                 examined_slices.append(reversals)
         return examined_slices
@@ -243,9 +245,10 @@ class BlockRows:
     def _fill_slice(self, row_slice: RowSlice) -> SliceReversals | None:
         """Compute the rows of a slice, and decide which of them are certified.
 
-        A row is certified if its loops are closed up to rounding, and if its error bounds
-        are small enough. A row is out of reach if the mechanism cannot be assembled at its
-        inputs.
+        A row is one sample in one assembly mode (way to assemble the mechanism). A slice is
+        a number of successive rows of one mode. A row is certified if its loops are closed
+        up to rounding, and if its error bounds are small enough. A row is out of reach if
+        the mechanism cannot be assembled at its inputs.
 
         Parameters
         ----------
@@ -254,8 +257,9 @@ class BlockRows:
 
         Returns
         -------
-        The rows between which a pole direction may reverse. None if the slice has to be
-        examined later, because a row within reach is not certified yet.
+        The rows between which the direction of a pole (axis of the relative rotation of two
+        links) may reverse. None if rows of the slice still have to be solved, or if none is
+        certified.
         """
         mode, rows = row_slice
         columns = self._evaluate_slice(mode, rows)
@@ -273,24 +277,29 @@ class BlockRows:
     ) -> SliceReversals | None:
         """Decide for each row of a slice whether it is out of reach, or certified.
 
+        A row is one sample in one assembly mode (way to assemble the mechanism). It is out
+        of reach if the mechanism cannot be assembled at its inputs. It is certified if its
+        loops are closed and its error bounds are small enough.
+
         Parameters
         ----------
         mode
             Index of the assembly mode.
         rows
-            The n rows in the block.
+            The n rows of the slice, as a range of rows of the block.
         columns
             (width, n) the numbers that `_evaluate_slice` has computed for these rows.
 
         Returns
         -------
-        As for `_fill_slice`.
+        The rows between which a pole direction (axis of relative rotation) may
+        reverse. None if rows of the slice still have to be solved, or if none is certified.
         """
         row_numbers = np.arange(rows.start, rows.stop)
         is_out_of_reach = self._find_out_of_reach(mode, rows, columns)
         self.status[row_numbers[is_out_of_reach]] = Status.OUT_OF_REACH
         if not self.kernel.has_closed_form:
-            # The configurations were predicted, so that some loops may not be closed yet.
+            # Predicted configurations have errors, so their loops may be slightly open.
             self._close_rows(columns, row_numbers)
         self._store_closure(rows, columns)
         is_certified = self._find_certified_rows(columns)
@@ -388,34 +397,46 @@ class BlockRows:
     def _find_out_of_reach(self, mode: int, rows: slice, columns: Floats) -> Bools:
         """Return in which rows (n,) the mechanism cannot be assembled at the inputs.
 
+        A row is one sample in one assembly mode (way to assemble the mechanism).
+
         Parameters
         ----------
         mode
             Index of the assembly mode.
         rows
-            The n rows in the block.
+            The n rows, as a range of rows of the block.
         columns
-            (width, n) the numbers that the kernel has computed for these rows.
+            (width, n) the numbers that the kernel (compiled functions) has computed for
+            these rows.
         """
         if not self.kernel.has_closed_form:
             return self._find_beyond_curve(mode, rows)
-        # (dyads, n) square of the triple product of the three axes of each dyad, computed
-        # from arcs. It is negative if the arcs of the dyad do not reach each other.
+        # A dyad is two links with three R pairs. (dyads, n) is the square of the triple
+        # product of its three axes, computed from the arc lengths of its links and the
+        # distance of its ends. A negative square means that the two arcs do not meet.
         triple_squares = columns[self._quality_function.slices["squares"]]
         return find_out_of_reach(triple_squares)
 
     def _find_beyond_curve(self, mode: int, rows: slice) -> Bools:
-        """Return which rows (n,) have inputs beyond the end of the curve of their mode.
+        """Return in which rows (n,) the inputs are beyond the end of their mode's curve.
 
-        Some assembly modes are followed along a curve of configurations. The mechanism
-        cannot be assembled beyond the ends of this curve, so such rows are out of reach.
+        Some assembly modes (ways to assemble the mechanism) are followed along a curve of
+        configurations. The curve ends where the mechanism can be assembled no further, so
+        rows beyond its ends are out of reach.
+
+        Parameters
+        ----------
+        mode
+            Index of the assembly mode.
+        rows
+            The n rows, as a range of rows of the block.
         """
         # Only rows without a predicted configuration can be beyond the end.
         has_prediction = self._has_prediction(rows)
         is_beyond = np.zeros_like(has_prediction)
         assembly_mode = self._position_analysis.assembly_modes[mode]
         curve = assembly_mode.guide
-        # A mode that is composed of pieces of several other modes has no single curve.
+        # A mode that consists of pieces of other modes has no single curve.
         if isinstance(curve, ModeCurve) and not assembly_mode.pieces:
             q = self._q[:, rows][:, ~has_prediction]
             status = curve.predict(q.T, None).status
@@ -431,14 +452,16 @@ class BlockRows:
         return ~np.isnan(self.values[first_passive_variable, rows])
 
     def _close_rows(self, columns: Floats, row_numbers: Indices) -> None:
-        """Take a step of Newton's method at rows of a slice whose loops are not closed.
+        """Take a step of Newton's method at rows of a slice in which loops are not closed.
 
-        The configurations of these rows were predicted, mostly with errors far below
-        `MAX_BLOCK_NEWTON_STEP_RAD`. Newton's method reduces an error to about its square,
-        so that one step is enough. A larger step may lead to another assembly mode and is
-        not taken. Rows that stay open are solved singly later.
+        A row is one sample in one assembly mode. The configurations of these rows were
+        predicted, mostly with errors far below `MAX_BLOCK_NEWTON_STEP_RAD`. Newton's method
+        reduces an error to about its square, so one step is enough. A larger step may lead
+        to another assembly mode and is not taken. Rows that stay open are solved one by one
+        later.
 
-        The pair variables in `values` and the numbers in `columns` are changed in place.
+        The pair variables (joint angles) in `values` and the numbers in `columns` are
+        changed in place.
 
         Parameters
         ----------
@@ -457,6 +480,7 @@ class BlockRows:
         before = self.values[:, row_numbers[open_columns]]
         after = before.copy()
         passive_variables = list(self.kernel.passive_variables)
+        # Only the passive variables (those that are not inputs) are corrected.
         after[passive_variables] = self.kernel.newton_step(before)
         is_small = max_abs(after - before, axis=0) < MAX_BLOCK_NEWTON_STEP_RAD
         # Rows in which the step is taken, as columns of the slice and as rows of the block.
@@ -467,10 +491,11 @@ class BlockRows:
         columns[:, moved_columns] = self.kernel.row_quality(moved_values)
 
     def _solve_rows(self, samples: Indices, rows: Indices) -> None:
-        """Solve rows by the position analysis, mode by mode.
+        """Solve rows that the compiled functions could not certify, mode by mode.
 
-        The pair variables, the status, the closure residual and the error bound near dead
-        centres are stored at these rows.
+        A row is one sample in one assembly mode (way to assemble the mechanism). The solver
+        of the position analysis computes pair variables, status, closure residual and the
+        error bound near dead centres. They are stored at these rows.
 
         Parameters
         ----------
@@ -496,18 +521,23 @@ class BlockRows:
             self.closure_residual[mode_rows] = evaluated.residual
 
     def _certify_solved_rows(self, rows: Indices) -> None:
-        """Let the kernel bound the errors of rows that the position analysis has solved.
+        """Bound the errors of rows that the position analysis has solved, and certify them.
 
-        `rows` (m,) are numbers of rows in the block. Rows without a closure residual have
-        no configuration, and are left out. The closure residual that the solver has
-        measured stays; only the error of the configuration is taken from the kernel.
+        The kernel (compiled functions) computes the error bounds. The closure residual that
+        the solver has measured stays.
+
+        Parameters
+        ----------
+        rows
+            (m,) numbers of rows in the block. Rows without a closure residual have no
+            configuration, and are left out.
         """
         solved_rows = rows[np.isfinite(self.closure_residual[rows])]
         quality_function = self.kernel.row_quality
         columns = quality_function(self.values[:, solved_rows])
         _, configuration_error = columns[quality_function.slices["closure"]]
         self.configuration_error[solved_rows] = configuration_error
-        # Uncertainties are error bounds, divided by the largest ones that are allowed.
+        # Uncertainties are error bounds divided by their limits, so 1 is the limit.
         uncertainties = columns[quality_function.slices["uncertainties"]]
         self.is_certified[solved_rows] = np.all(uncertainties <= 1.0, axis=0)
 
@@ -528,14 +558,13 @@ class PendingPoles:
     is_assembled
         (modes, samples) rows with a configuration.
     uncertified
-        (k,) numbers of rows with a configuration that are not certified. Rows without a
-        configuration are not certified either, and are not among them.
+        (k,) numbers of the rows that have a configuration but are not certified.
     compared_rows_by_input
-        For each input that moves, and by the index of the assembly mode, the rows at which
-        the direction of a pole is compared with its direction in the row before. A pole is
-        a line, so its direction could be reversed there. In the rows between, it keeps its
-        sense. Empty if the samples are a grid of inputs, in which rows do not follow each
-        other.
+        For each input that moves: a mapping from the index of an assembly mode to rows. In
+        these rows the direction of a pole is compared with its direction in the row before.
+        A pole is a line, so its computed direction may be reversed there. In all other rows
+        the direction keeps its sense. The list is empty for a grid of inputs, in which rows
+        do not follow each other.
     error_maxima
         (inputs, 3) largest error bound in all certified rows: of directions (rad), of
         velocity coefficients and of their derivatives. NaN if no row is certified.
@@ -703,12 +732,12 @@ class BatchRunner:
 
     @property
     def block_size(self) -> int:
-        """Number of samples in a block, limited by memory.
+        """Number of samples that are computed together as a block, limited by memory.
 
-        The memory is that of `_bytes_per_row`. There is a second limit: a run without a
-        kernel (compiled functions for many rows at once) has blocks of
-        `PositionAnalysis.block` samples. A recorded run has at most as many, any other run
-        at most `MAX_BLOCK_FACTOR` times as many.
+        The memory is that of `_bytes_per_row`. The second limit is
+        `PositionAnalysis.block`, the block of a run without compiled functions. A recorded
+        run has at most this number of samples. Other runs have at most `MAX_BLOCK_FACTOR`
+        times this number.
         """
         position_analysis = self.sampling.position_analysis
         # Each sample has one row in each assembly mode.
@@ -733,10 +762,11 @@ class BatchRunner:
         return max(column_bytes, evaluation_memory(mechanism, row_count=1))
 
     def blocks(self, size: int, first_sample: int = 0) -> Iterator[Motion]:
-        """Yield the motion in blocks of successive samples.
+        """Yield the motion of the mechanism in blocks of successive samples.
 
-        Poles need most of the memory of a block, but only if their columns are read. Blocks
-        therefore become larger as long as no column is read; see `_choose_next_size`.
+        Most of the memory of a block is for its poles (axes of relative rotation), but only
+        if an analysis reads their columns. Blocks become larger while no column is read;
+        see `_choose_next_size`.
 
         Parameters
         ----------
@@ -758,7 +788,9 @@ class BatchRunner:
     def _split_samples(
         self, first_sample: int, first_size: int, largest_size: int
     ) -> Iterator[Indices]:
-        """Yield the numbers (n,) of the samples of each block.
+        """Yield the numbers (n,) of the samples of each block of a run.
+
+        The size of each block is chosen only when the block before has been used.
 
         Parameters
         ----------
@@ -779,9 +811,9 @@ class BatchRunner:
     def _choose_next_size(self, size: int, first_size: int, largest_size: int) -> int:
         """Return the number of samples of the next block, limited by its memory.
 
-        If a column of the latest block was read, the next block is as small as the first
-        one, because columns need most of the memory. Otherwise it is twice as large as the
-        present one.
+        Columns have the numbers of poles (axes of relative rotation) and are computed when
+        they are read. They need most of the memory. If a column of the latest block was
+        read, the next block has the size of the first one. Otherwise its size is doubled.
 
         Parameters
         ----------
@@ -861,8 +893,8 @@ class BatchRunner:
         - On a path of samples, signs are such that directions are continuous from row to
           row.
         - In a grid of inputs, rows do not follow each other. All directions of an assembly
-          mode have a positive component along one vector, the sum of all pair axes at the
-          first row.
+          mode have a positive component along one vector: the sum of all pair axes in the
+          first row of this mode.
 
         Parameters
         ----------
@@ -871,9 +903,10 @@ class BatchRunner:
         input_index
             Index of the input that moves while the others are locked.
         uncertified_poles
-            The poles in the rows that the kernel does not certify.
+            The poles in the rows that the kernel (compiled functions) does not certify.
         pending_poles
-            The rows at which directions are compared.
+            The rows at which directions are compared with those of the row before. A row is
+            one sample in one assembly mode.
         sign_continuation
             The last directions of the previous block. It is updated in place.
         """
@@ -892,10 +925,15 @@ class BatchRunner:
         )
 
     def motion_at(self, samples: Indices) -> Motion:
-        """Compute the motion at samples (n,), given by their numbers in rising order.
+        """Compute the positions of the mechanism at some samples, in all assembly modes.
 
-        Facts about the poles of the motion are computed at the same time, and stored in
-        `pending_poles` until `fields` is called with the motion.
+        Facts about the poles (axes of relative rotation) are computed at the same time.
+        They are stored in `pending_poles` until `fields` is called with the motion.
+
+        Parameters
+        ----------
+        samples
+            (n,) numbers of the samples, rising.
         """
         position_analysis = self.sampling.position_analysis
         # (inputs, rows): the rows are all samples in the first assembly mode, then all
@@ -918,20 +956,24 @@ class BatchRunner:
     ) -> PendingPoles:
         """Return what `fields` needs to know about the poles of a block.
 
+        A pole is the axis about which one link rotates relative to another. A row of the
+        block is one sample in one assembly mode (way to assemble the mechanism).
+
         Parameters
         ----------
         motion
             The configurations of the block.
         rows
-            The same rows, with their certificates.
+            The same rows, with the information which of them are certified (have small
+            error bounds).
         examined_slices
-            For each slice of rows, the rows between which the direction of a pole may
-            reverse, and the largest error bounds of poles.
+            For each slice of successive rows, the rows between which the direction of a
+            pole may reverse, and the largest error bounds of poles.
         """
         uncertified = rows.uncertified
         is_uncertified = np.zeros(len(motion), dtype=bool)
         is_uncertified[uncertified] = True
-        # One row of samples for each assembly mode.
+        # Arrays of this shape have an axis for the modes and an axis for the samples.
         shape = (len(motion.assembly_modes), motion.samples)
         is_assembled = ~rows.has_failed.reshape(shape)
         input_count = len(self.requests)
@@ -955,10 +997,18 @@ class BatchRunner:
         )
 
     def _predict_configurations(self, samples: Indices, rows: BlockRows) -> None:
-        """Predict the pair variables of a block, unless there is a closed form.
+        """Predict the configurations of a block by interpolation between neighbours.
 
-        They are predicted for each series of successive samples, because the prediction
-        interpolates between neighbours. `samples` (n,) are their numbers, rising.
+        This is only needed if configurations are not computed in closed form. The predicted
+        pair variables (joint angles) are stored in `rows`.
+
+        Parameters
+        ----------
+        samples
+            (n,) numbers of the samples, rising. Each series of successive samples is
+            predicted separately.
+        rows
+            The rows of the block: all samples in each assembly mode.
         """
         if self.predict is None or not len(samples):
             return
@@ -972,10 +1022,17 @@ class BatchRunner:
             self.predict(first_sample, end_sample, values[:, :, first:end])
 
     def _make_motion(self, samples: Indices, q: Floats, rows: BlockRows) -> Motion:
-        """Return the rows of a block as a motion.
+        """Return the computed rows of a block as a `Motion`, the form that analyses read.
 
-        `samples` (n,) are the numbers of the samples, and `q` (inputs, modes * n) the
-        inputs (rad) of all rows.
+        Parameters
+        ----------
+        samples
+            (n,) numbers of the samples of the block.
+        q
+            (inputs, modes * n) inputs (rad): all samples in the first assembly mode, then
+            all samples in the second mode, and so on.
+        rows
+            The computed rows, in the same order.
         """
         position_analysis = self.sampling.position_analysis
         assembly_modes = position_analysis.assembly_modes

@@ -130,9 +130,11 @@ def checkpointing(
         The folder with the journal, in which the state is saved. Without it nothing is
         saved.
     run_state
-        The state: the number of samples done, and what continues from block to block.
+        The state of the run: the number of samples done, and data that each block takes
+        over from the block before.
     table_store
-        The rows of the tables so far. Only rows that are stored in files can be resumed.
+        The rows of the result tables so far. A run can be resumed only if they are in
+        files.
     """
     # A resumed run begins with the samples that were saved before.
     saved_samples = run_state.samples_done
@@ -160,6 +162,7 @@ def checkpointing(
                 f"in {run_folder.path}"
             )
         elif run_folder is not None:
+            # An analysis of all samples at once is computed only at the end.
             reason = ""
             if run_plan.whole_analyses:
                 names = listing(run_plan.whole_analyses)

@@ -16,7 +16,8 @@ not learn that a proof is possible.
 def describe_completeness(position_analysis: PositionAnalysis) -> str:
     """Return whether assembly modes may have been missed, in whole sentences.
 
-    An example is "All assembly modes were found (closed form)."
+    An assembly mode is a way to assemble the mechanism. An example is "All assembly modes
+    were found (closed form)."
 
     Parameters
     ----------
@@ -25,7 +26,7 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
 
     Returns
     -------
-    One or two sentences; empty if no motion was computed.
+    One or two sentences for users. Empty if no motion was computed.
     """
     if not position_analysis.assembly_modes:
         return ""
@@ -37,7 +38,7 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
     how = f" ({listing(methods)})" if methods else ""
     has_searched = position_analysis.probe_count > 0  # number of samples of the search
     if not has_searched:
-        # The reason is then "the mode of the reference pose".
+        # The reason is here "the mode of the reference pose".
         return f"Only {claim.reason} was computed. Others were not searched."
     if claim.sentence:
         return claim.sentence
@@ -47,10 +48,12 @@ def describe_completeness(position_analysis: PositionAnalysis) -> str:
 
 
 def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
-    """Return whether modes could be missed and ``spherekit certify`` can exclude this.
+    """Return whether a proof of the assembly modes is both needed and possible.
 
-    It proves the modes of mechanisms with one input that can be constructed link by link,
-    and whose contacts have circles as profiles.
+    An assembly mode is a way to assemble the mechanism. A proof is needed if the search
+    could have missed a mode. The command ``spherekit certify`` can then prove that none is
+    missing. This is possible for mechanisms with one input that are constructed link by
+    link, and in which the profiles of contacts are circles.
 
     Parameters
     ----------
@@ -59,6 +62,7 @@ def can_prove_modes(position_analysis: PositionAnalysis) -> bool:
     """
     if not position_analysis.assembly_modes or len(position_analysis.inputs) != 1:
         return False
+    # No mode could be missed, so no proof is needed.
     if position_analysis.claim.guarantee in (Guarantee.CERTIFIED, Guarantee.COMPLETE):
         return False
     mechanism = position_analysis.mechanism

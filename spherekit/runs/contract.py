@@ -28,9 +28,9 @@ CONTRACT = 1
 class ParameterTrade:
     """Declares how `spherekit trade` compares the values of a parameter of an analysis.
 
-    The parameter trades speed for accuracy. The command runs the analysis with each of its
-    values (a sweep). It compares one column of the results with the same column at the most
-    accurate value, and recommends the quickest value for a wanted accuracy.
+    Such a parameter trades speed for accuracy. The command runs the analysis with each
+    value of the parameter. It compares one column of the results with the same column at
+    the most accurate value. It then recommends the quickest value for a wanted accuracy.
 
     Attributes
     ----------
@@ -41,14 +41,14 @@ class ParameterTrade:
     table, column
         Names of the table and of the column whose numbers are compared.
     match
-        Columns of texts. A row is compared with the row that has the same texts in them.
+        Columns of texts that identify a row. Rows of two runs with the same texts in these
+        columns are compared.
     error
         Column with the error estimate of the analysis, if there is one.
     places
-        Whether the column has positions (places) in rad, such as inputs at which something
-        happens. Each position is compared with the nearest position in the most accurate
-        run. With several inputs a position has one column for each of them. The names of
-        all these columns begin with `column`.
+        Whether the column has input values (rad) at which something happens, such as a dead
+        centre. Each is compared with the nearest one in the most accurate run. With several
+        inputs there is one column for each input, and their names begin with `column`.
     beside
         Names and values of other parameters of the analysis, which are constant during the
         comparison.
@@ -96,7 +96,7 @@ class Findings:
 
     @classmethod
     def from_json(cls, entries: Mapping[str, Any]) -> Self:
-        """Return findings from the data of `dataclasses.asdict` after JSON."""
+        """Return findings from a dictionary that was stored as JSON."""
         return cls(
             entries["figures"],
             tuple(entries["warnings"]),
@@ -143,10 +143,10 @@ class AbstractAnalysis(ABC):
     """Parameters that trade speed for accuracy, if not the samples take the time."""
 
     def requested_tables(self) -> tuple[Table, ...]:
-        """Return the tables with the columns that the parameters request.
+        """Return the tables of results, with only the columns that the user requests.
 
-        A column that is declared `on_request` is left out if its parameter has the default
-        value.
+        The attribute `on_request` of a column is the name of a parameter of the analysis.
+        The column is left out if this parameter has its default value.
         """
         defaults = {item.name: item.default for item in fields(self)}  # type: ignore[arg-type]
         return tuple(
@@ -202,13 +202,15 @@ class AbstractAnalysis(ABC):
         return ()
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the findings of all earlier blocks and of the next block together.
+        """Join the findings of all earlier blocks with those of the next block.
+
+        A run is computed in blocks of samples, and findings are results besides tables.
+        This method accepts only equal findings. A subclass overrides it if findings differ.
 
         Raises
         ------
         AnalysisError
-            If the findings of the next block differ from those before, unless a subclass
-            joins them.
+            If the findings of the next block differ from those before.
         """
         if before != now:
             raise AnalysisError(
@@ -224,10 +226,11 @@ Analyses = Sequence[AbstractAnalysis]
 
 @dataclass(frozen=True)
 class BrokenAnalysis(AbstractAnalysis):
-    """Takes the place of an analysis that cannot be used, so that the others are run.
+    """Takes the place of an analysis that cannot be used.
 
-    Its methods raise `PluginError` with the reason `why`, for example that a plugin cannot
-    be imported. The run notes this error as the failure of the analysis.
+    The other analyses of the run are then still computed. The methods raise `PluginError`
+    with the reason `why`, for example that a plugin cannot be imported. The run notes this
+    error as the failure of the analysis.
     """
 
     name: str  # type: ignore[misc]

@@ -39,13 +39,14 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
     write analyses as plugins. Therefore the class attributes, methods, parameters and
     tables are checked.
 
-    The caller reads the first fault only. Later checks may fail after an earlier fault.
+    The caller reads only the first fault, because an earlier fault can make a later check
+    fail.
     """
     if not (isinstance(cls, type) and issubclass(cls, AbstractAnalysis)):
         yield f"{cls!r} is not a subclass of AbstractAnalysis"
         return
-    # The class attributes, such as `name`. Their annotations are ClassVar[type], of which
-    # `get_args` returns the type.
+    # The class attributes, such as `name`. `get_args` takes the type T out of their
+    # annotations ClassVar[T].
     for key, hint in get_type_hints(AbstractAnalysis).items():
         if not hasattr(cls, key):
             yield f"the class attribute `{key}` is missing"
@@ -56,8 +57,7 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
         yield f"its name {cls.name!r} may contain only letters, digits and underscores"
     if cls.name in RESERVED_NAMES:
         yield f"its name {cls.name!r} is that of a file that every run writes"
-    # The contract is the number of the version of the interface between spherekit and
-    # plugins.
+    # The contract is the version number of the interface between spherekit and plugins.
     if cls.contract != CONTRACT:
         yield (
             f"it is written for contract {cls.contract}, but this spherekit has {CONTRACT}"
@@ -74,6 +74,7 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
     except Exception as problem:
         yield f"the types of its parameters cannot be read: {describe_exception(problem)}"
     yield from _find_table_faults(cls.tables)
+    # `on_request` is the parameter by which users request an optional column.
     parameters = [item.name for item in fields(cls)]
     for table in cls.tables:
         for column in table.columns:
@@ -88,8 +89,8 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
 def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
     """Yield a phrase for each fault in the tables that an analysis declares.
 
-    Names, units and the order of the columns are checked. An analysis that other people
-    have written (a plugin) can have any fault.
+    Other people can write analyses as plugins, so the names, units and order of the columns
+    are checked.
     """
     for table in tables:
         if not NAME_PATTERN.fullmatch(table.name):
@@ -111,9 +112,9 @@ def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
                     "(--deg converts angles)"
                 )
         # The attribute `turns` of a column says how its numbers change if the mechanism is
-        # rotated as a whole. Columns with "vector" are components of vectors, which have to
-        # be next to each other: x, y, z. So the number of successive ones is a multiple of
-        # 3. `groupby` puts successive columns with the same behaviour into one group.
+        # rotated as a whole. Columns with "vector" are components of vectors. The three
+        # components x, y, z have to be neighbours, so the number of successive "vector"
+        # columns is a multiple of 3.
         for behaviour, group in groupby(column.turns for column in table.columns):
             component_count = len(list(group))
             if behaviour == "vector" and component_count % 3:
@@ -139,16 +140,20 @@ NEEDS_OF_LINK_NAMES = ("rotations", "link_rates")
 def check_needs(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
     """Return the quantities that an analysis reads for a mechanism, after checks.
 
+    A run computes only these quantities. An analysis may be a plugin by other people, so
+    its class and its declaration are checked.
+
     Raises
     ------
     PluginError
         If the class of the analysis is faulty, or if it declares links, pairs or types that
         do not exist.
     SpherekitError
-        If the analysis refuses the mechanism or its parameters. The error is its own.
+        If the analysis itself refuses the mechanism or its parameters.
     """
     name = getattr(analysis, "name", type(analysis).__name__)
-    # The placeholder of an analysis that cannot be used raises the reason in `needs`.
+    # A `BrokenAnalysis` replaces an analysis that cannot be used. Its method `needs`
+    # raises the reason.
     is_placeholder = isinstance(analysis, BrokenAnalysis)
     fault = "" if is_placeholder else find_class_fault(type(analysis))
     if not fault:
@@ -175,10 +180,10 @@ def _find_needs_fault(needs: Any, mechanism: Mechanism) -> str:
 
 
 def _find_item_fault(field: str, item: Any, mechanism: Mechanism) -> str:
-    """Return the fault of a declared pole, pair or link, or an empty text.
+    """Return what is wrong with a declared pole, pair or link, or an empty text.
 
-    An analysis declares in its `Needs` for which poles, pairs and links it reads
-    quantities.
+    An analysis declares in its `Needs` for which poles (axes of the relative rotation of
+    two links), pairs (joints) and links it reads quantities.
 
     Parameters
     ----------
@@ -188,7 +193,7 @@ def _find_item_fault(field: str, item: Any, mechanism: Mechanism) -> str:
         The number of a link, a pole (numbers of two links, the smaller one first), or the
         name of a link or pair.
     mechanism
-        The mechanism whose links and pairs are meant.
+        The mechanism to which the item belongs.
 
     Returns
     -------
@@ -209,7 +214,7 @@ def _find_item_fault(field: str, item: Any, mechanism: Mechanism) -> str:
     if item not in names:
         return f", but {name} has no {kind} of that name{choices(item, names, f'{kind}s')}"
     has_to_be_single = field in NEEDS_OF_SINGLE_VARIABLES
-    # A sliding contact has two variables, so "the variable of the pair" is not unique.
+    # For example, a sliding contact has two variables.
     if has_to_be_single and mechanism.pair(item).kind.variable_count > 1:
         return ", a pair with two variables, which has no single one"
     return ""

@@ -24,6 +24,8 @@ ENGINES: dict[RowEngine, str] = {
 class Setting:
     """One way to compute the quantities that analyses read.
 
+    Ways differ in speed and accuracy, and the command ``trade`` compares them.
+
     Attributes
     ----------
     engine
@@ -46,7 +48,7 @@ class Setting:
 
     def __str__(self) -> str:
         parts: list[str] = [self.engine]
-        # A tolerance is set only where settings of a simulation are compared.
+        # A tolerance is set only if settings of a simulation are compared.
         if self.tolerance is not None:
             parts = [self.integrator, f"tolerance {self.tolerance:.0e}"]
         elif self.engine == "numpy":

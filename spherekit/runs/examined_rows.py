@@ -81,11 +81,13 @@ class OutputRows(ArrayRows):
         return cls(place, angle, rate, inputs, ratios)
 
     def last_row(self) -> list[float | None]:
-        """Return the last row as a list that the journal can store, without NaN.
+        """Return the last row of a block of samples as a list, for the next block.
 
-        The list has place, angle, rate, inputs and ratios. If the output rests in the last
-        row, place and rate are those of the last row in which it moves. The next block
-        needs them to find out whether the output turns back.
+        The next block needs the row to find out whether the output turns back between the
+        blocks. The list has place (time, first input or sample number), angle, rate, inputs
+        and velocity ratios. NaN becomes None, because the list is stored as JSON. If the
+        output rests in the last row, place and rate are those of the last row in which it
+        moves.
         """
         place, rate = self.places[-1], self.rates[-1]
         moving = self.find_moving()
@@ -108,12 +110,11 @@ class OutputRows(ArrayRows):
         return np.flatnonzero(np.abs(self.rates) > RESTING_RATIO)
 
     def find_reversals(self) -> list[tuple[int, int]]:
-        """Return the rows before and after each change of the sign of the rate.
+        """Return pairs of rows between which the output turns back (its rate changes sign).
 
-        Rows in which the output rests are passed over, so that rows before and after need
-        not be neighbours. If the rate is unknown (NaN) in a row between them, there is a
-        singular configuration. The rate can jump there from one sign to the other without
-        being zero, so such changes are left out.
+        Rows in which the output rests are passed over, so the two rows need not be
+        neighbours. A row of unknown rate (NaN) between them is a singular configuration.
+        The rate may jump there from one sign to the other, so such changes are left out.
         """
         moving = self.find_moving()
         rates = self.rates[moving]
@@ -295,9 +296,10 @@ class ExaminedRows:
     ) -> None:
         """Note the least transmission angle of an output in the rows of a mode.
 
-        The transmission angle belongs to the dyad (two links with three R pairs) that moves
-        the output. The least angle at the samples is noted with its place. The least angle
-        between samples, which can be smaller, is estimated by parabolas.
+        The transmission angle is the acute angle between the planes of the two links of a
+        dyad (two links with three R pairs). Here the dyad is the one that moves the output.
+        The least angle at the samples is noted with its place. The angle can be smaller
+        between samples, which is estimated by parabolas.
 
         Parameters
         ----------
@@ -306,7 +308,7 @@ class ExaminedRows:
         number
             Position of the output in the plan.
         rows
-            The m rows of the mode.
+            The m rows (samples) of the assembly mode.
         places
             (m,) place of each sample: its time (s), the first input (rad) or its number.
         """
@@ -322,9 +324,10 @@ class ExaminedRows:
     ) -> None:
         """Note the range of the transmission measure of an output in the rows of a mode.
 
-        The measure says how well locked inputs hold the output: 0 at a singularity of type
-        II, 1 at best. The least measure at the samples is noted with its place. The
-        extremes between samples are estimated by parabolas.
+        The measure says how well locked inputs keep the output at rest. It is 0 at a
+        singularity of type II (dead centre of the input) and 1 at best. The least measure
+        at the samples is noted with its place. The extremes between samples are estimated
+        by parabolas.
 
         Parameters
         ----------
@@ -333,7 +336,7 @@ class ExaminedRows:
         number
             Position of the output in the plan.
         rows
-            The m rows of the mode.
+            The m rows (samples) of the assembly mode.
         places
             (m,) place of each sample: its time (s), the first input (rad) or its number.
         """
@@ -365,27 +368,28 @@ class ExaminedRows:
         relative: Floats,
         closes: Bools,
     ) -> None:
-        """Extend the range of the angle between the first pose and the pose in each row.
+        """Extend the range of the angle by which an output has turned from its first pose.
 
-        If the output is an orientation, the angle is that of the rotation from the first
-        pose to the pose in the row. If the output is a direction, it is the angle between
-        the first direction and the direction in the row.
+        If the output is an orientation, this is the angle of the rotation from the first
+        pose. If the output is a direction, it is the angle between the first direction and
+        the present one.
 
         Parameters
         ----------
         overview
-            The overview of the output in this mode, which is changed in place.
+            The overview of the output in one assembly mode. It is changed in place.
         output
             The output.
         relative
-            (m, 3, 3) rotations from the axes of the link to those of the reference.
+            (m, 3, 3) rotation matrix of each row (sample), from the axes of the output's
+            link to those of its reference link.
         closes
             (m,) whether each row has a configuration. The other rows are left out.
         """
         valid = np.flatnonzero(closes & np.all(np.isfinite(relative), axis=(1, 2)))
         if not len(valid):
             return
-        # (k, 3) directions, or (k, 3, 3) rotations.
+        # `poses` is (k, 3) for directions, or (k, 3, 3) for rotations.
         is_direction = output.direction is not None
         poses = relative[valid]
         if is_direction:
@@ -425,41 +429,45 @@ class ExaminedRows:
     ) -> None:
         """Extend the range of the angle of an output, and note where the output rests.
 
-        Rows without a configuration divide the path into segments. The first segment of a
-        block continues the last segment of the block before, through `overview.last_row`.
+        Rows (samples) without a configuration divide the path into segments. The first
+        segment of a block continues the last segment of the block before, through
+        `overview.last_row`.
 
         Parameters
         ----------
         overview
-            The overview, which is changed in place.
+            The overview of the output, which is changed in place.
         path
-            The rows of a block. Angles have jumps of whole turns.
+            The rows of a block. Their angles may still have jumps of whole turns.
         has_rates
-            Whether the rates of the path are known. Otherwise differences of successive
-            angles are used instead, as on a path of several inputs.
+            Whether the rates of the path are known. Otherwise the differences of successive
+            angles take their place, for example on a path of several inputs.
         """
         for segment in path.segments():
             if len(segment.angles) and np.isfinite(segment.angles[0]):
                 self._add_segment(overview, segment, has_rates)
             else:
-                # The next segment continues no row before it.
+                # The next segment starts anew, without a row before it.
                 overview.last_row = None
                 overview.smooth_angle.add(np.full(len(segment.angles), np.nan))
 
     def _add_segment(
         self, overview: OutputOverview, segment: OutputRows, has_rates: bool
     ) -> None:
-        """Add successive rows of a path, all of which have a configuration.
+        """Add successive rows of a path to the overview of an output.
+
+        All of these rows have a configuration. The range of the angle is extended, and
+        places at which the output turns back are noted.
 
         Parameters
         ----------
         overview
-            The overview, which is changed in place.
+            The overview of the output, which is changed in place.
         segment
-            The rows. Angles have jumps of whole turns.
+            The rows. Their angles may still have jumps of whole turns.
         has_rates
-            Whether the rates are known. Otherwise differences of successive angles are used
-            instead.
+            Whether the rates are known. Otherwise the differences of successive angles take
+            their place.
         """
         new_rows = slice(0, None)
         if overview.last_row is not None:
@@ -472,7 +480,7 @@ class ExaminedRows:
             segment = replace(segment, rates=np.append(segment.rates[0], steps))
         overview.widen_angle(segment.angles)
         if not has_rates:
-            # The angles at which the output turns back are then estimated by parabolas.
+            # Without rates, the angles of turning points are estimated by parabolas.
             overview.smooth_angle.add(segment.angles[new_rows])
         for before, after in segment.find_reversals():
             if has_rates:
@@ -482,15 +490,17 @@ class ExaminedRows:
         overview.last_row = segment.last_row()
 
     def _remove_jumps(self, segment: OutputRows) -> Floats:
-        """Return the angles (m,) of successive rows without jumps of whole turns.
+        """Return the angles (m,) of an output in successive rows, without jumps of whole
+        turns.
 
-        Whole turns are added such that each step of the angle is as near as possible to the
-        step that the velocity ratios predict by the trapezoidal rule.
+        Each step of the angle is predicted from the velocity ratios (output rate per input
+        rate) by the trapezoidal rule. Whole turns are added so that the step is as near to
+        the prediction as possible.
         """
         mean_ratios = 0.5 * (segment.ratios[1:] + segment.ratios[:-1])
         predicted_steps = np.sum(mean_ratios * np.diff(segment.inputs, axis=0), axis=1)
-        # If ratios are unknown, a step of less than half a turn is assumed. So it is in
-        # simulations, because ratios are infinite at a dead centre of the input.
+        # Without a usable prediction, a step of less than half a turn is assumed. In
+        # simulations the ratios are never used, as they are infinite at a dead centre.
         is_uncertain = ~np.isfinite(predicted_steps)
         if self.plan.moves_over_time:
             is_uncertain[:] = True
@@ -505,31 +515,29 @@ class ExaminedRows:
     ) -> None:
         """Note that an output turns back between two rows, and extend its range to there.
 
-        If the rate is linear between both rows, place and angle of the turning point are
-        interpolated. Otherwise only the two rows are noted.
+        If the rate is linear between both rows, the place and the angle of the turning
+        point are interpolated. Otherwise only the two rows are noted.
 
         Parameters
         ----------
         overview
-            The overview, which is changed in place.
+            The overview of the output, which is changed in place.
         segment
-            Rows of a path, with angles without jumps.
+            Rows (samples) of a path, with angles without jumps.
         before, after
-            The two rows, in which the rates have opposite signs.
+            Numbers of the two rows, in which the rates have opposite signs.
         """
         rate_before = segment.rates[before]
         rate_after = segment.rates[after]
         path = segment.places if self.plan.moves_over_time else segment.inputs[:, 0]
         step = path[after] - path[before]
-        # The step of the angle shows whether the rate is linear: the trapezoidal rule then
-        # gives this step.
+        # For a linear rate, the trapezoidal rule yields the step of the angle exactly.
         error = 0.5 * (rate_before + rate_after) * step
         error -= segment.angles[after] - segment.angles[before]
         variation = abs((rate_after - rate_before) * step)
         is_linear = abs(error) <= MAX_RATE_CURVATURE * variation
-        # If the rate was linear, the angle between the rows would exceed that of a row by
-        # at most an eighth of the variation. Twice as much is allowed for a rate that is
-        # not.
+        # With a linear rate, the turning point is at most variation / 8 beyond the rows.
+        # For other rates twice as much is allowed.
         turning_error = float(abs(error) if is_linear else 0.25 * variation)
         overview.turning_error_rad = max(overview.turning_error_rad, turning_error)
         if not is_linear:
@@ -537,6 +545,7 @@ class ExaminedRows:
             overview.add_uncertain_rest(first_place, float(segment.places[after]))
             return
         overview.add_rest(_place_of_rest(segment, before, after))
+        # The linear rate is zero at this share of the step.
         share = rate_before / (rate_before - rate_after)
         extreme = segment.angles[before] + 0.5 * rate_before * share * step
         overview.widen_angle(np.array([extreme]))
@@ -568,20 +577,23 @@ def _angles_of_rotations(first: Floats, rotations: Floats) -> Floats:
 
 
 def _link_rates(motion: Motion) -> Floats:
-    """Return the angular velocities (n, inputs, links, 3) of links per rate of each input.
+    """Return the angular velocity of each link per unit rate of each input.
 
-    They are relative to the ground and in ground axes, and NaN where the closure equations
-    do not determine them.
+    The array is (n, inputs, links, 3): n rows (samples in all assembly modes), and vectors
+    relative to the ground in ground axes. It is NaN where the closure equations (conditions
+    that loops stay closed) do not determine the velocities.
     """
     linearisation = motion.linearisation
     jacobian = linearisation.jacobian
     passive = list(motion.passive_variables)
     rates = []
     for pair in motion.assembly.inputs:
+        # One input moves at unit rate, and the other inputs are locked.
         driven = motion.mechanism.variables_of(pair)[0]
         variable_rates = np.zeros((len(motion), motion.values.shape[1]))
         variable_rates[:, driven] = 1.0
         if passive:
+            # The passive variables (joint angles that are not inputs) close the loops.
             closing = -motion.closure_inverse @ jacobian[:, :, driven, None]
             variable_rates[:, passive] = closing[:, :, 0]
         rates.append(linearisation.tree.body_rates(motion.vectors, variable_rates))
@@ -607,7 +619,7 @@ def note_transmission(
     plan
         What is examined, with the dyads of the mechanism.
     motion, rows
-        The configurations of all modes, and the m rows of this mode.
+        The configurations in all assembly modes, and the m rows (samples) of this mode.
     places
         (m,) place of each sample: its time (s), the first input (rad) or its number.
     """
@@ -617,6 +629,7 @@ def note_transmission(
             continue
         row = first_minimum(angles)
         least = overview.transmission
+        # Minima that differ only by rounding count as equal; the first one stays.
         if least is None or angles[row] < least[0] - EQUAL_MINIMA_TOLERANCE:
             pair = plan.middle_pair(dyad)
             overview.transmission = [float(angles[row]), pair, float(places[row])]

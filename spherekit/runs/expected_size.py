@@ -186,15 +186,18 @@ class CostExtrapolation:
     predicted_modes: int
 
     def predict(self, *keys: str) -> int:
-        """Return the predicted value of an entry of the cost.
+        """Return a predicted cost of a long run, such as the size of a table.
+
+        The prediction is extrapolated from short runs.
 
         Parameters
         ----------
         keys
-            The nested keys of the entry, such as ``"tables", "motion", "csv_bytes"`` or
+            The nested keys of the cost, such as ``"tables", "motion", "csv_bytes"`` or
             ``"configurations"``.
         """
         is_motion = len(keys) > 1 and keys[1] == MOTION
+        # If there are many poles, the two short runs have only the table of the motion.
         if self.of_many_poles is None or is_motion:
             value = self._extrapolate_linearly(keys)
         else:
@@ -243,7 +246,8 @@ def predict_recording(
 ) -> dict[str, int]:
     """Predict the size of the recording of a study, from the recordings of two short runs.
 
-    The size is a linear function of the number of recorded samples.
+    A recording is a file in which users see the motion. Its size is a linear function of
+    the number of recorded samples.
 
     Parameters
     ----------
@@ -256,7 +260,7 @@ def predict_recording(
 
     Returns
     -------
-    The numbers of entities, rows and bytes, by these names.
+    The predicted numbers of entities, rows and bytes, with these keys.
     """
     short_count = MEASURED_RECORDING_SAMPLES
     costs: list[dict[str, int]] = []
@@ -266,8 +270,7 @@ def predict_recording(
             costs.append(recorder.cost)
     short_cost, long_cost = costs
     sample_count = study.count
-    # A long run records one of `stride` successive samples. -(-a // b) is a / b, rounded
-    # up.
+    # A long run records only every `stride`-th sample. -(-a // b) is a / b, rounded up.
     stride = -(-sample_count // MAX_RECORDED_SAMPLES)
     recorded_samples = -(-sample_count // stride)
     growth_factor = recorded_samples / short_count - 1.0

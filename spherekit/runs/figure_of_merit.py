@@ -91,6 +91,7 @@ class FigureOfMerit:
                 f'"{self.name}" cannot name a figure of merit; use only letters, digits '
                 "and _, and no digit at the beginning"
             )
+        # The point is the input value at which the reduction `at` takes the expression.
         if bool(self.point) != REDUCTION_BY_NAME[self.reduction].needs_point:
             raise AnalysisError(
                 f"{self.name}: the reduction at(EXPRESSION, Q) needs an input value Q, "
@@ -125,17 +126,18 @@ class FigureOfMerit:
     def unit(self, names: Units) -> str:
         """Return the unit of the figure of merit, or an empty text if it is not known.
 
-        It is known in two cases:
+        The figure of merit is a number that rates a design: a reduction, such as ``min``,
+        of an expression. The unit is known in two cases:
 
-        - The figure is the input at which the expression is smallest or largest (reductions
-          ``argmin`` and ``argmax``). The name of this input in `names` is ``q``. With
-          several inputs, it is for example ``q_21`` if `place` is the pair 21.
+        - The figure is an input value (reductions ``argmin`` and ``argmax``, the input at
+          which the expression is smallest or largest).
         - The expression is a single quantity or its absolute value.
 
         Parameters
         ----------
         names
-            Units of quantities by their names.
+            Units of quantities by their names. An input has the name ``q``. With several
+            inputs it is for example ``q_21``, if `place` is the pair 21.
         """
         if REDUCTION_BY_NAME[self.reduction].returns_input:
             input_name = f"q_{self.place}" if self.place else "q"
