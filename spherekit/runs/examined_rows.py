@@ -490,8 +490,7 @@ class ExaminedRows:
         overview.last_row = segment.last_row()
 
     def _remove_jumps(self, segment: OutputRows) -> Floats:
-        """Return the angles (m,) of an output in successive rows, without jumps of whole
-        turns.
+        """Return the output angles (m,) of successive rows without jumps of whole turns.
 
         Each step of the angle is predicted from the velocity ratios (output rate per input
         rate) by the trapezoidal rule. Whole turns are added so that the step is as near to

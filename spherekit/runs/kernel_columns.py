@@ -36,24 +36,23 @@ RowSlice = tuple[int, slice]
 
 
 class ColumnKey(NamedTuple):
-    """Identifies a column of a kernel: one number of a pole or link in all rows.
+    """Identifies a column of numbers: one quantity of a pole or link in all rows.
 
-    A kernel is a set of compiled functions that evaluates many rows at once. A row is one
-    sample in one assembly mode (way to assemble the mechanism). The rows are those of a
-    block, the samples that are computed together. A pole is the axis about which one link
-    rotates relative to another.
+    A row is one sample in one assembly mode (way to assemble the mechanism). The rows are
+    those of a block of samples that are computed together. A pole is the axis about which
+    one link rotates relative to another. Compiled functions compute a column when it is
+    read.
 
     Attributes
     ----------
     input_index
         Index of the input that moves while the others are locked.
     quantity
-        Name of a quantity: an attribute of `PoleField`, which has quantities of poles and
-        of links. An example is ``"direction"``.
+        Name of a quantity: an attribute of `PoleField`, such as ``"direction"``.
     subject
-        The pole (two link numbers) or the link (its number).
+        The pole (two link numbers) or the link (its number) to which the quantity belongs.
     component
-        Index of the component of a vector, 0 for a number.
+        Index of the component if the quantity is a vector, otherwise 0.
     """
 
     input_index: int
@@ -63,10 +62,12 @@ class ColumnKey(NamedTuple):
 
 
 class UnsignedPoles(NamedTuple):
-    """Poles in k rows, with directions whose sense is not chosen yet.
+    """Poles in some rows, with directions that may still be reversed.
 
     A pole is the axis about which one link rotates relative to another. It is a line, and
-    either of its two senses can be its direction.
+    either of its two senses can be its direction. The sense is chosen later such that
+    directions continue from row to row. A row is one sample in one assembly mode; there are
+    k rows.
 
     Attributes
     ----------
@@ -119,7 +120,11 @@ class UncertifiedPoles:
         requests: Sequence[Request],
         rows: Indices,
     ) -> None:
-        """Evaluate the poles in the rows without the kernel.
+        """Evaluate the poles in the rows where the compiled functions are too inaccurate.
+
+        A pole is the axis about which one link rotates relative to another. A kernel
+        (compiled functions) evaluates most rows. These rows are evaluated by slower, more
+        careful functions.
 
         Parameters
         ----------
@@ -146,8 +151,10 @@ class UncertifiedPoles:
     def apply_signs(self, sign_functions: Sequence[SignFunction], samples: int) -> None:
         """Give the pole directions in the uncertified rows their final senses, in place.
 
-        A pole is a line, so that its direction can have two senses. Poles that are the axis
-        of a pair have the sense of the mechanism file, and are left as they are.
+        A pole is the axis of the relative rotation of two links. It is a line, so its
+        direction can have two senses. A pole that is the axis of a pair (joint) has the
+        sense of the mechanism file and stays unchanged. Rows are uncertified if their error
+        bounds are too large for the compiled functions.
 
         Parameters
         ----------
@@ -174,6 +181,10 @@ class UncertifiedPoles:
     ) -> None:
         """Replace the numbers of the kernel in uncertified rows, in place.
 
+        A kernel (compiled functions) has computed the poles (axes of the relative rotation
+        of two links) in all rows. In uncertified rows its errors may be too large, and more
+        accurate results replace its numbers.
+
         Parameters
         ----------
         poles
@@ -181,14 +192,15 @@ class UncertifiedPoles:
         input_index
             Index of the input that moves while the others are locked.
         rows
-            (k,) numbers of these rows in the block. Those that are certified keep the
-            numbers of the kernel.
+            (k,) numbers of these rows in the block. A row is one sample in one assembly
+            mode.
         """
+        # `self.rows` are the uncertified rows of the block.
         replaced = np.flatnonzero(np.isin(rows, self.rows))
         if not len(replaced):
             return
         field = self.fields[input_index]
-        # The position of each replaced row among the rows of the field, which are rising.
+        # The position of each replaced row among the uncertified rows, which are rising.
         field_rows = np.searchsorted(self.rows, rows[replaced])
         for pole_index, (first_link, second_link) in enumerate(
             self._reversible_poles[input_index]
@@ -204,6 +216,10 @@ class UncertifiedPoles:
     def put_into_column(self, key: ColumnKey, column: Floats, rows: slice) -> None:
         """Replace the numbers of a column of the kernel in uncertified rows, in place.
 
+        A column has one number of a pole or link in each row (sample in an assembly mode).
+        A kernel (compiled functions) has computed it. In uncertified rows its errors may be
+        too large, and more accurate results replace its numbers.
+
         Parameters
         ----------
         key
@@ -213,7 +229,7 @@ class UncertifiedPoles:
         rows
             These rows in the block.
         """
-        # Positions among the uncertified rows: `first` to `end` are in the slice.
+        # The uncertified rows at the positions `first` to `end` are among the k rows.
         first, end = np.searchsorted(self.rows, [rows.start, rows.stop])
         if first == end:
             return
@@ -229,20 +245,21 @@ class UncertifiedPoles:
 def _evaluate_with_senses_of_kernel(
     motion: Motion, request: Request, reversible_poles: Sequence[Pole]
 ) -> PoleField:
-    """Evaluate poles without the kernel, but with the senses of direction that it uses.
+    """Evaluate poles without compiled functions, but with the same senses of direction.
 
-    A pole is a line, so that its direction can have two senses. The kernel chooses the one
-    in which the velocity coefficient is not negative.
+    A pole is the axis of the relative rotation of two links. It is a line, so its direction
+    can have two senses. The kernel (compiled functions) chooses the sense in which the
+    velocity coefficient (angular velocity per unit rate of the input) is not negative.
 
     Parameters
     ----------
     motion
         The configurations.
     request
-        The poles. Their great circles (planes) are left out, as the kernel has none. They
-        are computed for all rows together when they are read.
+        The poles. Their great circles (planes) are left out: the kernel does not compute
+        them, and they are computed for all rows together when they are read.
     reversible_poles
-        The poles whose direction has no fixed sense.
+        The poles with a direction of either sense.
     """
     field = evaluate_unsigned(motion, replace(request, planes=frozenset()))
     for pole in reversible_poles:
@@ -260,17 +277,19 @@ def evaluate_unsigned_poles(
 ) -> UnsignedPoles:
     """Return the poles whose sense of direction is chosen later, in some rows.
 
-    A pole is the axis about which one link rotates relative to another: a line, with two
-    senses. The sense of poles that are the axis of a pair is fixed; they are left out.
+    A pole is the axis about which one link rotates relative to another. It is a line, so
+    its direction can have two senses. A pole that is the axis of a pair (joint) has a fixed
+    sense and is left out.
 
     Parameters
     ----------
     kernel
-        Computes the poles at all rows together.
+        Compiled functions that compute the poles at all rows together.
     motion
         The configurations of the block.
     uncertified_poles
-        The poles in the rows that the kernel does not certify. They replace its numbers.
+        The poles in rows where the errors of the kernel may be too large. They replace the
+        numbers of the kernel.
     input_index
         Index of the input that moves while the others are locked.
     rows
@@ -284,20 +303,21 @@ def evaluate_unsigned_poles(
 def _evaluate_unsigned_by_kernel(
     kernel: RowKernel, input_index: int, values: Floats
 ) -> UnsignedPoles:
-    """Return the poles without a fixed sense as the kernel computes them.
+    """Return poles by compiled functions, with directions that may still be reversed.
 
-    With the unit vector u and the velocity coefficient c of a pole, the relative angular
+    A pole is the axis of the relative rotation of two links. It is a line, so its unit
+    vector u can have two senses. With its velocity coefficient c, the relative angular
     velocity is ``c u`` and its derivative by the input is ``c' u + c u'``. Both are the
     same for the two senses of u.
 
     Parameters
     ----------
     kernel
-        Evaluates the rows.
+        Compiled functions that evaluate many rows at once.
     input_index
         Index of the input that moves while the others are locked.
     values
-        (variables, k) pair variables (rad) in k rows.
+        (variables, k) pair variables (rad) in k rows (samples in assembly modes).
     """
     quantities = kernel.input_columns[input_index].reversible_quantities(
         kernel.all_columns(values)
@@ -307,7 +327,7 @@ def _evaluate_unsigned_by_kernel(
     unit_rate = quantities["direction_dq"]
     (coefficient,) = quantities["velocity_coefficient"]
     (coefficient_rate,) = quantities["acceleration_coefficient"]
-    # Rows that the kernel does not certify can have NaN or huge numbers here.
+    # Rows with large errors can have NaN or huge numbers here. They are replaced later.
     with np.errstate(invalid="ignore", over="ignore"):
         velocity = coefficient * unit
         velocity_rate = coefficient_rate * unit + coefficient * unit_rate
@@ -361,8 +381,8 @@ class KernelColumns:
         # the row has failed.
         self._values = motion.values.T
         self._failed = motion.failed
-        # (n,) rows in which other numbers replace those of the kernel: NaN in failed rows,
-        # and the results of ordinary functions in rows that are not certified.
+        # (n,) rows in which other numbers replace those of the kernel (compiled functions):
+        # NaN in failed rows, and results of slower functions where errors are too large.
         self._is_replaced = motion.failed.copy()
         self._is_replaced[uncertified_poles.rows] = True
         # Columns are computed for one slice of rows after another, because the results of a
@@ -373,6 +393,7 @@ class KernelColumns:
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Compute some columns slice by slice, and pass them to a reader.
 
+        A column has one number of a pole or link in each row (sample in an assembly mode).
         A slice is a number of successive rows that fits into the cache of the processor.
 
         Parameters
@@ -393,6 +414,8 @@ class KernelColumns:
     ) -> None:
         """Compute some columns of one slice of rows, and pass them to a reader.
 
+        A column has one number of a pole or link in each row (sample in an assembly mode).
+
         Parameters
         ----------
         keys
@@ -406,6 +429,7 @@ class KernelColumns:
         all_columns = self._evaluate_kernel(rows)
         self._apply_signs(all_columns, mode, rows)
         columns = [all_columns[self._find_column(key)] for key in keys]
+        # In failed or inaccurate rows, other numbers replace those of the kernel.
         if np.any(self._is_replaced[rows]):
             columns = [
                 self._replace_numbers(key, column, rows)
@@ -428,13 +452,15 @@ class KernelColumns:
     def _apply_signs(self, all_columns: Floats, mode: int, rows: slice) -> None:
         """Give the pole directions of the kernel their final senses, in place.
 
-        A pole is a line, so that its direction can have two senses. With the direction, its
-        derivative and the coefficients of velocity and acceleration change their signs.
+        A pole is the axis of the relative rotation of two links. It is a line, so its
+        direction can have two senses. If a direction is reversed, its derivative and the
+        coefficients of velocity and acceleration change their signs, too.
 
         Parameters
         ----------
         all_columns
-            (columns, k) all columns of the kernel in k successive rows. It is changed.
+            (columns, k) all columns of the kernel (compiled functions) in k successive
+            rows.
         mode
             Index of the assembly mode of the rows.
         rows
@@ -455,8 +481,10 @@ class KernelColumns:
     def _replace_numbers(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
         """Return a column with the right numbers in failed and in uncertified rows.
 
-        Failed rows have no configuration, and become NaN. Uncertified rows are those in
-        which the errors of the kernel may be too large.
+        A column has one number of a pole or link in each row (sample in an assembly mode).
+        Failed rows have no configuration, and become NaN. In uncertified rows the errors of
+        the kernel (compiled functions) may be too large, and more accurate results replace
+        its numbers.
 
         Parameters
         ----------
@@ -594,16 +622,20 @@ class LazyField:
         return self._field
 
     def _add_unfilled_arrays(self) -> list[tuple[LazyColumn, Floats]]:
-        """Add an array for each quantity of each pole or link to the field.
+        """Add an empty array for each quantity of each pole or link to the field.
+
+        A pole is the axis of the relative rotation of two links. The caller then fills all
+        arrays together, which is faster than one after another.
 
         Returns
         -------
-        For each component of a quantity: the column that computes its numbers when it is
-        read, and a view (n,) of the array to be filled with these numbers.
+        For each component of a quantity: the column that computes its n numbers, and a view
+        (n,) of the array to be filled with them.
         """
         n = len(self._field.status)
         columns: list[tuple[LazyColumn, Floats]] = []
-        # The indices of a quantity are those of its components among the kernel's columns.
+        # `indices` are the positions of the components among the columns of the kernel
+        # (compiled functions). Only their number is used here.
         for quantity, indices_by_subject in self._column_indices.items():
             for subject, indices in indices_by_subject.items():
                 # Successive numbers of a component are adjacent in memory.
@@ -612,7 +644,7 @@ class LazyField:
                     key = ColumnKey(self._input_index, quantity, subject, component_index)
                     column = LazyColumn(self._source, key, n)
                     columns.append((column, component_values))
-                # The field has vectors as (n, components), and numbers as (n,).
+                # The field stores a vector as (n, components), and a scalar as (n,).
                 is_vector = len(components) > 1
                 values = components.T if is_vector else components[0]
                 getattr(self._field, quantity)[subject] = values
@@ -632,8 +664,9 @@ class LazyField:
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
         """Return one component of a quantity of a pole, at all n rows.
 
-        A pole is the axis about which one link rotates relative to another. A kernel, a set
-        of compiled functions, computes most quantities when they are read.
+        A pole is the axis about which one link rotates relative to another. A row is one
+        sample in one assembly mode. A kernel (compiled functions) computes most quantities
+        when they are read.
 
         Parameters
         ----------
@@ -642,7 +675,7 @@ class LazyField:
         pole
             Numbers of the two links, the smaller one first.
         k
-            Index of the component of a vector, 0 for a number.
+            Index of the component if the quantity is a vector, otherwise 0.
 
         Returns
         -------

@@ -159,18 +159,20 @@ class OutputOverview:
             )
 
     def widen_ratios(self, ratios: Floats) -> None:
-        """Extend the range of the velocity ratio of each input.
+        """Extend the range of the velocity ratio of an output for each input.
 
         Parameters
         ----------
         ratios
-            (n, inputs) further velocity ratios, or (n, 1) rates (rad/s) in a simulation.
-            Values that are not finite are left out.
+            (n, inputs) velocity ratios (output rate per input rate) at further samples. In
+            a simulation (n, 1) rates of the output (rad/s). Values that are not finite are
+            left out.
         """
         if not self.lowest_ratio:
             self.lowest_ratio = [None] * ratios.shape[1]
             self.highest_ratio = [None] * ratios.shape[1]
             self.smooth_ratios = [SmoothExtremes() for _ in ratios.T]
+        # `smooth_ratios` estimates the extremes between samples.
         for number, column in enumerate(ratios.T):
             self.smooth_ratios[number].add(column)
             finite = column[np.isfinite(column)]
@@ -203,18 +205,20 @@ class OutputOverview:
     def add_gains(self, gains: Floats, places: Floats) -> None:
         """Extend the range of the smallest singular value of the velocity Jacobian.
 
-        The smallest singular value is zero at a singularity of type I, at which the output
-        loses a direction of motion.
+        The Jacobian relates the velocity of the output to the rates of the inputs. Its
+        smallest singular value is zero at a singularity of type I, where the output loses a
+        direction of motion.
 
         Parameters
         ----------
         gains
-            (m,) smallest singular value in each row, NaN in rows without one.
+            (m,) smallest singular value at each of m samples, NaN where there is none.
         places
-            (m,) places of the samples.
+            (m,) place of each sample: its time (s), the first input (rad) or its number.
         """
         if not np.any(np.isfinite(gains)):
             return
+        # `self.gain` is the least value, its place, and the largest value.
         row = first_minimum(gains)
         least, largest = float(gains[row]), float(np.nanmax(gains))
         if self.gain is None:
@@ -225,21 +229,23 @@ class OutputOverview:
         self.gain[2] = max(self.gain[2], largest)
 
     def add_reversals(self, velocities: Floats) -> None:
-        """Set least velocity ratios to 0 where velocities reverse between two rows.
+        """Set the least velocity ratio to 0 where the output passes through rest between
+        samples.
 
         The velocity ratio of an output without a fixed axis is the magnitude of a vector.
-        If this vector passes through zero between two rows of a path, both magnitudes are
-        positive, and the least of all rows is too large.
+        If this vector passes through zero between two samples of a path, its magnitude is
+        positive at both. The least magnitude of all samples is then too large.
 
         Parameters
         ----------
         velocities
-            (m, inputs, 3) velocity of the output per rate of each input, NaN in rows
-            without one.
+            (m, inputs, 3) velocity of the output per unit rate of each input at successive
+            samples. NaN at samples without one.
         """
+        # The last sample of the block before is compared, too.
         if self.last_velocities is not None:
             velocities = np.concatenate([[self.last_velocities], velocities])
-        # (m - 1, inputs)
+        # (steps, inputs) whether the velocity passes through zero in each step.
         has_zero = _passes_zero(velocities[:-1], velocities[1:])
         for input_index in np.flatnonzero(np.any(has_zero, axis=0)).tolist():
             self.lowest_ratio[input_index] = 0.0
@@ -249,18 +255,25 @@ class OutputOverview:
     def add_determinants(
         self, determinants: Floats, senses: Floats, places: Floats
     ) -> None:
-        """Note singularities of type I: places where the determinant passes through zero.
+        """Note singularities of type I: places where a determinant passes through zero.
 
-        The determinants are those of the output's velocity Jacobian in successive rows. The
-        last row of the block before is compared, too.
+        It is the determinant of the output's velocity Jacobian (velocity per unit rate of
+        each input) at successive samples. A place is the time (s), the first input (rad) or
+        the number of a sample.
 
         Parameters
         ----------
-        determinants, senses, places
-            As in `find_zero_crossings`, for the m rows of this block.
+        determinants
+            (m,) determinants at the m samples of a block, NaN where there is none.
+        senses
+            (m,) sign of the product of the rates of all inputs in a simulation, otherwise
+            0.
+        places
+            (m,) places of the samples.
         """
         if not len(determinants):
             return
+        # The last sample of the block before is compared, too.
         if self.last_determinant is not None:
             place, determinant, sense = self.last_determinant
             places = np.append(place, places)
@@ -279,16 +292,17 @@ class OutputOverview:
 def find_zero_crossings(
     determinants: Floats, senses: Floats, places: Floats
 ) -> list[float]:
-    """Return the places at which a determinant passes through zero between two rows.
+    """Return the places at which a determinant passes through zero between two samples.
 
-    The determinant is that of the velocity Jacobian, with the velocity of the output per
-    unit rate of each input. It also changes its sign where an input turns back, because it
-    is infinite there. Rows of different senses are therefore not compared.
+    It is the determinant of the velocity Jacobian: the velocity of the output per unit rate
+    of each input. At a zero, the output has a singularity of type I. The determinant is
+    infinite where an input turns back, and may also change its sign there. Samples of
+    different senses are therefore not compared.
 
     Parameters
     ----------
     determinants
-        (m,) determinants in successive rows, NaN in rows without one. Such rows are not
+        (m,) determinants at successive samples. Samples without one have NaN, and are not
         compared with their neighbours.
     senses
         (m,) sign of the product of the rates of all inputs in a simulation, otherwise 0.
@@ -297,7 +311,7 @@ def find_zero_crossings(
 
     Returns
     -------
-    The places, interpolated linearly between the two rows.
+    The places, interpolated linearly between two samples.
     """
     has_other_sign = determinants[1:] * determinants[:-1] < 0.0
     has_same_sense = senses[1:] == senses[:-1]
@@ -311,11 +325,16 @@ def find_zero_crossings(
 
 
 def _passes_zero(before: Floats, after: Floats) -> Bools:
-    """Return whether vectors (..., 3) pass through zero between two successive rows.
+    """Return whether vectors pass through zero between two successive samples.
 
-    A vector is nearly linear between the rows. It counts as passing through zero if the
-    straight line from `before` to `after` comes so near to zero that the least distance is
-    at most `REVERSAL_SHARE` times the length of the line.
+    Between the samples a vector follows nearly the straight line from `before` to `after`.
+    It counts as passing through zero if this line comes near to zero. The limit of the
+    distance is `REVERSAL_SHARE` times the length of the line.
+
+    Parameters
+    ----------
+    before, after
+        (..., 3) the vectors at the two samples.
     """
     change = after - before
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -364,18 +383,18 @@ class ModeOverview:
         return cls(**(entries | {"outputs": outputs}))
 
     def add_status(self, codes: SmallIntegers, first_sample: int) -> None:
-        """Add the statuses of successive samples to the spans.
+        """Add the statuses of successive samples to the spans of samples with equal status.
 
         Parameters
         ----------
         codes
-            (n,) status codes of the samples.
+            (n,) status codes of the samples in one assembly mode.
         first_sample
             Number of the first of these samples.
         """
         if not len(codes):
             return
-        # Samples from a start to the next stop have the same status.
+        # Samples from each start to its stop (excluded) have the same status.
         changes = (np.flatnonzero(codes[1:] != codes[:-1]) + 1).tolist()
         starts = [0, *changes]
         stops = [*changes, len(codes)]
@@ -390,6 +409,7 @@ class ModeOverview:
             elif len(spans) < MAX_LIST_ENTRIES:
                 spans.append([first, last])
             else:
+                # The list is full, so the span is only counted.
                 count = self.unlisted_spans.get(status_name, 0)
                 self.unlisted_spans[status_name] = count + 1
 
@@ -410,8 +430,8 @@ def update_minimum(
 ) -> list[float] | None:
     """Return the least value so far and its place, with the values of further samples.
 
-    A value must be less than the earlier minimum by more than `EQUAL_MINIMA_TOLERANCE` to
-    replace it.
+    A smaller value replaces the earlier minimum only if it is less by more than
+    `EQUAL_MINIMA_TOLERANCE`. Of minima that differ only by rounding, the first one stays.
 
     Parameters
     ----------
@@ -420,7 +440,7 @@ def update_minimum(
     values
         (m,) values at further samples, NaN where there is none.
     places
-        (m,) places of these samples.
+        (m,) place of each sample: its time (s), the first input (rad) or its number.
     """
     if not np.any(np.isfinite(values)):
         return minimum

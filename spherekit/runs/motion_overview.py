@@ -55,18 +55,18 @@ class MotionOverview:
         )
 
     def add_block(self, plan: OverviewPlan, motion: Motion) -> None:
-        """Add the rows of a block of successive samples.
+        """Add a block of successive samples to the overview of the motion.
 
-        The statuses of all rows are added at once. Outputs are examined only at some
-        samples. If these are not all samples of the block, their rows wait until there are
-        enough of them.
+        The statuses of all samples are added at once. The outputs are examined only at some
+        samples, to save time. These samples are collected over several blocks until there
+        are enough of them.
 
         Parameters
         ----------
         plan
-            What is examined.
+            Which outputs and samples are examined.
         motion
-            The configurations of the block.
+            The configurations of the block, one row for each sample in each assembly mode.
         """
         if not motion.samples or not motion.assembly_modes:
             return
@@ -76,12 +76,13 @@ class MotionOverview:
         examined = plan.examined_samples(first_sample, motion.samples)
         examines_all = len(examined) == motion.samples
         if examines_all and not self.pending:
-            # The examination uses what the motion has computed already, so it is faster
-            # than with a copy of the rows.
+            # Without a copy of the rows, what the motion has already computed is used
+            # again.
             self._examine(plan, motion)
             return
         if len(examined):
             self.pending.append(PendingRows.from_motion(motion, examined - first_sample))
+        # Number of collected rows (samples in all assembly modes).
         pending_count = sum(rows.status.size for rows in self.pending)
         if pending_count >= MAX_OVERVIEW_SAMPLES:
             self.examine_pending(plan, motion)
@@ -101,19 +102,20 @@ class MotionOverview:
             overview.add_status(statuses, first_sample)
 
     def examine_pending(self, plan: OverviewPlan, motion: Motion | None = None) -> None:
-        """Add the rows that `add_block` has put off to the overview of the outputs.
+        """Examine the outputs in the rows that `add_block` has collected.
 
-        `add_block` collects the examined rows of several blocks, because it is faster to
-        examine many rows together. This method is called if there are enough, and at the
+        A row is one sample in one assembly mode. It is faster to examine the rows of
+        several blocks together. This method is called if there are enough rows, and at the
         end of the run.
 
         Parameters
         ----------
         plan
-            What is examined.
+            Which outputs and samples are examined.
         motion
-            Any motion of the mechanism. What is the same in all rows, such as the joints,
-            is taken from it. By default the motion at the first sample is computed.
+            Any motion of the mechanism. The data that are the same in all rows, such as the
+            joints, are taken from it. By default the motion at the first sample is
+            computed.
         """
         if not self.pending:
             return

@@ -32,14 +32,14 @@ class ExaminedOutput:
     Attributes
     ----------
     name
-        Its name in the file; empty if it has none besides its links.
+        Its name in the file; empty if the file names only its links.
     label
         Its name for the screen: that in the file, and its links such as ``4/1``.
     link, reference
         Numbers of the link that moves, and of the link relative to which it moves.
     variable
-        Number of the variable of the pair that joins both links. None without such a pair,
-        and for directions.
+        Number of the variable (angle) of the pair that joins both links. None if there is
+        no such pair, or if the output is a direction.
     sense
         +1 if this variable is the angle of the link relative to the reference, and -1 if
         it is that of the reference relative to the link.
@@ -58,13 +58,19 @@ class ExaminedOutput:
 
 
 def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
-    """Return the outputs whose motion is examined.
+    """Return the outputs (links or directions on links) that the overview of a run
+    examines.
 
-    They are the outputs that the mechanism file declares. If there are none, they are the
-    links that a pair joins to the ground. If there are no such links either, they are all
-    links. The motion of these links is seen from the ground. The relative motion of the two
-    links of an input pair is left out in all three cases.
+    They are the first of these groups that is not empty:
+
+    - the outputs that the mechanism file declares,
+    - the links that a pair (joint) joins to the ground,
+    - all links.
+
+    The motion of the links in the last two groups is relative to the ground. The two links
+    of an input pair are left out, because their relative motion is prescribed.
     """
+    # The two links of each input pair.
     input_ends = [
         set(mechanism.ends[mechanism.pair_number[pair]]) for pair in mechanism.input_pairs
     ]
@@ -90,10 +96,10 @@ def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
 
 
 def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
-    """Return what the overview has to know of an output, such as its text for the screen.
+    """Return an output with the data that the overview of a run needs.
 
-    If a pair joins the link of the output to its reference link, the output is the variable
-    of this pair, up to the sign. An output that is a direction has no such variable.
+    If a pair (joint) joins the link of the output to its reference link, the angle of the
+    output is the variable of this pair, up to the sign. A direction has no such variable.
     """
     link = mechanism.link_number[output.link]
     reference = mechanism.link_number[output.relative_to]
@@ -106,6 +112,7 @@ def _examined_output(mechanism: Mechanism, output: Output) -> ExaminedOutput:
         _, second_link = mechanism.ends[mechanism.variable_owners[variable]]
         sense = 1.0 if second_link == link else -1.0
     label = f"{output.link}/{output.relative_to}"
+    # A name that is only that of the link says nothing new.
     has_name = output.name not in ("", output.link)
     direction = None
     if output.direction is not None:
@@ -175,9 +182,11 @@ class OverviewPlan:
 
     @cached_property
     def transmissions(self) -> list[Transmission] | None:
-        """The transmission measure of each output, None if all groups are dyads.
+        """The transmission measure of each output, None if the transmission angle is used.
 
-        For dyads the transmission angle is used instead, because designers know it.
+        Both say how well locked inputs keep the output at rest. The transmission angle,
+        which designers know, exists if all groups of links are dyads (two links with three
+        R pairs).
         """
         groups = self.sampling.position_analysis.assembly.groups
         if all(group.is_dyad for group in groups):

@@ -144,11 +144,12 @@ def _summarize_transmission(
 
 
 def _summarize_excess(output: OutputOverview) -> Facts:
-    """Return estimates by how much extremes are exceeded between samples.
+    """Return by how much extremes between samples may exceed those at the samples.
 
-    The entries are the angle (rad), the velocity ratio, and the transmission angle (rad),
-    or the transmission measure if there is no such angle. Only the least transmission
-    matters, so its maxima are left out.
+    The estimates are for the angle of an output (rad), its velocity ratio, and its
+    transmission angle (rad). An output without a transmission angle has the transmission
+    measure instead. Only small values of the transmission matter, so its maxima are left
+    out.
     """
     angle = output.smooth_angle.excess(output.lowest_rad, output.highest_rad)
     ratios = [
@@ -173,10 +174,11 @@ def _summarize_excess(output: OutputOverview) -> Facts:
 def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | None:
     """Return how near an output comes to singularities of type I, None if it is unknown.
 
-    At type I the smallest singular value of the velocity Jacobian of the output is zero.
-    The entries are its range over the samples, the place and the inputs at which it is the
-    least, and the places at which the determinant of the Jacobian changes its sign. The
-    last entry is the number of such places that are not listed.
+    At type I the smallest singular value of the output's velocity Jacobian is zero. A place
+    identifies a sample by its time, its first input or its number. The result has the range
+    of the smallest singular value, and the place and inputs of its least value. The places
+    of type I are those at which the determinant of the Jacobian changes its sign. The last
+    number counts the places that are not listed.
     """
     if output.gain is None:
         return None
@@ -194,11 +196,11 @@ def _summarize_jacobian(plan: OverviewPlan, output: OutputOverview) -> Facts | N
 
 
 def _inputs_at(plan: OverviewPlan, place: float) -> list[float]:
-    """Return the inputs (rad) at a place of the run.
+    """Return the inputs (rad) at a place of the run, for the summary.
 
-    A place is a time (s), a value of the first input (rad) or the number of a sample,
-    whatever `plan.places` states for the samples of this run. Between samples of a path the
-    inputs are interpolated. On a grid the place is the number of a sample.
+    A place is a time (s), a value of the first input (rad) or the number of a sample. Which
+    of these it is depends on the run. Between samples of a path the inputs are
+    interpolated. In a grid of inputs the place is the number of a sample.
     """
     if not plan.is_path:
         values: list[float] = plan.sampling.inputs[round(place)].tolist()

@@ -14,9 +14,11 @@ SECTIONS_OF_PARAMETERS = ("Parameters", "Attributes")
 
 
 def parameter_meanings(cls: type) -> dict[str, str]:
-    """Return the meaning of each parameter, as one line in the markup of docstrings.
+    """Return the meaning of each parameter of an analysis, from the docstring of its class.
 
-    A parameter that the docstring does not describe has no entry.
+    Each meaning is one line in the markup of docstrings. A parameter that the docstring
+    does not describe has no entry. The docstring has a section ``Parameters`` or
+    ``Attributes`` with names at its margin and indented meanings below them.
     """
     meanings: dict[str, list[str]] = {}
     names: list[str] = []

@@ -30,7 +30,7 @@ _TEXT_WORDING = TypeWording(
 
 
 class Parameter(NamedTuple):
-    """A parameter of an analysis.
+    """A parameter of an analysis, as texts show it to users.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Parameter(NamedTuple):
     @property
     def default_text(self) -> str:
         """The default value as text, with its unit."""
-        # Only a number has a unit, and not for example None or an empty list.
+        # A default such as None or an empty list is shown without the unit.
         has_unit = self.unit and isinstance(self.default, int | float)
         return f"{self.default:g} {self.unit}" if has_unit else repr(self.default)
 
@@ -210,16 +210,21 @@ def parse_fields(
 
 
 def read_simple_value(hint: Any, text: str, angle_unit: AngleUnit) -> Any:
-    """Convert a text to a value of a simple type, or raise `ValueError`.
+    """Convert a text that a user wrote to a value of a simple type.
 
     Parameters
     ----------
     hint
-        The type: a simple one, a choice, or a number with a unit such as `Degrees`.
+        The type: a simple one, a choice (`Literal`), or a number with a unit (`Degrees`).
     text
-        The text.
+        The text, such as ``5deg`` or ``none``.
     angle_unit
-        Unit of angles without a unit.
+        The unit of an angle that is written without a unit.
+
+    Raises
+    ------
+    ValueError
+        If the text is no value of this type.
     """
     if (unit := field_unit_of(hint)) is not None:
         return read_quantity(text, unit.dimension, angle_unit, unit.angle_unit)

@@ -35,7 +35,10 @@ class PendingRows:
 
     @classmethod
     def from_motion(cls, motion: Motion, examined: Indices) -> Self:
-        """Return the rows of some samples of a block.
+        """Copy the rows of some samples of a block, in all assembly modes.
+
+        The copies wait until enough rows are collected to examine them together. A row is
+        one sample in one assembly mode (way to assemble the mechanism).
 
         Parameters
         ----------
@@ -46,8 +49,9 @@ class PendingRows:
         """
         mode_count = len(motion.assembly_modes)
         shape = (mode_count, len(examined))
-        # A motion has its rows mode after mode, with a row for each sample of the block.
-        # The rows are picked out first: a reshaped array could be a copy of the block.
+        # A motion has all samples in the first mode, then all samples in the second mode,
+        # and so on. The rows are picked before reshaping, as this could copy the whole
+        # block.
         sample_count = motion.samples
         first_row_of_mode = sample_count * np.arange(mode_count)
         rows = (first_row_of_mode[:, None] + examined).ravel()
@@ -78,15 +82,16 @@ class PendingRows:
         )
 
     def to_motion(self, motion: Motion) -> Motion:
-        """Return the rows as a motion, so that they can be examined.
+        """Return the collected rows as a motion, the form in which rows are examined.
 
-        A motion has its rows mode after mode, each with k samples.
+        A motion has k samples in the first assembly mode, then the same samples in the
+        second mode, and so on.
 
         Parameters
         ----------
         motion
-            Any motion of the mechanism in the same assembly modes. All that does not depend
-            on the rows is taken from it.
+            Any motion of the mechanism in the same assembly modes. The data that do not
+            depend on rows are taken from it.
         """
         mode_count, k = self.status.shape
         row_count = mode_count * k

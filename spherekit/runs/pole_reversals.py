@@ -33,9 +33,11 @@ MAX_ROWS_COMPARED = 256
 
 @dataclass(frozen=True, eq=False)
 class ReversalGaps:
-    """Gaps between rows in which the direction of a pole may reverse.
+    """Pairs of rows between which the direction of a pole may reverse (gaps).
 
-    A gap is from a row to one of the next rows. Directions are compared at both ends.
+    A pole is the axis about which one link rotates relative to another. It is a line, so
+    the sense of its direction is chosen to be continuous from row to row. A row is one
+    sample in one assembly mode. Directions are compared at both ends of a gap.
 
     Attributes
     ----------
@@ -62,19 +64,20 @@ class ReversalGaps:
 
 @dataclass(frozen=True, eq=False)
 class InputReversals:
-    """The gaps of a slice in which a pole direction may reverse, if one input moves.
+    """Where pole directions may reverse in a slice of rows, if one input moves.
 
-    All other inputs are locked. A slice is a number of successive rows.
+    All other inputs are locked. A pole is the axis about which one link rotates relative to
+    another. It is a line, so its computed direction may reverse from row to row. A row is
+    one sample in one assembly mode, and a slice is a number of successive rows.
 
     Attributes
     ----------
     gaps
-        The gaps between rows of the slice.
+        Pairs of rows of the slice between which a direction may reverse.
     first_velocities, last_velocities
         (poles, 3) relative angular velocity of the two links of each pole, per unit rate of
-        the input, at the first and at the last row. A direction may also reverse between
-        two slices, which is found by comparing the last velocities of a slice with the
-        first velocities of the next one.
+        the input, at the first and at the last row. They show whether a direction may also
+        reverse between this slice and the next one.
     largest_errors
         (3,) largest error bounds of directions (rad), of velocity coefficients and of their
         derivatives.
@@ -90,8 +93,9 @@ class InputReversals:
 class SliceReversals:
     """The rows of a slice between which pole directions may reverse.
 
-    A slice is a number of successive rows of one assembly mode. Only its certified rows,
-    whose error bounds are small enough, are examined.
+    A pole is the axis about which one link rotates relative to another. It is a line, so
+    its computed direction may reverse from row to row. A slice is a number of successive
+    rows (samples) of one assembly mode. Only rows with small error bounds are examined.
 
     Attributes
     ----------
@@ -118,15 +122,20 @@ def find_slice_reversals(
 ) -> SliceReversals:
     """Return the rows of a slice between which pole directions may reverse.
 
+    A pole is the axis about which one link rotates relative to another. It is a line, so
+    its computed direction may reverse from row to row. A slice is a number of successive
+    rows (samples) of one assembly mode.
+
     Parameters
     ----------
     kernel
-        Its `input_columns` know the two links of each pole, for each input that moves.
+        Compiled functions for many rows. For each input that moves, `input_columns` know
+        the two links of each pole.
     quality_function
-        The function that has computed the columns. Its attribute `slices` says which
-        columns have a quantity, by the name of the quantity and the index of an input.
+        The function that has computed the columns. Its attribute `slices` maps the name of
+        a quantity and the index of an input to the columns of this quantity.
     columns
-        (width, n) results of this function for n certified rows of the slice.
+        (width, n) results of this function for n rows with small error bounds.
     mode
         Index of the assembly mode of the slice.
     rows
@@ -164,9 +173,9 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     that of the relative angular velocity. It may reverse between two rows if the scalar
     product of the velocities in these rows is not clearly positive.
 
-    In most cases no direction reverses, which a bound for all rows together shows fast. If
-    it does not, each half of the rows is treated in the same way, and small numbers of rows
-    are compared one by one.
+    In most cases no direction reverses, and a bound for all rows together shows this fast.
+    Otherwise each half of the rows is treated in the same way. Small numbers of rows are
+    compared one by one.
 
     Parameters
     ----------
@@ -178,7 +187,7 @@ def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
 
     Returns
     -------
-    (k,) indices of rows, each less than n - 1.
+    (k,) indices of the rows before possible reversals, from 0 to n - 2.
     """
     if _keeps_all_directions(_bound_relative_velocities(input_columns, velocities)):
         return NO_ROWS
@@ -214,18 +223,21 @@ class VelocityBounds:
 def _bound_relative_velocities(
     input_columns: InputColumns, velocities: Floats
 ) -> VelocityBounds:
-    """Return bounds of the relative angular velocities of the links of each pole.
+    """Return bounds of the relative angular velocities of the two links of each pole.
 
-    The relative velocity is that of the second link minus that of the first link. It is
-    least where the velocity of the second link is least and that of the first is greatest.
+    A pole is the axis about which one link rotates relative to another. The bounds are
+    valid at all n rows together. The relative velocity is that of the second link minus
+    that of the first. So its lower bound is the least velocity of the second minus the
+    greatest of the first.
 
     Parameters
     ----------
     input_columns
-        Computes relative velocities. It takes the velocity of the second link of each pole
-        from its first argument, and the velocity of the first link from the second one.
+        Computes relative velocities. Its first argument has the velocities of second links,
+        its second argument those of first links.
     velocities
-        (components, n) components of the angular velocities of all links at n rows.
+        (components, n) components of the angular velocities of all links at n rows
+        (samples).
     """
     least = np.min(velocities, axis=1)
     greatest = np.max(velocities, axis=1)
@@ -236,12 +248,14 @@ def _bound_relative_velocities(
 
 
 def _keeps_all_directions(bounds: VelocityBounds) -> bool:
-    """Return whether any two velocities within the same bounds have a positive product.
+    """Return whether no two relative velocities within the bounds can be opposite.
 
-    Two velocities are certainly not opposite if their scalar product is positive. Because
-    of rounding, the cosine of the angle between them has to be at least
-    `MIN_DIRECTION_COSINE`. The least possible scalar product, divided by the square of the
-    greatest possible length, is a lower bound on this cosine.
+    The bounds are those of the relative angular velocity of two links at many samples. If
+    its directions at any two samples are surely less than a right angle apart, the pole
+    (axis of this rotation) does not reverse. Because of rounding, the cosine of the angle
+    between them has to be at least `MIN_DIRECTION_COSINE`. The least possible scalar
+    product, divided by the square of the greatest possible length, is a lower bound on this
+    cosine.
     """
     # Sums over the components x, y and z, for each pole.
     least_products = _least_products(bounds.least, bounds.greatest)
@@ -273,21 +287,23 @@ def find_compared_rows(
 ) -> dict[int, ComparedRows]:
     """Return the rows of a block at which pole directions have to be compared.
 
-    These are the rows before and after each gap, in which a direction may reverse, and the
-    first and the last row of each assembly mode. All rows in between have the sign of the
-    compared row before them.
+    A pole is the axis about which one link rotates relative to another. It is a line, so
+    its direction needs a sign that is continuous from row to row. A row is one sample in
+    one assembly mode. The result has the rows before and after each gap, in which a
+    direction may reverse, and the first and the last row of each mode. All other rows have
+    the sign of the compared row before them.
 
     Parameters
     ----------
     slices
-        The certified rows of the block, slice by slice in their order.
+        The rows with small error bounds, in successive slices, with the gaps between them.
     input_index
         Index of the input that moves while the others are locked.
     is_assembled
         (modes, samples) whether the row has a configuration.
     is_uncertified
-        (modes, samples) whether the row has a configuration, but is not certified: the
-        error bounds of its poles are large. Directions may reverse before and after it.
+        (modes, samples) whether the row has a configuration, but poles with large error
+        bounds. Directions may reverse before and after it.
 
     Returns
     -------
@@ -311,16 +327,16 @@ def find_compared_rows(
 def _list_gaps_by_mode(
     slices: Sequence[SliceReversals], input_index: int
 ) -> dict[int, list[ReversalGaps]]:
-    """Return the gaps of a block in which a pole direction may reverse, for each mode.
+    """Return where the direction of a pole may reverse in a block, for each assembly mode.
 
-    A gap is within a slice, or between the last row of a slice and the first row of the
-    next one. Only rows whose error bounds are small (certified rows) are the ends of these
-    gaps.
+    A pole is the axis of the relative rotation of two links. It is a line, so its computed
+    direction may reverse between two rows (samples). Such pairs of rows are called gaps. A
+    gap is within a slice of successive rows, or between two slices.
 
     Parameters
     ----------
     slices
-        The certified rows of the block, slice by slice in their order.
+        The rows with small error bounds, in successive slices.
     input_index
         Index of the input that moves while the others are locked.
 
@@ -360,23 +376,24 @@ def _gaps_beside(rows: Indices, is_uncertified: Bools) -> ReversalGaps:
 def _compare_at_gaps(rows: Indices, gap_lists: Sequence[ReversalGaps]) -> ComparedRows:
     """Return the rows at which the directions of poles have to be compared.
 
-    They are the rows at both ends of each gap, because a direction may reverse within the
-    gap, and the first and the last row of the mode. Between two successive compared rows a
-    direction may reverse if a gap is there.
+    A pole (axis of the relative rotation of two links) is a line. Its direction may reverse
+    in a gap, which is a pair of rows. Directions are compared at both ends of each gap, and
+    at the first and the last row of the mode.
 
     Parameters
     ----------
     rows
-        (n,) the successive rows of a mode.
+        (n,) the successive rows (samples) of an assembly mode.
     gap_lists
-        The gaps. They can overlap: a gap between two certified rows can contain the gaps
-        beside an uncertified row.
+        The gaps. They can overlap: a gap between two rows with small error bounds can
+        contain the gaps beside a row with large ones.
     """
     gap_starts = np.concatenate([gaps.rows_before for gaps in gap_lists])
     gap_ends = np.concatenate([gaps.rows_after for gaps in gap_lists])
     compared = np.unique(np.concatenate([rows[[0, -1]], gap_starts, gap_ends]))
     return ComparedRows(
         compared,
+        # A direction may reverse between two compared rows if a gap is there.
         may_reverse=_find_covered_steps(
             np.searchsorted(compared, gap_starts),
             np.searchsorted(compared, gap_ends),
@@ -391,7 +408,8 @@ def _find_covered_steps(starts: Indices, ends: Indices, point_count: int) -> Boo
     Parameters
     ----------
     starts, ends
-        (k,) points, from 0 on, at which the intervals begin and end. They can overlap.
+        (k,) numbers of the points (from 0) at which k intervals begin and end. The
+        intervals can overlap.
     point_count
         Number n of points.
 
@@ -401,5 +419,5 @@ def _find_covered_steps(starts: Indices, ends: Indices, point_count: int) -> Boo
     """
     started_count = np.cumsum(np.bincount(starts, minlength=point_count))
     ended_count = np.cumsum(np.bincount(ends, minlength=point_count))
-    # An interval covers the step after a point if it has started, but not ended there.
+    # A step is covered if more intervals have started than ended up to its first point.
     return started_count[:-1] > ended_count[:-1]

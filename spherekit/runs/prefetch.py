@@ -16,8 +16,8 @@ def prefetch(
     """Yield the result of each item, and compute the next result while one is used.
 
     While the caller uses result k, a thread computes result k + 1. Item k + 1 is taken from
-    `items` when the caller asks for result k. At this time the caller has used all results
-    up to k - 1, on which item k + 1 may therefore depend.
+    `items` when the caller asks for result k. So item k + 1 may depend on how the caller
+    has used the results up to k - 1.
 
     Parameters
     ----------

@@ -213,7 +213,9 @@ class ProvenPoles:
         formats: Sequence[Format] | None,
         mechanism_hash: str,
     ) -> list[str]:
-        """Write the table into a folder; return the names of the files.
+        """Write the table of poles with proven error bounds into a folder.
+
+        A pole is the axis about which one link rotates relative to another.
 
         Parameters
         ----------
@@ -225,11 +227,15 @@ class ProvenPoles:
             Formats of the files; None for the default.
         mechanism_hash
             Hash of the mechanism, which is noted in the files.
+
+        Returns
+        -------
+        The names of the files.
         """
         from spherekit.tables.table_files import write_table
 
-        # Refuse to replace a file that spherekit has not made. Its own files are recognised
-        # by the names of their columns, among which are proven_ux, proven_uy and proven_uz.
+        # Never replace a file of another program. Files of spherekit are recognised by
+        # their columns proven_ux, proven_uy and proven_uz.
         for table_format in TABLE_FORMATS.values():
             file_name = f"{PROVEN_TABLE.name}.{table_format.ending}"
             check_made_by_spherekit(folder / file_name, b"proven_u")
@@ -270,9 +276,9 @@ def prove_poles(
 
     A pole is the axis about which one link rotates relative to another. The run states two
     error bounds for each pole: of its axis, and of its velocity coefficient (the rate of
-    this rotation per unit rate of the input). Here the pole is enclosed in balls: numbers
-    of many digits with proven error bounds. They show how large the errors of the run are,
-    and whether its bounds are right.
+    this rotation per unit rate of the input). Here the numbers of the pole are enclosed in
+    balls: numbers of many digits with proven error bounds. The balls show how large the
+    errors of the run are, and whether the bounds of the run are right.
 
     The proof uses the decimal numbers of the mechanism's file, without rounding to float64.
     Rows of the run that failed, or whose configuration cannot be proven to exist, get no
@@ -310,8 +316,8 @@ def prove_poles(
         if run_row["status"] == Status.OK and enclosed_pole is not None:
             row |= _compare_row(run_row, enclosed_pole)
         rows.append(row)
-    # Each of both error bounds has a column with the finding: whether the bound holds, is
-    # exceeded, or could not be decided. Count the rows with each finding.
+    # For each of the two error bounds, a column has the finding: the bound is proven to
+    # be right, proven to be exceeded, or undecided. Count the rows with each finding.
     counts = {
         bound: Counter(row[column] for row in rows if column in row)
         for bound, column in FINDING_COLUMNS.items()
@@ -392,7 +398,8 @@ def _enclose_run_poles(
 def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:
     """Check, before a run, that the poles of the run can be enclosed by proof.
 
-    The option ``--prove`` of `spherekit run` requests such a proof.
+    A pole is the axis of the relative rotation of two links. The option ``--prove`` of
+    `spherekit run` requests proven error bounds of the poles.
 
     Parameters
     ----------
