@@ -229,8 +229,7 @@ class OutputOverview:
         self.gain[2] = max(self.gain[2], largest)
 
     def add_reversals(self, velocities: Floats) -> None:
-        """Set the least velocity ratio to 0 where the output passes through rest between
-        samples.
+        """Set the least velocity ratio to 0 if the output rests between two samples.
 
         The velocity ratio of an output without a fixed axis is the magnitude of a vector.
         If this vector passes through zero between two samples of a path, its magnitude is

@@ -58,8 +58,7 @@ class ExaminedOutput:
 
 
 def examined_outputs(mechanism: Mechanism) -> tuple[ExaminedOutput, ...]:
-    """Return the outputs (links or directions on links) that the overview of a run
-    examines.
+    """Return the links, or directions on links, that the overview of a run examines.
 
     They are the first of these groups that is not empty:
 

@@ -17,23 +17,23 @@ REST = "rest"
 
 
 def count_evaluations(request: Request) -> dict[str, int]:
-    """Count what a request evaluates at each configuration while one input moves.
+    """Count what a run evaluates at each configuration while one input moves.
 
-    A pole is the axis about which one link rotates relative to another. A request lists the
-    poles to evaluate. All counts are zero if it asks for no poles.
+    A request is the list of quantities to evaluate. A pole is the axis about which one link
+    rotates relative to another. All counts are zero if no poles are requested.
 
     Returns
     -------
     dict
-        ``poles`` is the number of pole axes. They are ``primary`` (axes of pairs),
-        ``secondary`` (intersections of two great circles) or ``irreducible`` (solved from
-        the velocity equations of a part that great circles cannot resolve).
-        ``great_circles`` counts all circles that are compared for secondary poles, and
-        ``link_rates`` the links whose angular velocity is computed. ``axis_derivatives``
-        and ``rate_derivatives`` count the axes and the angular velocities whose derivative
-        with respect to the input is computed.
+        - ``poles``: pole axes, of three kinds. They are ``primary`` (axes of pairs),
+          ``secondary`` (intersections of two great circles) or ``irreducible`` (solved from
+          the velocity equations of a part that great circles cannot resolve).
+        - ``great_circles``: circles that are compared for secondary poles.
+        - ``link_rates``: links with computed angular velocities.
+        - ``axis_derivatives``, ``rate_derivatives``: axes and angular velocities with a
+          computed derivative with respect to the input.
     """
-    # Each step of the plan gives one pole, or all poles of an irreducible part.
+    # Each step of the plan computes one pole, or all poles of an irreducible part.
     steps = request.plan.steps if request.poles else ()
     circle_steps = [step for step in steps if isinstance(step, LinePole)]
     irreducible_steps = [step for step in steps if isinstance(step, BlockPoles)]
@@ -42,8 +42,8 @@ def count_evaluations(request: Request) -> dict[str, int]:
     irreducible_count = sum(len(step.poles) for step in irreducible_steps)
     pole_count = primary_count + len(circle_steps) + irreducible_count
     link_count = len(request.bodies) if request.poles else 0
-    # A secondary pole is on one great circle for each third link (`via`) and one for each
-    # contact of its two links. `derivatives` is a flag.
+    # A secondary pole lies on one great circle for each third link (`via`), and on one for
+    # each contact of its two links. The flag `derivatives` counts as 0 or 1.
     return {
         "poles": pole_count,
         "primary": primary_count,
@@ -80,6 +80,7 @@ class Timer:
 
         Time that belongs to no stage is listed under `REST`.
         """
+        # `self.seconds` has only this process, and so has the elapsed time.
         elapsed = time.perf_counter() - self._start_time
         seconds = self.seconds | {REST: elapsed - sum(self.seconds.values())}
         return {

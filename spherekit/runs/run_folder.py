@@ -73,9 +73,10 @@ class RunFolder:
     def open(cls, path: AnyPath) -> "Iterator[RunFolder]":
         """Create and lock the folder of a run for a `with` statement.
 
-        The folder has a hidden work folder, in which a run stores unfinished work and then
-        complete results. At the end of the `with` statement, work that can be resumed stays
-        there. Everything else is removed from the work folder.
+        The folder has a hidden work folder. A run stores unfinished work there, and
+        complete results until they are moved to the folder. At the end of the `with`
+        statement, work that can be resumed stays there. Everything else is removed from the
+        work folder.
 
         Raises
         ------
@@ -84,8 +85,8 @@ class RunFolder:
             summary or a work folder with files that no run has written.
         """
         run_folder = cls(make_folder(path))
-        # The lock is a file in the work folder. This test comes before it, so that nothing
-        # is changed in a folder that is not from a run.
+        # The lock is a file in the work folder. Before it is written, this test makes sure
+        # that the work folder is from a run.
         run_folder._refuse_foreign_work()
         with run_folder._lock():
             run_folder.refuse_foreign_results([SUMMARY])
@@ -124,16 +125,17 @@ class RunFolder:
             self._close(lock)
 
     def _close(self, lock: BaseFileLock) -> None:
-        """Release the lock of the folder, and remove the work folder if nobody needs it.
+        """Release the lock of the folder, and remove the work folder if it is not needed.
 
-        The work folder stays if it has unfinished work, or complete results that are not
-        moved yet.
+        The hidden work folder stays if it has unfinished work, or complete results that are
+        not moved yet.
         """
         if self.has_unfinished_work or self._has_finished_results:
             lock.release()
             return
         self.discard_work()
-        # Windows cannot remove an open file. `lock.release` removes it there.
+        # Remove the lock file while it is locked, so that no other program's lock is
+        # removed. Windows cannot remove an open file; `lock.release` removes it there.
         with suppress(OSError):
             (self.work / LOCK).unlink(missing_ok=True)
         lock.release()
@@ -157,9 +159,10 @@ class RunFolder:
         return bool(_signed_summary(self.work / FINISHED / SUMMARY))
 
     def read_journal(self) -> dict[str, Any]:
-        """Return the entries of the journal, which describe unfinished work.
+        """Return the entries of the journal, the record of progress of an unfinished run.
 
-        The file has a checksum of the entries, so that damage is noticed.
+        The run is resumed from these entries. The file has a checksum of the entries, so
+        that damage is noticed.
 
         Raises
         ------
@@ -194,10 +197,10 @@ class RunFolder:
         write_bytes(self._journal, json.dumps(content).encode())
 
     def discard_work(self) -> None:
-        """Remove unfinished work, but not the lock.
+        """Remove the unfinished work of a run, but not the lock of its folder.
 
-        The journal is removed first, so that an interrupted removal leaves no journal
-        without its files.
+        The journal (record of progress) is removed first. If the removal is interrupted, no
+        journal is left that lists missing files.
         """
         with suppress(OSError):
             self._journal.unlink(missing_ok=True)
@@ -213,9 +216,9 @@ class RunFolder:
     def refuse_foreign_results(self, names: Iterable[str]) -> None:
         """Raise `OutputError` if results would replace files that no run has written.
 
-        The summary of a run lists its files, which results may replace. A summary counts
-        only if it is signed: it contains a checksum of itself, so that no other file of the
-        same name is taken for one.
+        The summary of a run lists its files, and these may be replaced. A summary counts
+        only if it is signed, which means that it contains a checksum of itself. Other files
+        of the same name are then not mistaken for a summary.
 
         Parameters
         ----------
@@ -225,8 +228,8 @@ class RunFolder:
         summary_path = self.path / SUMMARY
         replaceable_names = {
             *self._written_files(summary_path),
-            # Complete results are first in a folder of their own, with their summary. If
-            # their move to this folder (`publish`) was interrupted, some are here already.
+            # Complete results wait in a separate folder, with their summary. If moving them
+            # (`publish`) was interrupted, some of them are here already.
             *self._written_files(self.work / FINISHED / SUMMARY),
         }
         # A summary without a valid signature is empty.
@@ -260,9 +263,9 @@ class RunFolder:
     def publish(self) -> list[Path]:
         """Move complete results from the work folder to the folder of the run.
 
-        A summary lists the files of its run. First the files of an older run are removed,
-        and its summary after them, so that an interrupted call can be repeated. Then the
-        new files are moved, and their summary last. It shows that all files are there.
+        First the files of an older run are removed. Then the new files are moved, and their
+        summary last. The summary lists all files of its run, so an interrupted call can be
+        repeated.
 
         Returns
         -------
@@ -276,11 +279,11 @@ class RunFolder:
         finished_folder = self.work / FINISHED
         # The size in bytes of each file of the run, by its name.
         listed_names = _signed_summary(finished_folder / SUMMARY)[FILE_BYTES]
-        # A name with a folder in it cannot be from a run.
+        # For safety, names with a folder are left out. A run writes none.
         names = [*(name for name in listed_names if Path(name).name == name), SUMMARY]
         self.refuse_foreign_results(names)
         try:
-            # Remove the older files, then move the new ones.
+            # Remove the older files and their summary, then move the new ones.
             for name in [*self._written_files(self.path / SUMMARY), SUMMARY]:
                 (self.path / name).unlink(missing_ok=True)
             for name in names:
@@ -330,7 +333,9 @@ def _file_size(path: Path) -> int:
 def find_foreign_files(
     folder: Path, files: re.Pattern[str], folders: re.Pattern[str]
 ) -> list[str]:
-    """Return the paths in a folder that are links, or that spherekit does not write there.
+    """Return the paths in a folder that spherekit has not written there, and links.
+
+    The caller removes or replaces the folder only if there are none.
 
     Parameters
     ----------
@@ -351,7 +356,7 @@ def find_foreign_files(
         is_folder = path.is_dir()
         pattern = folders if is_folder else files
         has_expected_name = pattern.fullmatch(relative_path)
-        # The size is negative for a device or another special file.
+        # `_file_size` is negative for a device or another special file.
         is_plain = is_folder or _file_size(path) >= 0
         if path.is_symlink() or not has_expected_name or not is_plain:
             foreign_files.append(relative_path)

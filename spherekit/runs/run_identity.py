@@ -25,10 +25,11 @@ CHECKSUM_TITLES = {
 def code_identity() -> dict[str, str]:
     """Return the versions of the software and the kind of machine, by name.
 
-    Runs with the same options and equal results of this function have the same results, bit
-    for bit. Only such runs may continue the stored work of each other. The library heyoka
-    compiles expressions if it is installed; otherwise NumPy evaluates them.
+    Two runs with the same options and the same identity have the same results, bit for bit.
+    Only such runs may continue the stored work of each other.
     """
+    # The library heyoka compiles expressions if it is installed; otherwise NumPy evaluates
+    # them, with other rounding errors.
     try:
         heyoka_version = version("heyoka")
     except PackageNotFoundError:
@@ -38,8 +39,8 @@ def code_identity() -> dict[str, str]:
         "numpy": np.__version__,
         "scipy": version("scipy"),
         "heyoka": heyoka_version,
-        # The type of the text columns in the stored parts of the tables. Parts that earlier
-        # versions wrote have another type, and cannot be continued.
+        # The type of text columns in stored parts of tables. Earlier versions wrote another
+        # type, and such parts cannot be continued.
         "texts_in_parts": "strings",
         "machine": f"{platform.system()} {platform.machine()}",
     }
@@ -48,13 +49,21 @@ def code_identity() -> dict[str, str]:
 def differences(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
     """Return the differences of two identities in words; empty if there are none.
 
-    Values are printed, but not checksums, which say nothing to a reader.
+    An identity has the options, versions and checksums on which the results of a run
+    depend. A stopped run is continued only without differences. Of a checksum, only its
+    meaning is printed.
+
+    Parameters
+    ----------
+    stored, current
+        Identity of the stopped run as stored in a file, and of the run that would continue
+        it.
     """
     changes = []
     for key in {**stored, **current}:
         old = stored.get(key)
         new = current.get(key)
-        # JSON has made lists of tuples in the stored one.
+        # Compare as JSON, because tuples have become lists in the stored identity.
         if json.dumps(old) != json.dumps(new):
             title = CHECKSUM_TITLES.get(key)
             if title is not None:

@@ -162,10 +162,11 @@ class RunPlan:
         """
         source = self.source
         if isinstance(source, BatchRunner) and source.has_pending_poles(motion):
-            # The motion was computed by a kernel, which evaluates many rows at once. It
+            # A kernel (compiled functions for many rows) has computed the motion. It
             # computes the poles when they are read.
             return source.fields(motion, sign_continuations)
         if self.max_poles is not None:
+            # The run only measures the size of its tables, so few poles are enough.
             return self._fill_in_poles(motion, self.max_poles)
         return self._evaluate_all_poles(motion, sign_continuations)
 
@@ -185,14 +186,21 @@ class RunPlan:
     def _evaluate_all_poles(
         self, motion: Motion, sign_continuations: Sequence[SignContinuation]
     ) -> PoleFields:
-        """Evaluate the requested poles of a block.
+        """Evaluate the requested poles of a block, for each input that moves alone.
 
-        The `setting` states whether poles are computed from velocity equations or from
-        great circles (the route), and whether by NumPy, by compiled code or in quad
-        precision (the engine). The parameters are those of `evaluate_poles`.
+        A pole is the axis about which one link rotates relative to another. The `setting`
+        has two choices. The route: velocity equations or great circles. The engine: NumPy,
+        compiled code or quad precision.
+
+        Parameters
+        ----------
+        motion
+            The configurations of the block.
+        sign_continuations
+            For each input, the last pole directions of the previous block. The signs of
+            directions continue from there. They are updated in place.
         """
-        # There are a request and a sign continuation for each input, also for those without
-        # requested poles.
+        # The lists have an entry for each input, also for those without requested poles.
         return tuple(
             evaluate(
                 motion,
@@ -225,7 +233,7 @@ class RunPlan:
         pole_fields: PoleFields,
         continued_angles: ContinuedAngles,
     ) -> Batch:
-        """Return the view of a block of samples that an analysis may read.
+        """Return the part of a block of samples that an analysis may read.
 
         A pole is the axis about which one link rotates relative to another.
 
@@ -245,7 +253,7 @@ class RunPlan:
         sampling = self.sampling
         return Batch(
             mechanism=self.mechanism,
-            # For each moving input the steps in which poles are computed from known poles.
+            # For each moving input, the steps in which poles follow from other poles.
             plans=self.plans,
             needs=self.needs[self.analyses.index(analysis)],
             _motion=motion,
@@ -254,8 +262,8 @@ class RunPlan:
             # Whether the samples are times, and not values of inputs.
             timed=sampling.is_over_time,
             _position_analysis=sampling.position_analysis,
-            # The least and greatest inputs and rates of the whole run. An analysis that
-            # draws plots needs them for axes that are the same in all blocks.
+            # The least and greatest inputs and rates of the whole run. Plots use them, so
+            # that their axes are the same in all blocks.
             _run_extents=sampling.extents,
         )
 
@@ -291,9 +299,9 @@ class RunPlan:
     ) -> None:
         """Store the rows of a table for a block of samples, and count them.
 
-        Failed rows are counted as failures of the analysis, with one exception: rows of
-        samples that have no configuration. They fail for this reason and are not counted.
-        Analyses that read no samples have no such rows.
+        Failed rows are counted as failures of the analysis. Rows of samples without a
+        configuration (position) of the mechanism are not counted, as the analysis cannot
+        compute them.
 
         Parameters
         ----------
@@ -304,8 +312,8 @@ class RunPlan:
         run_state
             The state of the run, in which rows and failed rows are counted in place.
         table_store
-            Receives the rows, with a column for the names of assembly modes (ways to
-            assemble the mechanism) if the mechanism names any. None if no rows are kept.
+            Receives the rows. None if no rows are stored. If the mechanism has names for
+            assembly modes (ways to assemble the mechanism), a column with them is added.
         batch
             The samples of the block as the analysis has read them. Their status shows
             which configurations do not exist. None if failures are not counted.
@@ -316,8 +324,7 @@ class RunPlan:
                 for mode in self.sampling.position_analysis.assembly_modes
                 if mode.name
             }
-            # The declaration and the rows, both with a column for the names of modes if the
-            # mechanism names any.
+            # Both calls add a column for the names of modes if the mechanism has any.
             stored_table = table.with_names(self.mechanism)
             stored_rows = stored_table.named(rows, mode_names)
             table_store.add(analysis_name, stored_table, stored_rows)
@@ -355,8 +362,7 @@ class RunPlan:
             "samples": "x".join(map(str, sampling.shape)),
             "assembly_modes": [[mode.number, mode.label] for mode in modes],
         }
-        # The key is left out for the default, because the journals of earlier versions lack
-        # it.
+        # The default has no key, so that runs of earlier versions can be resumed.
         if position_analysis.crossings == "pass":
             identity["crossings"] = "pass"
         time_checksums = []
@@ -397,10 +403,10 @@ class RunPlan:
     def tables(self, failed: Collection[str] = ()) -> Mapping[str, tuple[Table, ...]]:
         """Return the declarations of the tables of a run, by name of the analysis.
 
-        A declaration has the columns of a table with their units, but no rows. The tables
-        of the run itself, those of configurations and of events, are under the name
-        `MOTION`. Tables get a column for names of assembly modes (ways to assemble the
-        mechanism) if the mechanism names any.
+        A declaration has the columns of a table with their units, but no rows. The run
+        itself has tables of configurations and events, under the name `MOTION`. If the
+        mechanism has names for assembly modes (ways to assemble the mechanism), tables get
+        a column for them.
 
         Parameters
         ----------
@@ -421,8 +427,8 @@ class RunPlan:
 def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     """Ask each analysis for its needs (the quantities that it reads), and check them.
 
-    A faulty analysis of a plugin does not stop the others. The reason is noted in the
-    result.
+    An analysis can be a plugin by other people. If it is faulty, the others are run
+    nevertheless. The reason is noted in the result.
 
     Raises
     ------
@@ -431,8 +437,8 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     PlanError
         If the mechanism has no pair that can be driven.
     """
-    # Analyses rely on a mechanism with inputs. `driven_at` raises the `PlanError` if it has
-    # no pair that can be driven, and returns it otherwise.
+    # Analyses rely on a mechanism with inputs. `driven_at` raises the `PlanError` if no
+    # pair can be driven.
     mechanism = driven_at(mechanism)
     # The tables of an analysis are stored under its name, so it can occur only once.
     for name, count in Counter(analysis.name for analysis in analyses).items():
@@ -449,7 +455,7 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
             needs.append(check_needs(analysis, mechanism))
         except PluginError as error:
             reason_by_refused_analysis[analysis.name] = str(error)
-            # There is one entry for each analysis, here an empty one.
+            # The list needs an entry for each analysis, here an empty one.
             needs.append(Needs())
     return DeclaredNeeds(needs, reason_by_refused_analysis)
 
@@ -552,7 +558,7 @@ def motion_table(sampling: Sampling) -> Table:
             strict=True,
         )
     ]
-    # `of` replaces `INPUTS` by one column for each input.
+    # `Table.of` replaces the placeholder `INPUTS` by one column for each input.
     return Table(
         MOTION,
         "the configurations: one row per sample and assembly mode",
@@ -571,9 +577,9 @@ def motion_table(sampling: Sampling) -> Table:
 def motion_rows(sampling: Sampling, motion: Motion, pole_fields: PoleFields) -> TableArrays:
     """Return the columns of the table of configurations for a block of samples.
 
-    `motion_table` declares the columns. The status of a row is the status of its
-    configuration. If this status is OK, it is the status of the poles. A pole is the axis
-    about which one link rotates relative to another.
+    `motion_table` declares the columns. The status of a row is that of its configuration.
+    If the configuration is OK, the status is that of the poles. A pole is the axis about
+    which one link rotates relative to another.
     """
     mechanism = sampling.position_analysis.mechanism
     times = {}
@@ -603,8 +609,8 @@ def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
 def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
     """Return the mechanism of a study without the groups of links that no analysis needs.
 
-    A group consists of links whose positions are found together. Groups on which the links
-    that analyses read do not depend are left out.
+    A smaller mechanism is computed faster. A group consists of links with positions that
+    are found together. A group is left out if no link that an analysis reads depends on it.
 
     Raises
     ------
@@ -615,6 +621,7 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
         If the mechanism has not as many degrees of freedom as inputs.
     """
     mechanism = study.mechanism
+    # Only a motion that follows from loads has a start (initial state).
     if study.start is not None:
         raise AnalysisError(
             f"{mechanism.name}: a motion that follows from loads needs all links; run it "
@@ -630,12 +637,11 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
         # All links on which the quantities in the needs depend.
         links = links_of(mechanism, needs)
         if needs.tracer:
-            # The analysis computes further configurations itself, beside the samples. It
-            # may read any links of these unless it declares `links`.
+            # The analysis computes further configurations itself. It may read any of their
+            # links, unless it declares `links`.
             reads_whole = not needs.links
         else:
-            # The analysis declares no quantity of a link, so it must read something else of
-            # the mechanism.
+            # An analysis without quantities of links must read the mechanism itself.
             reads_whole = not links
         if reads_whole:
             raise AnalysisError(

@@ -69,7 +69,7 @@ class AnalysisResult:
         The declared tables: names, units and meanings of their columns.
     data
         The columns of each table, by name of the table. If the run wrote to a folder, a
-        column is read from the Parquet file when it is first used. If the run kept no
+        column is read from the Parquet file when it is first used. If the run stored no
         tables, the mapping is empty.
     """
 
@@ -114,7 +114,10 @@ class RunResult:
         )
 
     def _repr_html_(self) -> str:
-        """Return the first rows of all tables, the findings and the failures as HTML."""
+        """Return the first rows of all tables, the findings and the failures as HTML.
+
+        Notebooks show this text for a result.
+        """
         # The text of `repr` without its angle brackets.
         title = repr(self)[1:-1]
         parts = [f"<p>{html_text(title)}</p>"]
@@ -215,8 +218,8 @@ class RunResult:
                 f"{path}: a recording is a file named *.rrd; write tables to a folder with "
                 "write(folder)"
             )
-        # The views repeat the run when they are first used. A result that was not made by
-        # `spherekit.run` has no views, and an error is raised.
+        # The views (figures and recordings) repeat the run when they are first used. Only
+        # results of `spherekit.run` have views; for others an error is raised.
         views = self._check_views(str(path))
         views.record(path)
         return path
@@ -446,6 +449,7 @@ class RunResult:
             unfinished work, or the disk is full.
         """
         declared = {name: result.tables for name, result in self.results.items()}
+        # The rows of each table in parts, by the name of its file without the ending.
         chunks_by_stem = {
             stem: split_into_chunks(table, self._columns_of(name, table.name))
             for stem, (name, table) in tables_by_file_stem(declared).items()
@@ -474,7 +478,16 @@ def _mode_titles(summary: Facts) -> dict[int, str]:
 def _select_rows(
     frame: "pd.DataFrame", table: Table, where: Mapping[str, Any]
 ) -> "pd.DataFrame":
-    """Return the rows of a frame in which columns have the values of `where`.
+    """Return the rows of a table in which some columns have the values of `where`.
+
+    Parameters
+    ----------
+    frame
+        The rows.
+    table
+        The declaration of the table, with the names of its columns.
+    where
+        The wanted value of each column, by name of the column.
 
     Raises
     ------

@@ -117,7 +117,10 @@ class RunState:
     overview: MotionOverview = field(default_factory=MotionOverview)
 
     def to_journal(self) -> Facts:
-        """Return the state ready for JSON. The keys are those of earlier versions."""
+        """Return the state of a run ready for JSON, so that the run can be resumed.
+
+        The keys stay those of earlier versions, because their journals can be resumed, too.
+        """
         return {
             "signs": [memory.state() for memory in self.sign_continuations],
             "angles": self.last_angles,
@@ -136,9 +139,9 @@ class RunState:
     def from_journal(cls, entries: Facts) -> Self:
         """Return the state of a stopped run from its journal, in order to resume the run.
 
-        The state contains what the next block of samples needs of the blocks before (signs
-        of pole directions, angles with their whole revolutions) and what the summary of the
-        run needs (counted rows, largest errors, mobility and so on).
+        The next block of samples needs a part of the state: signs of pole directions, and
+        angles with their whole revolutions. The summary of the run needs the rest, such as
+        counted rows, largest errors and the mobility.
 
         Parameters
         ----------
@@ -148,8 +151,8 @@ class RunState:
         findings = {
             name: Findings.from_json(item) for name, item in entries["findings"].items()
         }
-        # JSON has no tuples as keys. Each count is a list: the texts of its key, and then
-        # the number. A key is, for example, ("poles", status).
+        # JSON has no tuples as keys, so each count is stored as a list. It has the texts of
+        # the key, such as "poles" and a status, and then the number.
         counts: Counter[Names] = Counter()
         for *key, number in entries["counts"]:
             counts[tuple(key)] = number
@@ -203,8 +206,8 @@ class RunState:
 
         if self.mobility_by_rank is None and np.any(is_assembled):
             closure = position_analysis.solver.closure
-            # `argmax` finds the first true value. The vectors are the axes of the variables
-            # in this configuration; the rank of the closure equations follows from them.
+            # `argmax` finds the first true value. The vectors are the axes of the pairs in
+            # this configuration, from which the rank of the closure equations follows.
             first_configuration = motion.values[[np.argmax(is_assembled)]]
             vectors = closure.linearise(first_configuration).vectors
             self.mobility_by_rank = int(rank_mobility(closure.tree, vectors)[0])
@@ -217,9 +220,9 @@ class RunState:
 
         A block has the rows (configurations) of successive samples. A pole is the axis
         about which one link rotates relative to another. Its status says whether it exists
-        and could be computed. Only rows with a configuration and with velocities count. The
-        rows are also counted by how their velocities were computed: by a kernel or by the
-        velocity equations in quad precision.
+        and could be computed. The rows are also counted by how their velocities were
+        computed: by a kernel (compiled functions for many rows), or by velocity equations
+        in quad precision.
 
         Parameters
         ----------
@@ -228,12 +231,13 @@ class RunState:
         """
         has_several_inputs = len(pole_fields) > 1
         for pole_field in pole_fields:
+            # Rows with a configuration and with velocities.
             is_valid = pole_field.status == Status.OK
             # Many poles share one array of status codes (n,), which is counted once.
             for codes, pole_count in _count_shared_arrays(pole_field.pole_status.values()):
                 valid_codes = codes[is_valid]
-                # With several inputs, the locked ones can hold two links together, which
-                # then have no pole in any row. Such poles are not counted.
+                # With several inputs, locked inputs can fix two links to each other. These
+                # have no pole in any row, and are not counted.
                 is_rigid = has_several_inputs and np.all(valid_codes == Status.NO_POLE)
                 if not is_rigid:
                     self._count_statuses((POLES,), valid_codes, pole_count)
@@ -243,10 +247,8 @@ class RunState:
                 errors = largest_errors(pole_field)
             for attribute, key in POLE_ERROR_KEYS.items():
                 self._note_error(key, np.array([errors[attribute]]))
-            # Keys of counts are tuples, here of one text. `is_quad_precision` is true for
-            # all rows that the velocity equations compute. A kernel (a compiled function
-            # for many rows) marks the rows whose errors it certifies. Only these count as
-            # computed by the kernel.
+            # Keys of counts are tuples, here of one text. Only certified rows, with small
+            # error bounds, count as computed by the kernel.
             is_quad_precision = pole_field.is_quad_precision
             self.counts[EVALUATED,] += len(is_quad_precision)
             self.counts[BY_EQUATIONS,] += int(np.count_nonzero(is_quad_precision))
@@ -268,8 +270,8 @@ class RunState:
         status
             (n,) status codes.
         weight
-            Factor of the counts. Rows of several poles, for example, may have the same
-            codes, which are then stored and counted once.
+            Factor of the counts. It is for example the number of poles that have the same
+            codes, which are then stored only once.
         ignored
             Statuses that are not counted.
         """
@@ -298,8 +300,8 @@ class RunState:
     ) -> None:
         """Count the rows of a table of an analysis in a block, and those that failed.
 
-        A row fails if it has a status other than OK. If the configuration of its sample has
-        failed, its rows have the same status, which is no failure of the analysis.
+        A row fails if it has a status other than OK. If the mechanism has no configuration
+        at its sample, this is no failure of the analysis and is not counted.
 
         Parameters
         ----------
@@ -310,15 +312,15 @@ class RunState:
         batch
             The samples that the analysis has read. None if failed rows are not counted.
         has_rows_of_batch
-            Whether the rows belong to the samples of the batch. A row whose status equals
-            that of its configuration is then not counted as failed.
+            Whether the rows belong to the samples of the batch. Then a row with the status
+            of its configuration is not counted as failed.
         """
         self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
             return
-        # If the analysis reads numbers of poles (directions, rates, or planes of
-        # their great circles), its rows can have the statuses of these. They are not
-        # counted here, because `count_block` counts the statuses of all poles.
+        # A pole is the axis of the relative rotation of two links. If the analysis reads
+        # poles, its rows can have the statuses of poles. These are not counted here, as
+        # `count_block` counts them.
         needs = batch.needs
         ignored = [Status.OK]
         if needs.directions | needs.rates | needs.planes:
@@ -374,10 +376,10 @@ class RunState:
 
         Returns
         -------
-        The largest error of each kind by name, None if no row has one. Also two fractions
-        of all rows at which velocities were computed: by velocity equations in quad
-        precision, and by a kernel (a compiled function for many rows). Velocities of the
-        other rows were computed in float64 without a kernel. The fractions are None if no
+        The largest error of each kind by name, None if no row has one. Two further entries
+        tell how velocities were computed: the fraction of rows by velocity equations in
+        quad precision, and the fraction by a kernel (compiled functions for many rows). The
+        rest was computed in float64 without a kernel. The fractions are None if no
         velocities were computed.
         """
         keys = (CLOSURE_RESIDUAL, CONFIGURATION_ERROR, *POLE_ERROR_KEYS.values())
@@ -408,13 +410,16 @@ def _status_arrays(column_values: Any) -> list[tuple[Array, int]]:
 
 
 def _select_failures(codes: Array, data: TableData, column: Column, batch: Batch) -> Array:
-    """Return the status codes of failed rows, except those whose configuration failed.
+    """Return the status codes of rows of a table that may count as failed.
+
+    Rows with the status of their configuration are left out: the mechanism has no position
+    at their sample, which is no failure of the analysis.
 
     Parameters
     ----------
     codes
-        (n,) status codes of all rows of the table or, if its columns are `Interleaved`, of
-        the rows of one pole.
+        (n,) status codes of all rows of the table. If its columns are `Interleaved` (one
+        array for each of several poles), the codes are those of one pole.
     data
         Columns of the table.
     column
@@ -430,17 +435,18 @@ def _select_failures(codes: Array, data: TableData, column: Column, batch: Batch
 def _select_pole_failures(codes: Array, batch: Batch) -> Array:
     """Return the status codes of a pole that differ from those of its configurations.
 
-    A configuration that has failed is counted once, and not again for each of its poles.
+    A pole is the axis of the relative rotation of two links. If the mechanism has no
+    position at a sample, this is no failure of the poles there.
 
     Parameters
     ----------
     codes
         (n,) status codes of one of several poles in a table. They usually have one row for
-        each configuration of the batch, in its order. If their number is another one, it is
-        unknown to which configurations they belong, and all codes are returned.
+        each configuration of the batch, in the same order.
     batch
         The configurations.
     """
+    # With another number of rows, their configurations are unknown.
     if len(codes) != len(batch):
         return codes
     return codes[codes != batch.status]
@@ -449,7 +455,8 @@ def _select_pole_failures(codes: Array, batch: Batch) -> Array:
 def _select_table_failures(codes: Array, data: TableData, batch: Batch) -> Array:
     """Return the status codes of failed rows of a table whose configuration did not fail.
 
-    Codes that equal the status of the configuration are left out.
+    Codes that equal the status of the configuration are left out. They are no failures of
+    the analysis, because the mechanism has no position at these samples.
 
     Parameters
     ----------
@@ -468,10 +475,13 @@ def _select_table_failures(codes: Array, data: TableData, batch: Batch) -> Array
 def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallIntegers:
     """Return the status (k,) of the configurations to which k rows of a table belong.
 
+    Each configuration is the position of the mechanism at one sample in one assembly mode
+    (way to assemble the mechanism).
+
     Parameters
     ----------
     batch
-        The configurations. Each one has a different sample or assembly mode.
+        The configurations.
     data
         Columns of the table, with those of the sample and the assembly mode.
     rows
@@ -486,7 +496,7 @@ def _find_batch_status(batch: Batch, data: TableData, rows: Indices) -> SmallInt
         return status
     samples = np.asarray(data[SAMPLE.name])[rows]
     modes = np.asarray(data[ASSEMBLY_MODE.name])[rows]
-    # Each pair of a sample and an assembly mode becomes one number.
+    # One number identifies a sample and an assembly mode together.
     mode_count = 1 + max(np.max(modes), np.max(batch.assembly_mode))
     positions = _find_positions(
         samples * mode_count + modes, batch.sample * mode_count + batch.assembly_mode
