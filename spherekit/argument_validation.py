@@ -34,7 +34,12 @@ def checked(
     """
 
     def decorate(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-        """Return a function that checks its arguments and then calls this one."""
+        """Return a function that checks its arguments and then calls `function`.
+
+        A public function is decorated with `checked(error)`, and `error` is the class of
+        its errors. A wrong argument raises this error with a message that names the
+        function.
+        """
         signature = inspect.signature(function)
 
         @functools.cache
@@ -47,11 +52,10 @@ def checked(
 
         @functools.wraps(function)
         def _check_and_call(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
-            # This wrapper replaces `function`, which `checked` decorates, and raises the
-            # `error` of `checked`. It has no docstring: users see that of `function`.
+            # No docstring here: `wraps` copies that of `function`, which users see.
             try:
                 arguments = signature.bind(*args, **kwargs).arguments
-            except TypeError as bind_error:  # an argument is unknown, missing or doubled
+            except TypeError as bind_error:  # an argument is unknown, missing or repeated
                 message = _bind_message(signature, kwargs, bind_error)
                 raise error(f"{_public_name(function)}: {message}") from None
             for name, value in arguments.items():
@@ -90,7 +94,9 @@ def checked_class(
 
 
 def check_fields(instance: object, error: type[SpherekitError], where: str) -> None:
-    """Raise `error` if a field of a dataclass has another type than its annotation states.
+    """Raise an error if a field of a dataclass has another type than its annotation states.
+
+    Public dataclasses call this for values from users.
 
     Parameters
     ----------
@@ -99,7 +105,7 @@ def check_fields(instance: object, error: type[SpherekitError], where: str) -> N
     error
         The class of the error.
     where
-        The beginning of the message.
+        The beginning of the message, such as the name of the class.
     """
     cls: Any = type(instance)
     for name, annotation in _class_annotations(cls).items():
@@ -111,16 +117,15 @@ _class_annotations = functools.cache(get_type_hints)
 
 
 def resolved_annotation(function: Callable[..., Any], annotation: Any) -> Any:
-    """Return the type that an annotation of a function states.
+    """Return the type that the annotation of a parameter states.
 
-    An annotation may be a text, such as ``"Mechanism | None"``. Its names are those of the
-    module of the function. A missing annotation, or a name that is imported for type
-    checkers only, becomes `Any`.
+    An annotation may be a text, such as ``"Mechanism | None"``. Its names are looked up in
+    the module of the function. The result is `Any`, which allows every type, if there is no
+    annotation or if a name is missing. A name is missing if only type checkers import it.
     """
     if annotation is inspect.Parameter.empty:
         return Any
-    # get_type_hints resolves names, but only for objects with annotations. A class with
-    # this annotation alone serves as such an object.
+    # `get_type_hints` needs an object with annotations: a class with this one alone.
     holder = type("_Holder", (), {"__annotations__": {"annotation": annotation}})
     names = inspect.unwrap(function).__globals__
     with contextlib.suppress(NameError):
@@ -137,7 +142,7 @@ def _public_name(function: Callable[..., Any]) -> str:
 def _bind_message(
     signature: inspect.Signature, keywords: Iterable[str], bind_error: TypeError
 ) -> str:
-    """Return a message on arguments that a signature does not take.
+    """Return the message for a call with an unknown, missing or repeated argument.
 
     Parameters
     ----------
@@ -157,7 +162,7 @@ def _bind_message(
     if unknown and not takes_any_keyword:
         ending = choices(unknown[0], names, "Arguments", MAX_LISTED_ARGUMENTS)
         return f'there is no argument "{unknown[0]}"{ending}'
-    # Python's message names a missing argument in single quotes.
+    # Otherwise use Python's message, with other words for a missing argument.
     problem = re.sub(
         r"missing a required argument: '(\w+)'",
         r'the argument "\1" is missing',

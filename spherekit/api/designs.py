@@ -40,7 +40,11 @@ def synthesize(
     starts: int = 12,
     seed: int = 0,
 ) -> Synthesis:
-    """Return the designs that meet a synthesis file, the best of the first objective first.
+    """Find sizes of links by which a mechanism meets the requirements of a synthesis file.
+
+    The designs of the result are sorted by the first objective, the best first. A design is
+    one choice of the sizes. A figure (of merit) is one number that rates a design, for
+    example the largest torque.
 
     Parameters
     ----------
@@ -48,8 +52,8 @@ def synthesize(
         A synthesis file: a mechanism, the sizes that vary, figures, precision points, an
         objective and conditions.
     designs, seed
-        Number and seed of the designs of a scrambled Sobol sequence that are evaluated
-        first.
+        Number and random seed of the designs that are evaluated first. They are points of a
+        scrambled Sobol sequence, which fills the ranges of the sizes evenly.
     starts
         With one objective: number of the best designs from which the objective is
         minimised. With several objectives, each assembly mode (way to assemble the
@@ -86,22 +90,25 @@ def synthesize(
 def specification_of(
     path: AnyPath, designs: int = DEFAULT_DESIGNS, seed: int = 0
 ) -> Specification:
-    """Return the specification of a synthesis: its designs, objectives and conditions.
+    """Read a synthesis file and return its designs, objectives and conditions.
+
+    A synthesis searches sizes of links that meet the requirements of such a file. A design
+    is one choice of the sizes.
 
     Parameters
     ----------
     path
         The synthesis file.
     designs, seed
-        Number and seed of the designs that are evaluated first.
+        Number and random seed of the designs that are evaluated first.
 
     Raises
     ------
     FileError
         If the file has faults. The message has one line for each fault.
     """
-    # Read the sizes that vary, the mechanism, and the figures of merit. A figure of merit
-    # is a text such as "peak=max(abs(torque))".
+    # Read the sizes that vary, the mechanism, and the figures of merit (numbers that rate a
+    # design). A figure of merit is a text such as "peak=max(abs(torque))".
     document = parse(read_text(Path(path)), str(path))
     check(document, "synthesis")
     data = document.data
@@ -133,16 +140,19 @@ def specification_of(
 def _range_of(
     document: Document, key: str, ends: Sequence[float | str], angle_unit: AngleUnit
 ) -> Variation:
-    """Return the range of a number that varies, in the unit of the mechanism file.
+    """Return the range in which a number of the mechanism varies during a synthesis.
+
+    The ends are converted to the unit of angles of the mechanism file.
 
     Parameters
     ----------
     document
         The synthesis file, for messages.
     key
-        Key of the number in the mechanism file.
+        Key of the number in the mechanism file, such as ``links.2.arc``.
     ends
-        The least and the greatest value: numbers, or texts with a unit of angles.
+        The least and the greatest value. A text has a unit of angles, such as ``"30 deg"``.
+        A number is in the unit of the mechanism file.
     angle_unit
         Unit of angles in the mechanism file.
     """

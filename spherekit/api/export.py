@@ -84,16 +84,16 @@ KINDS_OF_ARGUMENT: Mapping[str, tuple[Kind, ...]] = {
 
 
 class Exported(NamedTuple):
-    """A file that was written.
+    """A file that an export has written, with a description for the user.
 
     Attributes
     ----------
     path
-        Its path.
+        Path of the file.
     holds
-        Its content in words.
+        Content of the file in words.
     notes
-        Sentences on everything that it leaves out.
+        Sentences on everything that the export leaves out.
     """
 
     path: Path
@@ -238,14 +238,16 @@ def export(
 
 
 def _export_kind(target: Path, to: Kind | None) -> Kind:
-    """Return the kind of export that fits the ending of a file.
+    """Return the kind of export, such as a source language or a table, for a file name.
+
+    The ending of the file name decides.
 
     Parameters
     ----------
     target
-        The file.
+        The file that will be written.
     to
-        The kind that the user states, if any.
+        The kind that the user requests. None: any kind that has this ending.
 
     Raises
     ------
@@ -272,7 +274,7 @@ def _export_source(
     assembly_mode: int | str | None,
     options: Facts,
 ) -> Exported:
-    """Write the formulas of a mechanism as source code.
+    """Write the formulas of a mechanism as source code, for programs without spherekit.
 
     Parameters
     ----------
@@ -283,10 +285,10 @@ def _export_source(
     kind
         Language of the source code.
     input_pair, assembly_mode
-        As in `export`.
+        The driven pair or pairs, and the assembly mode (way to assemble the mechanism).
     options
-        Further arguments of `export` that the user has given: quantities, numbers that
-        vary, and crossings.
+        Further arguments of `export`: quantities, numbers that are arguments of the source
+        code, and what happens where the curves of assembly modes cross.
     """
     if options.get("crossings") == "pass":
         # The source stores the inputs at which curves of modes cross. They depend on the
@@ -315,13 +317,13 @@ def _describe_formulas(formula_set: Formulas) -> str:
 
 
 def _describe_mode_table(mode_table: ModeTable) -> Names:
-    """Return sentences on the assembly modes that a source leaves out, and on crossings.
+    """Return sentences on the assembly modes that exported source code does not compute.
 
-    An assembly mode is one of the ways to assemble the mechanism. A source solves the same
-    closure equations in all its modes. If equations of the mechanism repeat each other,
-    some are left out, and those that remain may not determine every mode. A mode without
-    formulas for this reason (`undetermined`) has them in a source of its own, for which
-    other equations are chosen. A sentence says so.
+    An assembly mode is one of the ways to assemble the mechanism. The source code solves
+    the same closure equations in all its modes. They may be too few for some modes, because
+    equations that follow from others are left out. `undetermined` lists these modes. Source
+    code for one such mode alone solves other equations, and a sentence says so. The last
+    sentence tells what happens where curves of modes cross.
     """
     notes = [
         f"left out: assembly {numbered('mode', names)}: {reason}"
@@ -354,12 +356,15 @@ def _describe_crossings(smooth_modes: SmoothModes) -> str:
 
 
 def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
-    """Write a coupling table as an archive, CSV or C header, by the ending of the file.
+    """Write a coupling table to a file, and return notes on its accuracy.
 
-    The table has values at the nodes of a grid over the inputs. A cell, the box between
-    neighbouring nodes, is sure if interpolation in it is as accurate as required. A program
-    that looks up a value in another cell gets NaN. A note says how many such cells there
-    are. The caller has checked that the ending of `target` is one of the three.
+    A coupling table has the variables of passive pairs (joints) as functions of the inputs.
+    A program interpolates between the nodes of a grid over the inputs. A cell is the box
+    between neighbouring nodes. It is sure if interpolation in it is as accurate as
+    required. In other cells the program gets NaN, and a note says how many there are.
+
+    The ending of `target` selects an archive (.npz), a CSV file, or a C header. The caller
+    has checked the ending.
     """
     if target.suffix == ".npz":
         write_npz(table, target)
@@ -391,19 +396,20 @@ def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
 def _export_functions(
     mechanism: Mechanism, target: Path, assembly_mode: int, options: Facts
 ) -> Exported:
-    """Write a reduced model, as an archive or as source code.
+    """Write a reduced model of a mechanism, as an archive or as source code.
 
-    A reduced model stores the inertia, poles and pair variables as functions of the inputs,
-    for use without the mechanism.
+    A reduced model stores inertia, pole axes and pair (joint) variables as functions of the
+    inputs. A program can then use these functions without the mechanism.
 
     Parameters
     ----------
     target
         ``*.npz`` for an archive, or a file of source code.
     assembly_mode
-        Number of the assembly mode.
+        Number of the assembly mode (way to assemble the mechanism).
     options
-        Poles and tolerance, see `export`.
+        Further arguments of `export`: the poles (axes of relative rotation of two links)
+        and the tolerance of the stored functions.
     """
     is_source = target.suffix != ".npz"
     has_several_inputs = len(mechanism.inputs) > 1
@@ -418,6 +424,7 @@ def _export_functions(
         notes.append(f"outputs left out: {listing(x.name for x in mechanism.outputs)}")
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
+    # A grid model has functions of several inputs, the other one of a single input.
     make_model: Any = reduced_grid_model if has_several_inputs else reduced_model
     model = make_model(mechanism, assembly_mode=assembly_mode, **options)
     # `covered` is the part of the box in which the functions are known.
@@ -446,14 +453,16 @@ def _export_mujoco_model(
     assembly_mode: int,
     at: float | Sequence[float] | None,
 ) -> Exported:
-    """Write a MuJoCo model in one configuration of a mechanism.
+    """Write a model for the simulator MuJoCo, in one configuration of a mechanism.
+
+    MuJoCo starts a simulation in this configuration.
 
     Parameters
     ----------
     target
         The file, ``*.xml``.
     assembly_mode
-        Number of the assembly mode.
+        Number of the assembly mode (way to assemble the mechanism).
     at
         Inputs (rad) of the configuration. None: the first sample at which the mode exists.
     """

@@ -337,8 +337,11 @@ class Kinematics:
     def frame(self, degrees: bool = False) -> Any:
         """Return a pandas frame with a row for each configuration, moving input and pole.
 
-        A row has the pole axis of two links and their coefficients of velocity and
-        acceleration, per rad of the moving input.
+        A pole is the axis about which one link rotates relative to another. One input
+        moves, and all others are locked. A row has the pole axis of two links and their
+        coefficients of velocity and acceleration. These are the relative angular velocity
+        of the links per unit rate of the moving input, and its derivative with respect to
+        this input.
 
         Parameters
         ----------
@@ -351,12 +354,12 @@ class Kinematics:
         requested = [
             (*pole, moving) for moving in range(len(self.input_pairs)) for pole in poles
         ]
-        # These columns have everything but the error bounds and the inputs.
+        # All columns of the table except the error bounds and the inputs.
         data: Facts = batch.pole_columns(requested)
         make_column = batch.of_poles(requested)
         for column in TABLE.columns:
             if column.name.endswith("error_bound"):
-                # None: a bound is one number, and has no components as a vector has.
+                # None requests the only component, since a bound is a single number.
                 data[column.name] = make_column(column.name, None)
         # All poles of a configuration have the same inputs, so each value is repeated.
         for name, values in input_columns(self.mechanism, batch.inputs).items():
@@ -393,21 +396,22 @@ class Kinematics:
         return pole
 
     def _of_first_link(self, text: str, values: Floats) -> Floats:
-        """Return coefficients of the first link that a text names, relative to the second.
+        """Return velocity or acceleration coefficients with the sign for an order of two links.
 
-        If the links of a pole are exchanged, its direction stays and the coefficient
-        changes its sign (Di Gregorio 2024, eq. 1). Batches have the coefficient of the link
-        with the larger number relative to the other.
+        A coefficient is the angular velocity of one link relative to another, per unit rate
+        of the input. It changes its sign if the two links are exchanged, since the
+        direction of the pole axis stays (Di Gregorio 2024, eq. 1). In `values` the link
+        with the larger number moves relative to the other link.
 
         Parameters
         ----------
         text
-            The pole, such as ``"4/1"`` or ``"1/4"``.
+            The two links: ``"4/1"`` is link 4 relative to link 1.
         values
-            (n,) coefficients from a batch.
+            (n,) coefficients at n configurations.
         """
         first, second = ordered_pole(self.mechanism, text)
-        # -0.0 would be printed with a sign.
+        # The difference avoids -0.0, which would be printed with a sign.
         return self._drop_axis_if_single(values if first > second else 0.0 - values)
 
     def _moving(self, name: str | None) -> int:
@@ -664,11 +668,12 @@ def _single_row_evaluator(
     def make_batch(q: float, evaluated_row: EvaluatedRow) -> Batch:
         """Return the batch of one configuration at an input q (rad).
 
-        A batch has arrays with the configurations, here a single one, their poles, rates
-        and error bounds. The evaluated row has the same numbers as plain floats, in the
-        columns of `kernel`, the expressions that computed them. `row_template` is another
-        configuration of the same mode, whose other fields are kept. `request` and `needs`
-        list the quantities.
+        A batch is the ordinary result, with arrays for the configurations, their pole axes,
+        rates and error bounds. Here there is a single configuration. `evaluated_row` has
+        its numbers as plain floats, in the order of the expressions of `kernel`. The
+        enclosing function defines `row_template`, another configuration of the same
+        assembly mode. Fields that are not replaced are taken from there. It also defines
+        the requested quantities, `request` and `needs`.
         """
         columns = np.array(evaluated_row.columns)[:, None]
         values = np.array([evaluated_row.variables])
@@ -684,34 +689,37 @@ def _single_row_evaluator(
         )
         (input_columns_of_row,) = kernel.input_columns
         # A pole axis has two opposite unit vectors. The one at less than 90 deg to the sum
-        # of the axis vectors of all pairs is chosen. Some columns change sign with it:
-        # (components, poles, 1), whose first three components are the direction of the
-        # pole. It is a view, so `*=` below changes `columns`.
+        # of the axis vectors of all pairs is chosen. The following numbers change their
+        # sign with the direction. Their shape is (components, poles, 1), and the first
+        # three components are the direction. The array is a view: `*=` below changes
+        # `columns`.
         reversible_columns = input_columns_of_row.reversible_columns(columns)
-        # `signs_by_axis_sums` returns a function of directions, rows and modes, which gives
-        # their signs. The batch has one row of one mode, so both have the index 0.
+        # The function `find_signs` has the arguments directions, row and mode. There is
+        # only one row (configuration) and one mode, so both indices are 0.
         find_signs = signs_by_axis_sums(np.array([evaluated_row.axis_sum]))
         reversible_columns *= find_signs(reversible_columns[:3], 0, 0)
-        # The field has the poles, their rates and the bounds of their errors. The kernel
-        # has certified them, which means that the bounds are small enough.
+        # The field has the poles, their rates and their error bounds. The kernel has
+        # checked that the bounds are small enough.
         field = make_certified_field(input_columns_of_row, columns, row, request)
         return Batch(mechanism, (request.plan,), needs, row, (field,))
 
     def evaluate_row(q: float) -> Callable[[], Batch] | None:
-        """Evaluate one input q (rad); return a function that makes the batch of the result.
+        """Evaluate one input q (rad) quickly; return a function that makes the full result.
 
-        A batch has the configuration at q with its poles and error bounds as arrays. It is
-        made only when it is read, because making arrays takes longer than the evaluation.
+        The full result is a batch: arrays with the configuration at q, its poles and error
+        bounds. Making arrays takes longer than the evaluation, so the caller does that only
+        on demand.
+
         The result is None if the mode has no prediction at q, or if float64 may give too
-        few digits. The caller then evaluates q in the ordinary way.
+        few digits. The caller then evaluates q in the ordinary, slower way.
         """
         is_in_range = low <= q <= high
         if isfinite(q) and not is_in_range:
             q = shift_into_range(position_analysis, np.array([q])).item()
-        # In closed form the assembly mode is selected by the signs of its dyads (two links
-        # and three pairs, which can be assembled in two ways). Otherwise Newton's method
-        # starts near the configuration. `mode.guide` interpolates verified configurations
-        # of the mode, and predicts the one at q.
+        # A mechanism of dyads has a closed form. A dyad (two links and three pairs) can be
+        # assembled in two ways, and a sign for each dyad selects the mode. Otherwise
+        # Newton's method starts at a prediction by `mode.guide`, which interpolates
+        # verified configurations of the mode.
         if kernel.has_closed_form:
             # (dyads, 1) signs at the single input value.
             signs = mode.signs_along(np.array([[q]]))[:, 0]

@@ -56,15 +56,13 @@ def plan(
     try:
         return planning.plan(loaded_mechanism, requested_poles, input_pair)
     except CountError:
-        # The number of links and pairs gives too small a mobility for over-constrained
-        # mechanisms. The position analysis then uses the rank of the velocity equations,
-        # and `by_rank` says that it did so. If this mobility does not fit the inputs
-        # either, the position analysis raises an error. Its positions are not used here, so
-        # two samples suffice.
-        #
-        # The position analysis takes the names of all driven pairs. Of several inputs all
-        # stay driven, and `input_pair` only chooses which of them moves. A single input is
-        # replaced by `input_pair`, which may be another pair.
+        # For over-constrained mechanisms, counting links and pairs gives too small a
+        # mobility. The position analysis then takes the mobility from the rank of the
+        # velocity equations and sets `by_rank`. It raises an error if this mobility differs
+        # from the number of inputs. Its positions are not used here, so two samples
+        # suffice.
+        # The position analysis takes the driven pairs. If there are several, all of them
+        # stay driven. A single driven pair can be replaced by `input_pair`.
         has_several_inputs = len(loaded_mechanism.inputs) > 1
         driven_pair = None if has_several_inputs else input_pair
         position_analysis = PositionAnalysis(loaded_mechanism, driven_pair, samples=2)
@@ -77,11 +75,14 @@ def plan(
 def table(plan: Plan) -> str:
     """Return the pole table of a plan as text.
 
-    The table has a row and a column for each link. Entry (i, j) is ``x`` if the pole of
-    links i and j is the axis or the contact line of a pair. Otherwise it is the number of
-    the pass that constructs the pole, as a Roman numeral. A star marks poles that follow
-    from velocity equations. R. Di Gregorio uses such tables in lecture 2 of his short
-    course on planar and spherical kinematics (Barcelona 2019).
+    A pole is the axis about which one link rotates relative to another. The table has a row
+    and a column for each link, and its entry (i, j) belongs to the pole of links i and j.
+    The entry is ``x`` if the pole is the axis or the contact line of a pair (joint).
+    Otherwise it is a Roman numeral. ``I`` marks poles that the first pass of the
+    Aronhold-Kennedy theorem constructs from poles of pairs, ``II`` those of the second
+    pass. A star marks poles that follow from velocity equations instead. R. Di Gregorio
+    uses such tables in lecture 2 of his short course on planar and spherical kinematics
+    (Barcelona 2019).
 
     Parameters
     ----------

@@ -106,15 +106,15 @@ class _RunViews:
         Parameters
         ----------
         table, frame
-            Declaration and rows of the table.
+            The declaration of the table, with the units of its columns, and its rows.
         x, y
-            Names of the columns.
+            Names of the columns on the horizontal and the vertical axis.
         titles
-            Titles of the assembly modes by number.
+            Titles of the assembly modes (ways to assemble the mechanism) by number.
         degrees
             Whether angles of the frame are in degrees.
         columns
-            Width of the figure in columns of a journal.
+            Width of the figure, as a number of text columns of a journal.
         """
         from spherekit.display.figures.column_plots import draw_columns
         from spherekit.display.figures.sheet import Sheet
@@ -133,17 +133,18 @@ class _RunViews:
 def with_signature_of(
     function: Callable[Parameters, Result], wrapper: Callable[..., Result]
 ) -> Callable[Parameters, Result]:
-    """Return a wrapper with the name, the signature and the docstring of a function.
+    """Return a wrapper that has the name, the signature and the docstring of a function.
 
-    The wrapper keeps its own module name: Python finds pickled functions by module and
-    name, and worker processes get functions as pickles.
+    Users then see the documentation of the function, but call the wrapper. The wrapper has
+    its own module name, since a worker process finds an unpickled function by module and
+    name.
 
     Parameters
     ----------
     function
         The function that users see in the documentation.
     wrapper
-        A function of the same arguments that calls it.
+        A function with the same arguments that calls `function`.
     """
     copied_attributes = [name for name in WRAPPER_ASSIGNMENTS if name != "__module__"]
     return wraps(function, assigned=copied_attributes)(wrapper)

@@ -249,15 +249,16 @@ def sweep_of(
 
 
 def _labels_of_mode(study: Study) -> Names:
-    """Return the labels that the assembly mode of a study may have in a sweep.
+    """Return the labels by which a sweep may call the assembly mode of a study.
 
-    A sweep labels an assembly mode (way to assemble the mechanism) by one of four texts,
-    depending on how a design was computed. For mode 1 with the signs ``+-`` they are:
+    A sweep analyses many designs (choices of sizes). The labels serve to select the rows of
+    one assembly mode (way to assemble the mechanism). The label of a mode depends on how
+    its design was computed. For mode 1 with the signs ``+-`` it is one of:
 
-    - ``+-``, the signs of its dyads (groups of two links), if positions have a closed form;
-    - ``1 +-``, number and signs, if modes have to be tracked from design to design;
-    - ``1``, the number alone, if the modes of the design come from a complete run;
-    - ``run 1``, if only some of its modes come from a run. The other modes have signs.
+    - ``+-``, a sign for each dyad (group of two links), if positions have a closed form;
+    - ``1 +-``, number and signs, if modes are tracked from design to design;
+    - ``1``, the number alone, if all modes of the design come from a complete run;
+    - ``run 1``, if some modes of the design come from a run and the others have signs.
 
     If the study states no mode, all modes are wanted and there are no labels.
 
@@ -268,8 +269,8 @@ def _labels_of_mode(study: Study) -> Names:
     """
     if study.assembly_mode is None:
         return ()
-    # A study can let the inputs follow laws in time, or simulate them from a start. A mode
-    # has its number on the ranges of the inputs, so the study is changed to use these.
+    # Modes are numbered over the ranges of the inputs. So a law of time for the inputs, or
+    # a simulation from a start, is removed from the study.
     at_rest = replace(study, start=None, laws={}, duration=None)
     # The position analysis of a study that states a mode has only this mode.
     (mode,) = make_sampling(at_rest).position_analysis.assembly_modes
@@ -283,18 +284,21 @@ def perform(
     workers: int | None,
     dask: str | None,
 ) -> SweepResult:
-    """Compute a sweep, in this process, in worker processes or on a Dask cluster.
+    """Compute a sweep: analyse many designs (choices of sizes) of one mechanism.
+
+    The designs are computed in this process, in worker processes or on a Dask cluster.
 
     Parameters
     ----------
     sweep
-        The sweep.
+        The designs and what to compute for each of them.
     folder
-        Folder for the parts. Without it only this process computes.
+        Folder for the parts, which are files with the results of some of the designs.
+        Without a folder only this process computes.
     workers
         Number of processes; by default one for each core.
     dask
-        Address of a Dask scheduler.
+        Address of the scheduler of a Dask cluster. None: compute on this machine.
 
     Raises
     ------
@@ -328,11 +332,11 @@ def _draw_figures(result: SweepResult, columns: Columns) -> "dict[str, Figure]":
 
 
 def _document(mechanism: Mechanism, subject: Subject) -> Document:
-    """Return the document (the parsed TOML file) of a mechanism, whose numbers can vary.
+    """Return the parsed TOML file of a mechanism, in which a sweep changes numbers.
 
-    It is the file of the mechanism if all sizes, masses and loads are those of the file;
-    only the inputs (driven pairs and their ranges) may be others. Otherwise, as when pairs
-    are locked or a study changes the mechanism, a document is made from the mechanism.
+    The file of the mechanism is used if it has the same sizes, masses and loads as the
+    mechanism. Only the inputs (driven pairs and their ranges) may differ. Otherwise a new
+    document is written from the mechanism, for example if a study changed the mechanism.
 
     Parameters
     ----------

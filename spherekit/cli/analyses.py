@@ -38,9 +38,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """List the installed analyses, or describe the one that is named.
+    """Execute ``spherekit analyses``: list the installed analyses, or describe one of them.
 
-    An analysis that cannot be imported is listed with its error. Returns the exit status 0.
+    An analysis is a plugin that computes tables for a mechanism. One that cannot be
+    imported is listed with its error. Returns the exit status 0.
     """
     if options.analysis:
         return _describe(options)

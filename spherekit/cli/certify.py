@@ -148,16 +148,16 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class Certification:
-    """The result of certifying one mechanism: what is printed, and a certificate.
+    """The result of a proof about one mechanism: the printed report and a certificate.
 
     Attributes
     ----------
     report
-        What is printed.
+        The report for the screen.
     certificate
-        The certificate, ready for JSON.
+        The proven statements with their numbers, ready for JSON.
     is_complete
-        Whether everything is proven.
+        Whether everything that was to be proven is proven.
     """
 
     report: ScreenReport
@@ -288,7 +288,9 @@ def _make_report(
 def _certify_inputs(
     decimal_mechanism: "DecimalMechanism", inputs_text: str, with_poles: bool
 ) -> Certification:
-    """Certify all assembly modes at given inputs.
+    """Prove which assembly modes (ways to assemble a mechanism) exist at fixed inputs.
+
+    Returns the report and the certificate of the command ``spherekit certify --at``.
 
     Parameters
     ----------
@@ -297,7 +299,9 @@ def _certify_inputs(
     inputs_text
         The value of ``--at``: an angle for each input, with commas between them.
     with_poles
-        Whether pole axes and velocity coefficients are enclosed too.
+        Whether the result also has proven bounds of all pole axes (axes of relative
+        rotation of two links) and velocity coefficients (relative angular velocity per unit
+        rate of the input).
     """
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import modes_certificate, pole_table
@@ -339,9 +343,11 @@ def _screen_table_of_poles(rows: Sequence[Facts]) -> ScreenTable:
     Parameters
     ----------
     rows
-        For each pole: the mode, the input that moves while the others are locked, the two
-        links, their pole axis (a unit vector, or None) and velocity coefficient (angular
-        rate per rate of the input). Keys with ``off`` are proven error bounds.
+        One mapping for each pole (axis of the relative rotation of two links). It has the
+        assembly mode, the input that moves while the others are locked, and the two links.
+        ``direction`` is the unit vector of the pole, or None. The velocity coefficient is
+        the relative angular rate of the links per unit rate of the input. Keys that end
+        with ``off`` have proven error bounds.
     """
     headings = ["mode", "moving input", "pole", "axis x", "y", "z", "error bound"]
     headings += ["velocity coefficient", "error bound"]
@@ -370,9 +376,10 @@ def _screen_table_of_poles(rows: Sequence[Facts]) -> ScreenTable:
 
 
 def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
-    """Return an angle as a decimal number without exponent, as certificates contain it.
+    """Return an angle of the command line as decimal text, for the proof and its certificate.
 
-    It is in the unit of the file.
+    A proof uses the decimal number that the user wrote, without rounding to a float. The
+    result has no exponent and is in the unit of the mechanism file.
 
     Parameters
     ----------
@@ -381,12 +388,12 @@ def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
     text
         The text that the user wrote.
     unit
-        Unit of angles of the file.
+        Unit of angles of the mechanism file.
 
     Raises
     ------
     AnalysisError
-        If the value of an option is no angle, or larger than `MAX_INPUT`.
+        If the text is not an angle, or its size exceeds `MAX_INPUT`.
     """
     from decimal import InvalidOperation
 
@@ -408,14 +415,15 @@ def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
 
 
 def _mode_table(modes: "CertifiedModes") -> ScreenTable:
-    """Return a table with the angles of all pairs in each mode, and their error bound.
+    """Return a table with the angles of all pairs (joints) in each proven assembly mode.
 
-    The angles are balls: numbers with a proven bound of their error.
+    An assembly mode is one way to assemble the mechanism. The angles are balls: numbers
+    with a proven bound of their error. The last column has the largest bound of a row.
 
     Parameters
     ----------
     modes
-        The certified modes at given inputs.
+        The proven assembly modes at fixed inputs.
     """
     import numpy as np
 
@@ -426,6 +434,7 @@ def _mode_table(modes: "CertifiedModes") -> ScreenTable:
     for mode_index, angles in enumerate(modes.angles()):
         degrees = np.degrees([centre_float(angle) for angle in angles])
         wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)  # above -180, up to 180
+        # A ball minus its midpoint has only the error, so its magnitude is the bound.
         errors = [np.degrees(upper_magnitude(angle - angle.mid())) for angle in angles]
         angle_texts = [f"{angle:.9f}" for angle in wrapped]
         rows.append((str(mode_index), *angle_texts, f"{max(errors):.0e}"))
@@ -451,10 +460,11 @@ def _describe_clusters(modes: "CertifiedModes") -> Lines:
 
 
 def _certify_wheels(decimal_mechanism: "DecimalMechanism") -> Certification:
-    """Certify a mechanism without closure equations, in which wheels fix all angles.
+    """Certify a mechanism of wheels only, in which all angles are linear in the inputs.
 
-    Each follower, a pair that is no input, turns by the sum of ratio times angle over all
-    inputs. The ratios are balls: numbers with a proven bound of their error.
+    Such a mechanism has no closure equations. Each follower (pair that is not an input)
+    turns by the sum of ratio times input angle over all inputs. The ratios are balls:
+    numbers with a proven bound of their error.
 
     Parameters
     ----------
@@ -470,6 +480,7 @@ def _certify_wheels(decimal_mechanism: "DecimalMechanism") -> Certification:
 
     structure = decimal_mechanism.structure
     with working_precision(PRECISION_BITS):
+        # Balls are computed with this many bits.
         ratios = decimal_mechanism.follower_ratios()  # (followers, inputs)
     inputs = structure.names_of(structure.inputs)
     report = ScreenReport(
@@ -635,24 +646,28 @@ def _certify_map(
 
 
 def _draw_map(input_map: "InputMap", names: Sequence[str], path: str) -> None:
-    """Draw the boxes of a map in the colours of their numbers of modes.
+    """Draw the number of assembly modes over the plane of two inputs.
+
+    The plane is divided into boxes with a proven number of assembly modes (ways to assemble
+    the mechanism). Boxes with equal numbers have one colour. Boxes with a type II
+    singularity (input at a dead centre), and undecided boxes, have colours of their own.
 
     Parameters
     ----------
     input_map
-        The map: boxes (boxes, 2) by their centres and half widths (`radii`) in rad, with
-        the kind and the proven number of modes of each box.
+        The proven map. Its arrays `centres` and `radii` (boxes, 2) are the centres and half
+        widths of the boxes in rad. `modes` (boxes,) has the numbers of modes.
     names
         The names of the two inputs.
     path
-        The picture to write.
+        The picture file to write.
     """
     import numpy as np
 
     from spherekit.display.figures import certified_map
     from spherekit.proof.input_map import CONTAINS_TYPE_II, UNDECIDED
 
-    # For each kind of area: whether a box (boxes,) belongs to it.
+    # (boxes,) whether each box belongs to the area, by the label of the area.
     is_in_area = {
         counted(mode_count, "mode"): input_map.modes == mode_count
         for mode_count in input_map.mode_shares
@@ -674,13 +689,14 @@ def _degrees(q: float) -> str:
 def _crossing_sentences(curves: "CertifiedCurves") -> Iterator[str]:
     """Yield a sentence for each crossing, or near miss, of configuration curves.
 
-    Near such a point, the curves are the zero level of a function with a saddle there. If
-    the function is zero at its saddle point, the curves cross. If it is positive or
-    negative, they miss each other. If its sign is not decided (None), both are possible.
-    Only points whose input is within the range are listed.
+    A configuration curve shows the angles of the mechanism over the input. Near a crossing,
+    the curves are the contour f = 0 of a function f with a saddle point. If f is zero at
+    the saddle point, the curves cross. Otherwise they miss each other by a small gap.
+    `level_sign` is the sign of f at the saddle point, or None if a crossing is neither
+    proven nor excluded. Crossings outside the range of the input are omitted.
     """
     for saddle in curves.saddles:
-        # The centre has an angle for each variable, one of which gives the input.
+        # The centre of the saddle has an angle for each variable. One of them is the input.
         q = curves.wrap_into_range(curves.input_angle(saddle.centre))
         if q is None:  # outside the range
             continue
@@ -694,18 +710,18 @@ def _crossing_sentences(curves: "CertifiedCurves") -> Iterator[str]:
 
 
 def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
-    """Report the numbers of modes, crossings of curves, and undecided ranges.
+    """Add the numbers of assembly modes, crossings of curves and undecided ranges to a report.
 
     A configuration curve is a connected curve of configurations. The assembly modes at an
     input are the configurations with this input. The range of the input is divided into
-    intervals in which the number of modes does not change.
+    intervals with a constant number of modes.
 
     Parameters
     ----------
     report
-        The report to which the results are added.
+        The report for the screen.
     curves
-        The certified curves of configurations over the range of the input (rad).
+        The proven configuration curves over the range of the input (rad).
     """
     columns = (
         ScreenColumn("input from (deg)", "right"),
@@ -717,6 +733,7 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
         for low, high, mode_count in curves.intervals
     ]
     report.results.append(ScreenTable(columns, tuple(rows)))
+    # Several crossings can have the same sentence, which is then printed once.
     for sentence, count in Counter(_crossing_sentences(curves)).items():
         configurations = f", in {count} configurations" if count > 1 else ""
         type_text = " (type III)" if sentence.startswith("curves cross at") else ""

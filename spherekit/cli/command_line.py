@@ -118,11 +118,11 @@ class CommandLineParser(argparse.ArgumentParser):
         return super()._get_value(action, arg_string)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Raise `argparse.ArgumentError` unless a value is one of the choices.
+        """Raise `argparse.ArgumentError` if a value is not one of the choices of an argument.
 
-        The message ends with the nearest choice. If a user wrote a file or a shipped
-        mechanism where a command belongs, the message names the command that reads it.
-        `argparse` calls this method for each argument.
+        `argparse` calls this method for each argument. The message suggests the nearest
+        choice. If a user wrote a file instead of a command, the message names the command
+        for such a file.
 
         Parameters
         ----------
@@ -137,6 +137,7 @@ class CommandLineParser(argparse.ArgumentParser):
             super()._check_value(action, value)
         except argparse.ArgumentError as error:
             hint = nearest(str(value), map(str, action.choices or ()))
+            # `argparse.PARSER` marks the argument that is the name of a command.
             if not hint and action.nargs == argparse.PARSER:
                 hint = _suggest_command_for_file(str(value))
             error.message += hint
@@ -155,7 +156,11 @@ def _suggest_command_for_file(word: str) -> str:
 
 
 class CommandParser(CommandLineParser):
-    """The parser of one subcommand, whose module is imported when it is first needed."""
+    """The parser of one subcommand of spherekit, such as ``run``.
+
+    The module of the subcommand declares its arguments. It is imported only if this
+    subcommand is used, so that the program starts quickly.
+    """
 
     def __init__(self, command: str, **options: Any) -> None:
         """Remember the name of the command; its arguments are declared when needed."""
@@ -164,17 +169,18 @@ class CommandParser(CommandLineParser):
         self._has_arguments = False
 
     def import_command(self) -> None:
-        """Import the module of the command and add its arguments and examples.
+        """Import the module of this subcommand and add its arguments and examples.
 
-        Only the command that is used is imported, so that the program starts quickly. A
-        second call has no effect.
+        The module is imported only if the subcommand is used, so that the program starts
+        quickly. A second call has no effect.
         """
         if self._has_arguments:
             return
         self._has_arguments = True
         module = import_module(f"spherekit.cli.{self._command}")
         self.epilog = module.EXAMPLES
-        self.set_defaults(execute=module.execute)  # the function that runs the command
+        # `options.execute` is the function that runs the command.
+        self.set_defaults(execute=module.execute)
         self.add_argument(
             "-T",
             "--traceback",
@@ -239,7 +245,9 @@ def _describe_commands() -> str:
 def command_parsers(
     parser: CommandLineParser, names: Iterable[str] = COMMANDS
 ) -> dict[str, CommandParser]:
-    """Return the parsers of subcommands, by their names, with all their arguments.
+    """Return the parsers of subcommands by name, with all arguments declared.
+
+    Usually only the parser of the used subcommand has its arguments.
 
     Parameters
     ----------
