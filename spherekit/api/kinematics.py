@@ -396,7 +396,7 @@ class Kinematics:
         return pole
 
     def _of_first_link(self, text: str, values: Floats) -> Floats:
-        """Return velocity or acceleration coefficients with the sign for an order of two links.
+        """Return velocity or acceleration coefficients with the sign for an order of links.
 
         A coefficient is the angular velocity of one link relative to another, per unit rate
         of the input. It changes its sign if the two links are exchanged, since the

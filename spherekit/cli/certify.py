@@ -353,7 +353,7 @@ def _screen_table_of_poles(rows: Sequence[Facts]) -> ScreenTable:
     headings += ["velocity coefficient", "error bound"]
     cells = []
     for row in rows:
-        # A link at rest relative to another has no pole axis.
+        # If the links may be at relative rest, no axis is proven.
         axis = ["may be at rest", "", "", ""]
         if row["direction"] is not None:
             axis = [f"{component:.12f}" for component in row["direction"]]
@@ -376,7 +376,7 @@ def _screen_table_of_poles(rows: Sequence[Facts]) -> ScreenTable:
 
 
 def _decimal_text(option: str, text: str, unit: "AngleUnit") -> str:
-    """Return an angle of the command line as decimal text, for the proof and its certificate.
+    """Return an angle of the command line as decimal text, for a proof.
 
     A proof uses the decimal number that the user wrote, without rounding to a float. The
     result has no exponent and is in the unit of the mechanism file.
@@ -710,7 +710,7 @@ def _crossing_sentences(curves: "CertifiedCurves") -> Iterator[str]:
 
 
 def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
-    """Add the numbers of assembly modes, crossings of curves and undecided ranges to a report.
+    """Report the numbers of assembly modes, crossings of curves and undecided ranges.
 
     A configuration curve is a connected curve of configurations. The assembly modes at an
     input are the configurations with this input. The range of the input is divided into

@@ -118,7 +118,7 @@ class CommandLineParser(argparse.ArgumentParser):
         return super()._get_value(action, arg_string)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Raise `argparse.ArgumentError` if a value is not one of the choices of an argument.
+        """Raise `argparse.ArgumentError` if a value is not among the choices.
 
         `argparse` calls this method for each argument. The message suggests the nearest
         choice. If a user wrote a file instead of a command, the message names the command

@@ -33,7 +33,10 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit explain`, which predicts the cost of a run."""
+    """Declare the arguments of `spherekit explain`.
+
+    This command predicts what a run would compute, and its cost, without running it.
+    """
     add_study_arguments(parser)
     analysis_argument = parser.add_argument(
         "-a",
@@ -70,11 +73,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Print the poles and tables that a run would compute, and their cost.
+    """Execute ``spherekit explain``: print what a run would compute, and its cost.
 
-    The groups of links whose positions are computed together are printed, too. With
-    ``--recording``, two short recordings are made in a temporary folder, from which the
-    size of the whole one is predicted.
+    The report lists the poles (axes of relative rotation of two links), the tables, and the
+    groups of links whose positions are computed together. With ``--recording``, two short
+    recordings are written to a temporary folder. The size of the whole recording is
+    predicted from their sizes. Returns the exit status 0.
     """
     from spherekit.runs.expected_size import predict_recording
     from spherekit.runs.registry import create_analysis
@@ -89,8 +93,8 @@ def execute(options: Namespace) -> int:
     if options.only_needed:
         study = replace(study, mechanism=extract_needed_part(study, analyses))
     description = _describe_run(study, analyses)
-    # The short recordings need all assembly modes. The prediction has no number of modes if
-    # finding them could take long, or if nothing is predicted, as for a simulation.
+    # The number of assembly modes (ways to assemble the mechanism) is missing if it takes
+    # long to find, or for a simulation. The size of the recording cannot be predicted then.
     if options.recording and description["predicted"].get("assembly_modes"):
         from spherekit.display.rerun.recorder import RerunRecorder
 
@@ -258,20 +262,24 @@ def _make_report(description: Facts, link_count: int, with_recording: bool) -> S
 
 
 def _describe_evaluations(plan: Facts) -> str:
-    """Return a sentence on what is evaluated while one input moves.
+    """Return a sentence on the poles and rates that a run evaluates while one input moves.
+
+    A pole is the axis about which one link rotates relative to another.
 
     Parameters
     ----------
     plan
-        An entry of ``plans`` in the description of a run.
+        The construction of the poles for one moving input: an entry of ``plans`` in the
+        description of a run.
     """
-    # Primary poles are axes of pairs, all others are secondary. Most of these are
-    # intersections of great circles. In an irreducible part of the mechanism they are
-    # computed from velocity equations instead, and counted separately.
+    # Primary poles are axes of pairs (joints), all others are secondary. Most secondary
+    # poles are intersections of great circles. In some parts of a mechanism (irreducible
+    # parts) there are no such circles. There the poles follow from velocity equations and
+    # are counted separately.
     counts = plan["counts"]
     secondary = counts["secondary"] + counts["irreducible"]
-    # The first order is the angular velocity per unit rate of the input, the second its
-    # derivative by the input.
+    # First order: angular velocity per unit rate of the input. Second order: the derivative
+    # with respect to the input.
     orders = "first and second order" if plan["derivatives"] else "first order"
     sentence = (
         f"evaluated: {counts['primary']} primary and {secondary} secondary poles from "
@@ -286,7 +294,9 @@ def _describe_evaluations(plan: Facts) -> str:
 
 
 def _predicted_sizes(sizes: Facts, with_recording: bool) -> list[str | ScreenTable]:
-    """Return the predicted sizes of a run: some lines, and a list of its tables.
+    """Return the predicted sizes of a run as lines of text and a table.
+
+    The table lists the tables that the run would write.
 
     Parameters
     ----------

@@ -162,14 +162,14 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write a mechanism in a format of another program, and print what was written.
+    """Execute ``spherekit export``: write a mechanism in a format of another program.
 
-    Returns the exit status 0.
+    What was written is printed. Returns the exit status 0.
 
     Parameters
     ----------
     options
-        Values of the arguments of the command. Without ``output`` the file gets the name of
+        Values of the command-line arguments. Without ``output`` the file gets the name of
         the mechanism.
     """
     from spherekit.api.export import SOURCES, SUFFIXES, export
@@ -177,11 +177,11 @@ def execute(options: Namespace) -> int:
 
     mechanism_of_file = load(options.file)
     mechanism = with_locks(mechanism_of_file, options.lock)
-    # Without locked pairs, the file is passed on instead of the mechanism. The export then
-    # reads the sizes as the user wrote them, such as 30 deg. The mechanism has them in rad,
-    # rounded to floats.
+    # Without locked pairs, `export` gets the file, with sizes as the user wrote them, such
+    # as 30 deg. The loaded mechanism has them in rad, rounded to floats.
     has_locks = mechanism is not mechanism_of_file
-    inputs_of_pose = None  # rad
+    # Inputs (rad) of the one pose that a MuJoCo model needs.
+    inputs_of_pose = None
     if options.at:
         inputs_of_pose = tuple(
             read_angle("--at", text, mechanism.angle_unit) for text in options.at.split(",")

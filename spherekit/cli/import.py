@@ -15,7 +15,10 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit import`."""
+    """Declare the arguments of `spherekit import`.
+
+    This command converts a model of another program to a mechanism file.
+    """
     parser.add_argument(
         "model",
         metavar="MODEL",
@@ -39,11 +42,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write a mechanism file from a MuJoCo model or URDF, and print its contents.
+    """Execute ``spherekit import``: write a mechanism file from a MuJoCo model or URDF.
 
-    The axes of the model need not meet exactly in one point: `options.within` (m) is the
-    largest accepted distance of an axis from the common point, None for the default. By
-    default the file gets the name of the model. Returns the exit status 0.
+    In a spherical mechanism all axes meet in one point. In a model they may miss this point
+    by up to `options.within` (m); None stands for the default. By default the new file gets
+    the name of the model. Its contents are printed. Returns the exit status 0.
     """
     from spherekit.errors import OutputError
     from spherekit.exchange.mechanism_import import import_mechanism

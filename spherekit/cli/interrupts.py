@@ -15,22 +15,24 @@ INTERRUPTS = [
 
 @contextmanager
 def raise_on_interrupt(process_ends: bool) -> Iterator[None]:
-    """Let Ctrl-C and other `INTERRUPTS` raise `KeyboardInterrupt` within a `with` block.
+    """Let signals such as Ctrl-C raise `KeyboardInterrupt` within a `with` block.
 
-    The argument of the exception is the number of the signal. A signal that was ignored
-    before stays ignored: a shell ignores Ctrl-C in jobs that it runs in the background.
-    Outside the main thread, where Python allows no handlers, the block has no effect.
+    The signals are those in `INTERRUPTS`. The argument of the exception is the number of
+    the signal. A signal that was ignored before the block stays ignored. For example, a
+    shell lets its background jobs ignore Ctrl-C. In other threads than the main one, the
+    block has no effect, because Python allows signal handlers only there.
 
     Parameters
     ----------
     process_ends
-        True if the process ends after the block. A signal that arrives after the block then
-        ends the process at once. Otherwise the previous handlers are restored.
+        Whether the process ends after the block. If so, a signal after the block ends the
+        process at once. Otherwise the previous handlers are restored.
     """
     former_handlers = {number: signal.getsignal(number) for number in INTERRUPTS}
     handled = [
         number
         for number, handler in former_handlers.items()
+        # None: a handler that was not set from Python.
         if handler not in (signal.SIG_IGN, None)
     ]
     try:
@@ -43,6 +45,7 @@ def raise_on_interrupt(process_ends: bool) -> Iterator[None]:
         yield
     finally:
         for number in handled:
+            # `SIG_DFL` is the default of the system, which ends the process.
             former = signal.SIG_DFL if process_ends else former_handlers[number]
             signal.signal(number, former)
 

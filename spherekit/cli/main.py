@@ -44,8 +44,8 @@ OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    Errors that users can mend are printed as one sentence. That includes an interrupt, and
-    a lack of memory or disk space. If the program that reads the output ends early, as
+    An error that the user can mend is printed as one sentence. Examples are an interrupt,
+    or a lack of memory or disk space. If the program that reads the output ends early, as
     ``head`` does in ``spherekit ... | head``, the command ends without an error.
 
     Parameters
@@ -53,13 +53,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments
         The words after ``spherekit``; by default the command line of the process.
     """
-    is_process = arguments is None  # not called from another program
+    # Without arguments, this process runs only this command.
+    is_process = arguments is None
     words = sys.argv[1:] if arguments is None else [*arguments]
     try:
-        # Ctrl-C raises `KeyboardInterrupt` in this block. If the process goes on after it,
-        # the former handling of Ctrl-C is restored.
+        # Ctrl-C raises `KeyboardInterrupt` in this block.
         with raise_on_interrupt(process_ends=is_process):
-            # Files that the command opens must not get the number of a closed stdout.
+            # If stdout is closed, the next opened file would get its number, and with it
+            # all output.
             _open_closed_streams()
             try:
                 return _run_command(words)
@@ -69,12 +70,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _discard_output()
         return 0
     except KeyboardInterrupt as interrupt:
+        # Notes of the exception say, for example, how to continue the run.
         say("; ".join(["stopped", *getattr(interrupt, "__notes__", ())]))
         return INTERRUPTED + interrupt_number(interrupt)
     except (MemoryError, ImportError, RuntimeError, OSError) as error:
-        # Libraries report a lack of memory by different errors: an ImportError if a library
-        # cannot be loaded, a RuntimeError if a thread cannot be started. The message is
-        # empty if the error has another cause.
+        # A lack of memory can also appear as an ImportError if a library cannot be loaded,
+        # or as a RuntimeError if a thread cannot start. For errors with another cause the
+        # message is empty.
         message = _system_message(error)
         if not message:
             raise
@@ -85,9 +87,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run_command(words: list[str]) -> int:
-    """Run the subcommand that the words of a command line name; return its exit status.
+    """Run the subcommand that a command line names, and return its exit status.
 
-    An error of spherekit is printed as one sentence, or raised with ``--traceback``.
+    An error of spherekit is printed as one sentence. With ``--traceback`` it is raised.
+
+    Parameters
+    ----------
+    words
+        The words after ``spherekit``, such as ``["run", "four_bar"]``.
     """
     from spherekit.cli.command_line import USAGE_ERROR, build_parser, command_parsers
     from spherekit.errors import SpherekitError
@@ -95,11 +102,12 @@ def _run_command(words: list[str]) -> int:
     from spherekit.resources import need_space
 
     parser = build_parser()
-    if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions, see `completers`
+    # With the Tab key the shell asks which words can follow, and sets this variable.
+    if "_ARGCOMPLETE" in os.environ:
         from argcomplete.finders import CompletionFinder
 
-        # Parsers of subcommands are empty until they are needed. This call adds the
-        # arguments of the subcommand in the line that is to be completed.
+        # The parser of a subcommand gets its arguments when it is needed. This call adds
+        # those of the subcommand in the line that is to be completed.
         command_parsers(parser, os.environ["COMP_LINE"].split())
         CompletionFinder()(parser, always_complete_options="long")
     options = parser.parse_args(words)
@@ -110,12 +118,14 @@ def _run_command(words: list[str]) -> int:
     if options.traceback:
         import logging
 
-        # Errors of plugins are caught and logged with their trace.
+        # Errors of plugins are caught and logged. This prints the log with their
+        # tracebacks.
         log = logging.getLogger("spherekit.plugins")
         log.setLevel(logging.DEBUG)
         log.addHandler(logging.StreamHandler())
     try:
-        # With less address space the libraries would end the process without an error.
+        # Without enough address space (virtual memory), libraries would end the process
+        # without a message.
         need_space(MIN_ADDRESS_SPACE_BYTES, "numerical libraries need")
         with (
             progress_on_screen(options),
@@ -160,10 +170,10 @@ def _is_output_error(error: Exception) -> bool:
 
 
 def _system_message(error: Exception) -> str:
-    """Return a message if there is too little memory, or if stdout takes no more.
+    """Return a message if memory is short or if stdout cannot be written; otherwise "".
 
-    The text is empty for all other errors. Libraries may report a lack of memory by an
-    error of another class, so the errors that caused the error are examined too.
+    Some libraries report a lack of memory by an error of their own. So the errors that
+    caused the error are examined, too.
     """
     cause: BaseException | None = error
     while cause is not None:
@@ -173,6 +183,7 @@ def _system_message(error: Exception) -> str:
                 f"not enough memory ({text or 'the system gives no more'}); raise the "
                 "memory limit of this process (ulimit -v), or request fewer samples"
             )
+        # The error from which this one was raised, or during which it occurred.
         cause = cause.__cause__ or cause.__context__
     if isinstance(error, OSError) and _is_output_error(error):
         return (

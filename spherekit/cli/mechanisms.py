@@ -26,17 +26,18 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """List the shipped mechanisms, and then the shipped studies.
+    """Execute ``spherekit mechanisms``: list the shipped mechanisms and studies.
 
-    Packages ship mechanisms as packs, which are folders of files. A pack or a mechanism
-    that cannot be read is reported on stderr and left out. Returns the exit status 0.
+    A study is a file that states what to compute for a mechanism. Python packages ship such
+    files in folders called packs. A pack or mechanism that cannot be read is reported on
+    stderr and left out. Returns the exit status 0.
     """
     from spherekit.errors import SpherekitError
     from spherekit.files.library import shipped
     from spherekit.files.mechanism_reader import load
     from spherekit.planning.assembly_plan import driven_pairs
 
-    rows: list[Facts] = []
+    rows: list[Facts] = []  # one for each mechanism
     for pack in shipped():
         if pack.fault:
             say(f"pack {pack.name}: {pack.fault}")
@@ -71,7 +72,17 @@ def execute(options: Namespace) -> int:
 
 
 def _mechanism_table(rows: list[Facts]) -> ScreenTable:
-    """Return a table of mechanisms with the first sentence of each description."""
+    """Return a screen table of the shipped mechanisms.
+
+    The freedoms of a mechanism are the number of its driven pairs (joints). The last column
+    has the first sentence of the description.
+
+    Parameters
+    ----------
+    rows
+        For each mechanism its name, numbers of links, pairs and freedoms, its description
+        and its source in the literature.
+    """
     columns = (
         ScreenColumn("name"),
         ScreenColumn("links", "right"),
@@ -93,7 +104,11 @@ def _mechanism_table(rows: list[Facts]) -> ScreenTable:
 
 
 def _study_tables() -> list[ScreenTable]:
-    """Return a table of the shipped studies; none if there are no studies."""
+    """Return a screen table of the shipped studies, as a list that may be empty.
+
+    A study is a file that states what to compute for a mechanism. Python packages ship
+    studies in folders called packs. A study that cannot be read is reported and left out.
+    """
     from spherekit.errors import SpherekitError
     from spherekit.files.library import shipped
     from spherekit.files.study_reader import load_study

@@ -9,24 +9,27 @@ from spherekit.wording import counted, listing
 
 
 def mode_name(mode: Any) -> str:
-    """Return the number of a mode with its name in the file, or with its signs.
+    """Return the number of an assembly mode, followed by its name or its signs in brackets.
 
-    A mode is one of the ways to assemble the mechanism. It has one sign for each dyad (two
-    links with three R pairs). Other groups of links have the character ``~`` instead of a
-    sign. These characters are left out. If the mode has neither name nor sign, only its
-    number is returned.
+    An assembly mode is one of the ways to assemble the mechanism. Its name comes from the
+    mechanism file. The text ``mode["mode"]`` has one character for each group of links. For
+    a dyad (two links with three revolute pairs) it is a sign. For other groups it is ``~``,
+    which is left out here. If there is neither name nor sign, only the number is returned.
 
     Parameters
     ----------
     mode
-        An entry of ``assembly_modes`` of the summary.
+        The facts of the mode: an entry of ``assembly_modes`` in the summary of a run.
     """
     title = mode.get("name") or mode["mode"].replace("~", "")
     return f"{mode['number']} ({title})" if title else str(mode["number"])
 
 
 def number_list(numbers: Sequence[int]) -> str:
-    """Return numbers of modes as text, successive ones as a range: ``0-5, 7``."""
+    """Return numbers as text in which successive ones form a range, such as ``0-5, 7``.
+
+    The numbers are those of assembly modes (ways to assemble the mechanism).
+    """
     parts: Lines = []
     ordered = sorted(numbers)
     start = 0
@@ -34,6 +37,7 @@ def number_list(numbers: Sequence[int]) -> str:
         stop = start
         while stop + 1 < len(ordered) and ordered[stop + 1] == ordered[stop] + 1:
             stop += 1
+        # A range needs at least three numbers.
         if stop - start >= 2:
             parts.append(f"{ordered[start]}-{ordered[stop]}")
         else:
@@ -49,9 +53,10 @@ def modes_text(numbers: Sequence[int], begins_sentence: bool = False) -> str:
 
 
 def describe_modes(summary: Any) -> Lines:
-    """Return lines about the assembly modes: their names, and where they exist.
+    """Return lines about the assembly modes of a run: their names, and where they exist.
 
-    If all modes exist everywhere, there is one line, for example::
+    An assembly mode is one of the ways to assemble the mechanism. If all modes exist
+    everywhere, there is one line, for example::
 
         2 assembly modes, both exist over the whole range: 0 (+), 1 (-)
 
@@ -64,9 +69,10 @@ def describe_modes(summary: Any) -> Lines:
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of a run.
     """
     modes = summary["assembly_modes"]
+    # A simulation has one mode, in which it starts.
     if "simulation" in summary:
         simulated = f"assembly mode {mode_name(modes[0])}"
         others = summary["other_modes"]
@@ -79,14 +85,16 @@ def describe_modes(summary: Any) -> Lines:
             "starts in another one."
         ]
     overview = summary["overview"]
+    # Where each mode exists. None: the run has no such facts of the mode.
     entries = [overview["modes"].get(str(mode["number"])) for mode in modes]
     count = counted(len(modes), "assembly mode")
-    # The number 0 of a single mode without name and signs tells nothing.
+    # If the only mode has neither name nor signs, its number is not printed.
     titles = "" if mode_name(modes[0]) == "0" and len(modes) == 1 else _mode_titles(modes)
     ending = f": {titles}" if titles else ""
 
     if all(entry is not None and entry["closes_everywhere"] for entry in entries):
         which_exist = {1: "which exists", 2: "both exist"}.get(len(modes), "all exist")
+        # The samples of the inputs form a path or a grid.
         if not overview["is_path"]:
             everywhere = "at all samples"
         elif len(summary["inputs"]) > 1:
@@ -126,25 +134,29 @@ def _mode_titles(modes: Sequence[Any]) -> str:
 
 
 def _closing_place(mode: Any, entry: Any, overview: Any, place_text: PlaceText) -> str:
-    """Return where a mode can be assembled, such as ``at input 21 = 0 to 137 deg``.
+    """Return where an assembly mode exists, such as ``at input 21 = 0 to 137 deg``.
+
+    An assembly mode is one of the ways to assemble the mechanism. It may exist only in a
+    part of the range of the input. The loops of links close there.
 
     Parameters
     ----------
     mode
-        The entry of the mode in ``assembly_modes`` of the summary.
+        The facts of the mode: an entry of ``assembly_modes`` in the summary of a run.
     entry
-        The entry of the mode in the overview of the motion. None if there is no such entry.
+        Where the mode exists: its entry in the overview of the motion. None if there is no
+        such entry. ``closes`` lists spans of places in which the mode exists.
     overview
-        The entry ``overview`` of the summary.
+        The overview of the motion in the summary of the run.
     place_text
-        Texts of the places of this overview.
+        Converts places (inputs or times) of this overview to text.
     """
     if entry is None or not entry["closes"]:
         return "nowhere"
     if entry["closes_everywhere"]:
         return "everywhere"
-    # Spans are named by an input or the time. If the samples are a grid, or have neither as
-    # their place, they are only counted.
+    # A span is named by its first and last input or time. Samples on a grid have no order,
+    # so only their share is stated.
     has_input_or_time = overview["is_path"] and place_text.kind in ("input", "time")
     if has_input_or_time:
         spans_with_mode = entry["closes"]  # first and last place of each span

@@ -191,15 +191,15 @@ def ends_at_dead_centre(overview: Any, entry: Any) -> bool:
     """Return whether an assembly mode ends at a dead centre within the range of the run.
 
     A dead centre is a singularity of type II, beyond which the mode cannot be assembled. It
-    is in general between two samples. Ranges of angles in tables then end at the last
-    sample before it, so that they are lower bounds.
+    is usually between two samples. Ranges of angles end at the last sample before it, so
+    the true ranges may be larger. A note then says so.
 
     Parameters
     ----------
     overview
-        The entry ``overview`` of the summary.
+        The overview of the motion in the summary of the run.
     entry
-        The entry of the mode in it.
+        The entry of the mode in the overview.
     """
     exists_somewhere = bool(entry["closes"])  # spans where the mode can be assembled
     is_missing_somewhere = "OUT_OF_REACH" in entry["statuses"]
@@ -215,14 +215,17 @@ def _range_text(motion: Any) -> str:
 
 
 def _swing_heading(outputs: Sequence[Any], turns: bool) -> str:
-    """Return the heading of the column of swings, which depends on the outputs.
+    """Return the heading of the table column that says how far each output moves.
+
+    The angle of an output with a fixed axis is its swing (range of rotation). For other
+    outputs it is the largest angle from the first sample.
 
     Parameters
     ----------
     outputs
-        The entries of ``outputs`` of the overview.
+        The facts of all outputs, from the overview of the motion.
     turns
-        Whether all outputs make at least one revolution in all modes.
+        Whether all outputs make at least one revolution in all assembly modes.
     """
     if turns:
         return "turns by (deg)"
@@ -280,11 +283,12 @@ def _ratio_cells(motion: Any) -> Lines:
 def _transmission_cells(
     transmission: Any, has_pair_column: bool, place_text: PlaceText
 ) -> Lines:
-    """Return the least transmission angle of an output (deg) and its place as text.
+    """Return the table cells for the least transmission angle of an output.
 
-    The table may also have a column for the pair at which the angle is measured. The name
-    of this pair is then the cell between angle and place. All cells are "-" for an output
-    without a transmission angle.
+    The transmission angle of a dyad (two links joined by a pair) is 0 at a dead centre. The
+    cells are the angle (deg), the pair (joint) at which it is measured, and the place: the
+    input or time. The cell of the pair exists only if the table has a column for it. All
+    cells are "-" for an output without a transmission angle.
     """
     if transmission is None:
         return ["-"] * (3 if has_pair_column else 2)
@@ -323,21 +327,24 @@ def _place_cell(place: float, entry: Any, place_text: PlaceText) -> str:
 def _rest_cell(
     output: Any, motion: Any, place_text: PlaceText, stop_times: Sequence[float]
 ) -> str:
-    """Return the first places at which an output comes to rest, and how many follow.
+    """Return the table cell that lists the places at which an output comes to rest.
+
+    A place is the value of the input, or the time. The cell has only the first places, and
+    says how many follow.
 
     Parameters
     ----------
     output
-        The entry of the output in ``outputs`` of the overview.
+        The facts of the output, the same in all assembly modes.
     motion
-        Its entry in ``outputs`` of an assembly mode.
+        The motion of this output in one assembly mode.
     place_text
-        Texts of the places of this overview.
+        Converts places to text.
     stop_times
-        Times (s) of a simulation at which all links stop. Where the output rests at such a
-        time, this time is printed instead of the time that is interpolated between samples.
+        Times (s) at which all links stop in a simulation. They are exact. A rest within one
+        sample of such a time is printed with this time.
     """
-    # An output without a fixed axis has no signed rate, whose change of sign shows a rest.
+    # Rests are found as changes of sign of the rate. Without a fixed axis there is no sign.
     if not output["fixed_axis"]:
         return "-"
     # An output whose angle changes by rounding errors only does not move at all.
@@ -355,21 +362,21 @@ def _rest_cell(
     for first, last in motion["uncertain_rests"]:
         text_by_place[first] = place_text.between(first, last)
     places = [text_by_place[place] for place in sorted(text_by_place)]
-    # Places that the summary does not list, and places that this cell does not list.
+    # Count the places that are left out by the summary and those left out by this cell.
     further = motion["further_rests"] + max(len(places) - MAX_LISTED_PLACES, 0)
     text = ", ".join(places[:MAX_LISTED_PLACES]) or "none"
     return f"{text} and {further} more" if further else text
 
 
 def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
-    """Return notes that explain the columns of the table of outputs, and its limits.
+    """Return notes that explain columns of the table of outputs, and say what it may miss.
 
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of a run.
     table
-        The table of `output_table`; without a table there are no notes.
+        The table of outputs from `output_table`. None: there are no notes.
     """
     if table is None:
         return []
@@ -411,12 +418,20 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
 
 
 def _describe_other_dyad(summary: Any) -> Lines:
-    """Return a note if a dyad is nearer to a dead centre than those of the outputs.
+    """Return a note if another dyad is nearer to a dead centre than those in the table.
 
-    The table has one transmission angle for each output: the angle of the dyad that
-    determines the motion of this output. Other dyads may determine the bodies to which this
-    dyad is joined. If one of them has a smaller transmission angle, the mechanism is nearer
-    to a dead centre than the table says.
+    A dyad is two links joined by a pair. Its transmission angle is 0 at a dead centre. The
+    table has one transmission angle for each output: that of the dyad which determines the
+    motion of the output. Another dyad of the mechanism may have a smaller angle.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``, the file with the main results of a run.
+
+    Returns
+    -------
+    A list with the note, or an empty list.
     """
     overview = summary["overview"]
     least_by_mode = {
@@ -438,9 +453,11 @@ def _describe_other_dyad(summary: Any) -> Lines:
         return []
     place_text = PlaceText(overview)
     place = place_text.at(least["place"])
+    # The number of a sample says little, so its inputs are printed.
     if place_text.kind == "sample":
         place = inputs_text(summary, least["inputs_rad"])
-    # Modes often share the angle, since they differ by the sign of another dyad.
+    # Assembly modes that differ in other dyads have the same least angle, so all are
+    # listed.
     modes = [
         number
         for number, entry in least_by_mode.items()

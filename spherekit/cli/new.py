@@ -35,7 +35,11 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit new`."""
+    """Declare the arguments of `spherekit new`.
+
+    This command writes files to start from: a mechanism, or a Python package with a new
+    analysis.
+    """
     parser.add_argument(
         "what",
         choices=("mechanism", "analysis"),
@@ -154,19 +158,21 @@ def execute(options: Namespace) -> int:
 
 
 def _check_name(kind: str, name: str) -> None:
-    """Raise `OutputError` unless a new mechanism or analysis may have a name.
+    """Raise `OutputError` if a name is not allowed for a new mechanism or analysis.
 
     Parameters
     ----------
     kind
-        ``"mechanism"`` or ``"analysis"``. An analysis is also a module of Python.
+        ``"mechanism"`` or ``"analysis"``. The name of an analysis is also that of a Python
+        module, so fewer names are allowed.
     name
-        The name.
+        The name that the user wrote.
     """
     from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN
     from spherekit.errors import OutputError
     from spherekit.runs.registry import analysis_names
 
+    # The message suggests a similar name that is allowed.
     suggestion = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     pattern = NAME_PATTERN.pattern
     allowed = "letters, digits and underscores"
@@ -185,9 +191,11 @@ def _check_name(kind: str, name: str) -> None:
 
 
 def distribution_files(name: str) -> dict[str, str]:
-    """Return the texts of an installable package with a new analysis, by file name.
+    """Return the files of an installable Python package with a new analysis.
 
-    In the templates, ``@NAME@`` and the like are replaced, and NAME in their file names.
+    The result has the text of each file by file name. The files are made from templates, in
+    which placeholders such as ``@NAME@`` are replaced. NAME in the name of a template is
+    replaced, too.
 
     Parameters
     ----------

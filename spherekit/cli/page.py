@@ -22,7 +22,10 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit page`."""
+    """Declare the arguments of `spherekit page`.
+
+    This command writes an HTML page on which the mechanism moves.
+    """
     add_input_argument(parser)
     add_lock_argument(parser)
     file_argument = parser.add_argument(
@@ -57,9 +60,10 @@ def add_arguments(parser: ArgumentParser) -> None:
             "and, if links have masses, driving torques)"
         ),
     )
-    # Curves of configurations cross where two assembly modes meet. The sign of a dyad says
-    # which of two poses this group of two links has. It changes along a smooth curve at a
-    # crossing. With "end" a mode keeps its signs, so it leaves its smooth curve there.
+    # A configuration curve shows the angles of the mechanism over the input. Two curves can
+    # cross where two assembly modes (ways to assemble) meet. A mode is selected by a sign
+    # for each dyad (group of two links). Such a sign changes along a smooth curve at a
+    # crossing.
     parser.add_argument(
         "--crossings",
         choices=("end", "pass"),
@@ -72,15 +76,16 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write a mechanism as an HTML page, and print what the page shows.
+    """Execute ``spherekit page``: write a mechanism as an HTML page that browsers show.
 
-    By default the page gets the name of the mechanism file. Returns the exit status 0.
+    By default the page gets the name of the mechanism file. A summary of what the page
+    shows is printed. Returns the exit status 0.
     """
     from spherekit.api.page import page
     from spherekit.files.mechanism_reader import load
 
     file = options.file
-    # With --lock the page is of a changed mechanism, which has fewer pairs than the file.
+    # With ``--lock``, pairs (joints) are locked, and the page shows the changed mechanism.
     mechanism = with_locks(load(file), options.lock) if options.lock else file
     written_page = page(
         mechanism,
@@ -88,9 +93,8 @@ def execute(options: Namespace) -> int:
         vary=options.vary,
         quantities=options.quantities,
         input_pair=options.input,
-        # Two configuration curves can cross. With "pass" an assembly mode follows its
-        # smooth curve there. With "end" it leaves this curve, because it keeps the signs
-        # of its dyads (which of two poses each group of two links has).
+        # What an assembly mode does where its configuration curve crosses another one:
+        # "end" there, or "pass" along the smooth curve.
         crossings=options.crossings or "end",
     )
     same_mechanism = shlex.join([file, *mechanism_options(options)])

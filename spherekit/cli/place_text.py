@@ -35,12 +35,15 @@ class PlaceText:
     """
 
     def __init__(self, overview: Any) -> None:
-        """Read from the overview of a run what a place is, and the distance of samples.
+        """Store what a place of the motion is in a run, and the distance between samples.
+
+        A place is the value of the input, the time, or the number of a sample. Messages use
+        it to say where something happens.
 
         Parameters
         ----------
         overview
-            The entry ``overview`` of the summary of a run.
+            The overview of the motion, from the summary of a run.
         """
         place = overview["place"]
         self.kind: str = place["kind"]
@@ -102,20 +105,21 @@ class PlaceText:
         return f"input {self.name}" if self.kind == "input" else self.name
 
     def value(self, place: float, between_samples: bool = False) -> str:
-        """Return a place as text, without its name and unit.
+        """Return a place of the motion as text, without its name and unit.
 
         Parameters
         ----------
         place
-            The place as the summary has it: the first input (rad), the time (s) or the
-            number of a sample, see `kind`.
+            The first input (rad), the time (s) or the number of a sample. `kind` says
+            which.
         between_samples
-            Whether the place is interpolated between samples, and so gets only the digits
-            that are known.
+            Whether the place was interpolated between samples. It then has fewer correct
+            digits, and only these are printed.
         """
         if self.kind == "input":
             if between_samples:
                 text = f"{math.degrees(place):.{self._interpolated_decimals}f}"
+                # This avoids the text "-0.0".
                 return "0" if float(text) == 0.0 else text
             return angle_text(place)
         if self.kind == "time":

@@ -35,9 +35,9 @@ CASE_TEXTS = {
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare the arguments of `spherekit plan`.
 
-    The command prints a table of all poles (instantaneous axes of two links). The table
-    says in which pass of the construction a pole is known. The steps say how each pole is
-    constructed.
+    This command prints a table of all poles (instantaneous axes of relative rotation of two
+    links). It says in which pass of the construction each pole is found. With ``--steps``
+    it also prints how each pole is constructed.
     """
     add_lock_argument(parser)
     file_argument = parser.add_argument(
@@ -84,9 +84,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Print the plan by which pole axes are constructed, one for each moving input.
+    """Execute ``spherekit plan``: print how pole axes are constructed.
 
-    With several inputs, one moves at a time while the others are locked. Returns the exit
+    A pole is the axis about which one link rotates relative to another. With several inputs
+    there is a plan for each: one input moves while the others are locked. Returns the exit
     status 0.
     """
     from spherekit.errors import CountError
@@ -104,10 +105,9 @@ def execute(options: Namespace) -> int:
         plans = [plan(mechanism, options.poles, name) for name in moving_inputs]
     except CountError:
         # Counting links and pairs gives too small a mobility for overconstrained
-        # mechanisms. The position analysis finds out whether the mechanism is one: it then
-        # takes the mobility from the rank of the velocity equations, and `by_rank` is True.
-        # Its positions are not used here, so two samples suffice. None stands for the
-        # inputs that the file declares, all of which are driven if there are several.
+        # mechanisms. For these, the position analysis takes the mobility from the rank of
+        # the velocity equations, and sets `by_rank`. Its positions are not used here, so
+        # two samples suffice. None stands for all driven pairs that the file declares.
         input_pair = moving_inputs[0] if len(driven) == 1 else None
         if not PositionAnalysis(mechanism, input_pair, samples=2).by_rank:
             raise
@@ -132,6 +132,7 @@ def execute(options: Namespace) -> int:
             cases = {step.case for step in input_plan.steps if isinstance(step, LinePole)}
             results += [f"case ({case}): {CASE_TEXTS[case]}" for case in sorted(cases)]
         report = ScreenReport(_question(input_plan), results=results)
+        # Suggest next commands below the last plan.
         if not options.steps and index == len(plans) - 1:
             same_plan = shlex.join(["spherekit", *options.words])
             run = f"spherekit run {shlex.quote(options.file)}"
@@ -166,12 +167,17 @@ def _pole_table(plan: "Plan") -> ScreenTable:
 
 
 def _legend(plan: "Plan") -> list[str]:
-    """Return lines that explain the marks which the pole table of a plan has."""
+    """Return lines that explain the marks in the pole table of a plan.
+
+    A pole is the axis about which one link rotates relative to another. The mark of a pole
+    says how it is constructed. Only marks that occur in the table are explained.
+    """
     from spherekit.planning.pole_plan import PRIMARY_MARK, PrimaryPole, table_cells
 
     marks = {mark for row in table_cells(plan) for mark in row}
-    # Steps of type `PrimaryPole` take the axis of an R pair or the contact line of a Cr
-    # pair. In a later pass, the axis is that of a pair which is coaxial with others.
+    # These steps take a pole from a pair (joint): the axis of a revolute pair, or the
+    # contact line of a rolling pair. In a later pass (number above 0) the pole is the
+    # common axis of several pairs.
     pair_steps = [step for step in plan.steps if isinstance(step, PrimaryPole)]
     source = "the axis of a pair"
     if any(plan.mechanism.pairs[step.pair].rolls for step in pair_steps):

@@ -38,13 +38,20 @@ class ProgressBar:
         self._progress: Progress | None = None
 
     def show(self, report: ProgressReport) -> None:
-        """Show a report in the line, in place of the report before."""
+        """Show a progress report in the bottom line of the terminal, replacing the last one.
+
+        Parameters
+        ----------
+        report
+            The activity, its state as text, the finished share (0 to 1, or None) and the
+            estimated remaining time.
+        """
         if report.is_finished:
             self.hide()
             return
         if not report.state:
-            # It is not known how far the computation is. The report is then printed as a
-            # line that remains on the screen. The bar makes room for it.
+            # Such a report has no state of progress, only a message. The message is printed
+            # as a line that stays on the screen. The bar is hidden meanwhile.
             was_shown = self._progress is not None
             self.hide()
             print_progress_line(report)
@@ -55,12 +62,12 @@ class ProgressBar:
         finish_time = None
         if report.remaining_seconds is not None:
             finish_time = time.monotonic() + report.remaining_seconds
-        # A longer line would be broken by the terminal, and could not be erased.
+        # The terminal would break a longer line, which then could not be erased.
         text = terminal_text(f"{report.activity}: {report.state}")
         text_width = max(progress.console.width - BAR_WIDTH - REMAINING_TIME_WIDTH, 1)
         if len(text) > text_width:
             text = f"{text[: text_width - 1]}…"
-        # A task without a total is drawn as a bar that moves to and fro.
+        # Without a known share, the bar only moves to and fro.
         total = None if report.share is None else 1.0
         for task_id in progress.task_ids:
             progress.update(
@@ -79,7 +86,10 @@ class ProgressBar:
             self._progress = None
 
     def _start(self) -> "Progress":
-        """Make the line, which is invisible until the first report, and return it."""
+        """Start the progress bar, which is invisible until the first report, and return it.
+
+        The bar has a text, a bar and the remaining time. It is drawn on stderr.
+        """
         from rich.console import Console
         from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
         from rich.text import Text
@@ -101,7 +111,7 @@ class ProgressBar:
             RemainingTime(),
             console=Console(stderr=True, markup=False, emoji=False, highlight=False),
             transient=True,
-            # Results go to stdout, which may be a file.
+            # Leave both streams alone: results on stdout may go to a file.
             redirect_stdout=False,
             redirect_stderr=False,
         )
@@ -127,7 +137,11 @@ def print_progress_line(report: ProgressReport) -> None:
 
 @contextmanager
 def progress_on_screen(options: Namespace) -> Iterator[None]:
-    """Show the progress of computations within the block, unless ``--quiet`` is given."""
+    """Show the progress of long computations within a `with` block.
+
+    In a terminal a bar is drawn, otherwise lines are printed. With ``--quiet`` nothing is
+    shown.
+    """
     from spherekit.progress import progress_listener
 
     listener: ProgressListener | None
@@ -138,6 +152,7 @@ def progress_on_screen(options: Namespace) -> Iterator[None]:
     else:
         listener = print_progress_line
     try:
+        # Computations in the block report their progress to this function.
         with progress_listener(listener):
             yield
     finally:

@@ -204,29 +204,33 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Run analyses, write tables, figures and a recording, and print the summary.
+    """Execute ``spherekit run``: run analyses and report their results.
 
-    All options are checked before the run begins, since a run may take long.
+    Tables, figures and a recording are written, and the summary is printed. Options are
+    checked before the run, since a run may take long.
 
     Returns
     -------
-    The exit status.
+    The exit status of the command.
     """
     from spherekit.errors import SpherekitError
     from spherekit.runs.study_analyses import make_run_analyses
     from spherekit.storage.atomic_write import check_folder, make_folder
 
+    # The study is the mechanism, its motion, and the folder for the results.
     study = _study(options)
     analyses = make_run_analyses(study, options.analysis or ())
     _check_options(study, options)
     if options.figures:
-        # Imported here so that a missing library is reported before the run.
+        # If the drawing library is missing, this import fails before the run begins.
         import spherekit.display.figures.matplotlib_sdk  # noqa: F401
     if options.prove:
+        # Proven error bounds were requested. They are not possible for every run.
         from spherekit.runs.proven_poles import check_provable
 
         check_provable(study.mechanism, [x.name for x in analyses], not options.only_needed)
-    new_folder = None  # removed again if the run fails before anything is written to it
+    # The folder, if this run creates it. A run that fails removes it if it is still empty.
+    new_folder = None
     if study.folder:
         check_folder(study.folder)
         new_folder = None if study.folder.exists() else study.folder
@@ -235,8 +239,10 @@ def execute(options: Namespace) -> int:
         result, exceeded_bounds = _run_and_report(study, analyses, options)
     except (SpherekitError, KeyboardInterrupt) as error:
         if new_folder:
-            with suppress(OSError):  # raised if a part of the run was saved in the folder
+            # `rmdir` fails if the folder has saved results, which stay there.
+            with suppress(OSError):
                 new_folder.rmdir()
+        # Add to the message how to continue the run, if a part of it was saved.
         _add_resume_hint(error, study, options)
         raise
     if study.recording and options.view:
@@ -331,16 +337,17 @@ def _draw_figures(collector: Any, folder: Path, file_format: Any) -> str:
 
 
 def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> int:
-    """Return the exit status of a run.
+    """Return the exit status of a run: 0, or a number that says that something failed.
 
     Parameters
     ----------
     result
         The result of the run.
     exceeded_bounds
-        Number of error bounds that a proof has refuted.
+        Number of error bounds that proved to be too small.
     is_strict
-        Whether failed samples, refuted bounds and missed tolerances count as failures.
+        Whether samples without a result, wrong error bounds and missed tolerances count as
+        failures (option ``--strict``).
     """
     if result.failures:
         return FAILED_ANALYSIS
@@ -351,31 +358,31 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
         {*summary["status"], *summary["pole_status"]} - {"OK"},
         any(analysis["failed_rows"] for analysis in summary["analyses"]),
         exceeded_bounds,
-        summary.get("verified", {}).get("beyond"),  # columns off by more than rounding
-        not summary.get("accuracy", {"met": True})["met"],  # a tolerance of --tol
+        summary.get("verified", {}).get("beyond"),  # columns with more than rounding errors
+        not summary.get("accuracy", {"met": True})["met"],  # the tolerance of --tol
     ]
     if simulation := summary.get("simulation"):
-        # The end "too_fast" means that no step was short enough, so the solver gave up.
-        # Other ends, such as a joint limit or a singularity, are results.
+        # "too_fast": no step was short enough, so the solver stopped. Other ends, such as a
+        # joint limit or a singularity, are proper results.
         problems += [
             simulation["missed"],  # the error of the simulation exceeds its tolerance
             simulation["end"]["kind"] == "too_fast",
         ]
-    # Each item is true, not empty or not zero if something is wrong.
+    # An item of `problems` that is true, not empty or not zero is a failure.
     return FAILED_SAMPLES if any(problems) else 0
 
 
 def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int:
-    """Enclose the poles of a run by proof, print the outcome and write a table of them.
+    """Prove bounds of the pole axes of a run, print the outcome and write a table.
 
-    A pole is the instantaneous axis of two links. The proof encloses it in balls: numbers
-    of many digits with a proven bound of their error. The table is written only if the run
-    has a folder.
+    A pole is the instantaneous axis of relative rotation of two links. The proof computes
+    each pole with many digits and a proven bound of its error. The axis from the run must
+    not be farther from it than the error bound of the run states. The table is written only
+    if the run has a folder.
 
     Returns
     -------
-    The number of error bounds of the run that the proof refutes: pole axes that are farther
-    from the proven axes than their bound allows.
+    The number of error bounds of the run that are too small.
     """
     from spherekit.runs.proven_poles import prove_poles
 
@@ -393,23 +400,24 @@ def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int
             result.summary["mechanism_hash"],
         )
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
-    # The number of bounds that the proven error exceeds.
     return proven.exceeded
 
 
 def _print_result(
     options: Namespace, study: "Study", result: "RunResult", figures: str
 ) -> None:
-    """Print the report or the summary of a run to stdout, and failures to stderr.
+    """Print the report of a run to stdout, and failed analyses to stderr.
+
+    With ``--json`` the summary is printed as JSON instead of the report.
 
     Parameters
     ----------
     options
-        Values of the arguments of the command.
+        Values of the command-line arguments.
     study, result
-        What was run, and its result.
+        The mechanism and motion of the run, and its results.
     figures
-        How many figures were drawn, and where; empty without figures.
+        How many figures were drawn, and where. Empty without figures.
     """
     from spherekit.runs.analysis_faults import describe_failure
 
@@ -427,24 +435,27 @@ def _print_result(
             figures=figures,
         )
         make_report(result.summary, output).print(options)
+    # The report shall appear before the failures.
     sys.stdout.flush()
     for name, why in result.failures.items():
         say(describe_failure(name, why))
 
 
 def _check_options(study: "Study", options: Namespace) -> None:
-    """Raise `AnalysisError` for an option that has no effect without another one."""
+    """Raise `AnalysisError` for an option that has no effect without another one.
+
+    An example is ``--resume`` (continue a run) without a folder for the results.
+    """
     from spherekit.errors import AnalysisError
 
     folder = "a folder; give the folder of the run with -o DIR"
     simulation = "a simulation; give its initial state with --start"
     recording = "a recording; make one with --save, --serve, --connect or --view"
-    # Without --format the tables have Parquet files. `--prove` encloses the poles of a run
-    # by proof, and compares them with the numbers in these files.
+    # Without --format the tables are Parquet files. Option `--prove` needs such files.
     formats = FORMAT_CHOICES.get(options.format)
     parquet = "Parquet files; give -o DIR without --format csv"
     writes_parquet = formats is None or not all(is_csv(name) for name in formats)
-    # For each option: the condition that it needs, whether it is given, its name, a hint.
+    # Each rule: what the option needs, whether the user wrote it, its name, a hint.
     rules = [
         (study.folder, options.resume, "--resume", folder),
         (study.folder, options.restart, "--restart", folder),
@@ -467,14 +478,17 @@ def _check_options(study: "Study", options: Namespace) -> None:
 def _add_resume_hint(error: BaseException, study: "Study", options: Namespace) -> None:
     """Add to an error the command that continues the run, if a part of it was saved.
 
+    The hint is a note of the exception, which is printed after its message.
+
     Parameters
     ----------
     error
-        The error that ended the run. A run that saved its part has put a note on it.
+        The error that ended the run. If a part of the run was saved, the error has a note
+        that says so.
     study
-        The study of the run, with its folder.
+        What the run computes, and its folder.
     options
-        Values of the arguments; `words` is the command line itself.
+        Values of the command-line arguments. `words` has the words of the command line.
     """
     from spherekit.runs.run_folder import has_unfinished_work
 
@@ -487,16 +501,19 @@ def _add_resume_hint(error: BaseException, study: "Study", options: Namespace) -
 def _setting_for_tolerance(
     study: "Study", analyses: "Sequence[AbstractAnalysis]", options: Namespace
 ) -> Facts:
-    """Return the cheapest setting that meets ``--tol``, as keyword arguments of `run`.
+    """Return the fastest way to compute that meets the tolerance ``--tol``.
 
-    A trade is a stored measurement of the time and error of each setting (a way to compute,
-    such as an integrator with a tolerance). Without ``--trade``, the ``--tol`` of a
-    simulation is the tolerance of its steps, and no setting is chosen.
+    A setting is one way to compute, such as an integrator with its own tolerance. A trade
+    is a stored measurement of the time and error of each setting. The setting is chosen
+    from the trades that ``--trade`` names.
+
+    In a simulation without ``--trade``, ``--tol`` is the tolerance of the integration. Then
+    no setting is chosen.
 
     Returns
     -------
-    ``setting``, and ``accuracy`` with the error that it is expected to reach. Empty if no
-    setting is to be chosen.
+    Keyword arguments of `run`: ``setting``, and ``accuracy`` with the expected error. Empty
+    if no setting is to be chosen.
 
     Raises
     ------
@@ -506,7 +523,7 @@ def _setting_for_tolerance(
     """
     from spherekit.errors import AnalysisError
 
-    # A study with the state at t = 0 is a simulation. Only simulations have ``--engine``.
+    # A simulation starts from a state at t = 0. Only simulations have ``--engine``.
     is_simulation = study.start is not None
     if options.tol is None and options.trade:
         raise AnalysisError(
@@ -528,9 +545,10 @@ def _setting_for_tolerance(
 
 
 def _study(options: Namespace) -> "Study":
-    """Return the study of the file, changed by the arguments of the command line.
+    """Return the study (mechanism, motion and outputs) that the command line describes.
 
-    With ``--view`` and no ``--save``, the recording goes to the folder of the run, or to a
+    It is read from a file, and options of the command line replace values of the file. With
+    ``--view`` and no ``--save``, the recording goes to the folder of the run, or to a
     temporary folder.
     """
     fields = {
@@ -538,6 +556,7 @@ def _study(options: Namespace) -> "Study":
         "recording": options.save,
         "tolerance": options.tol,
         "verify": options.verify,
+        # None leaves the value of the file.
         "degrees": options.deg or None,
     }
     study = study_from(options, fields)

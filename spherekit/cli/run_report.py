@@ -94,28 +94,29 @@ MAX_NEXT_STEPS = 3
 
 @dataclass(frozen=True)
 class RunOutput:
-    """What a run has written, and what the user could want next.
+    """What a run has written, and the words of its command line.
+
+    The report names the files, and suggests commands that the user could want next.
 
     Attributes
     ----------
     file
-        The mechanism or study as the user has named it.
+        The file or name of the mechanism or study, as the user wrote it.
     words
         The words of the command line after ``spherekit``.
     mechanism_options
-        The words of the command line that choose the inputs and the treatment of crossings.
-        A suggested command repeats them, because it would otherwise analyse another
-        mechanism.
+        The options that choose the inputs and say what happens where configuration curves
+        cross. Suggested commands repeat them, so that they analyse the same mechanism.
     folder
-        The folder of the run, None if no tables were written.
+        The folder of the results. None if no tables were written.
     file_names
-        Names of the files in it.
+        Names of the files in the folder.
     is_in_degrees
         Whether angles in the files are in degrees.
     recording
-        Path of the recording, None if none was written.
+        Path of the recording of the motion. None if none was written.
     figures
-        How many figures were drawn, and where; empty without figures.
+        How many figures were drawn, and where. Empty without figures.
     """
 
     file: str
@@ -129,14 +130,14 @@ class RunOutput:
 
 
 def make_report(summary: Any, output: RunOutput) -> ScreenReport:
-    """Return the report of a run.
+    """Return the report of a run for the screen, in the order in which it is printed.
 
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of the run.
     output
-        What the run has written.
+        What the run has written, and the words of its command line.
     """
     return ScreenReport(
         question=_question(summary),
@@ -150,7 +151,7 @@ def make_report(summary: Any, output: RunOutput) -> ScreenReport:
 
 
 def _question(summary: Any) -> str:
-    """Return in one line what the user asked for.
+    """Return one line that repeats what the user asked for, as the heading of the report.
 
     An example is ``four_bar: input a from 0 to 360 deg, 361 samples``. The names of the
     analyses follow if they are not the default ones.
@@ -158,8 +159,9 @@ def _question(summary: Any) -> str:
     Parameters
     ----------
     summary
-        The content of ``summary.json``. Its ``sampling`` is the number of samples as text:
-        ``361``, or ``41x21`` on a grid of two inputs.
+        The content of ``summary.json``, the file with the main results of the run. Its
+        ``sampling`` is the number of samples as text: ``361``, or ``41x21`` on a grid of
+        two inputs.
     """
     analyses = [analysis["name"] for analysis in summary["analyses"]]
     analyses_text = ""
@@ -181,9 +183,9 @@ def _question(summary: Any) -> str:
             f"start with {start}, "
             f"{samples}{analyses_text}"
         )
-    # Some analyses read no samples of the inputs: they search configurations themselves.
-    # If there are no others, no motion was computed and no assembly mode is listed. Ranges
-    # and samples of the inputs were then not used.
+    # Some analyses search configurations themselves, without samples of the inputs. If the
+    # run has only such analyses, no assembly mode is listed. The ranges of the inputs were
+    # not used and are not printed.
     if not summary["assembly_modes"]:
         names = [_input_words(summary, pair) for pair in summary["inputs"]]
         return f"{mechanism}: {numbered('input', names)}{analyses_text}"
@@ -216,18 +218,18 @@ def _input_words(summary: Any, pair: str) -> str:
 
 
 def _results(summary: Any) -> list[str | ScreenTable]:
-    """Return the results in the order of the screen.
+    """Return the results of a run as lines and tables, in the order of the screen.
 
-    The results of the analyses that the user requested come first, then the results of the
-    motion. The result of a verification, if there is one, and the accuracy come last.
+    The results of requested analyses come first, then those of the motion. A verification
+    and the accuracy come last.
 
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of the run.
     """
     results = _analysis_results(summary)
-    # Without an assembly mode the mechanism has no motion to describe.
+    # Without an assembly mode (way to assemble the mechanism) no motion was computed.
     if summary["assembly_modes"]:
         results += describe_modes(summary)
         if "simulation" in summary:
@@ -273,15 +275,18 @@ def _analysis_results(summary: Any) -> list[str | ScreenTable]:
 
 
 def _describe_dead_centres(summary: Any) -> Lines:
-    """Return lines on where modes of a mechanism with one input end at dead centres.
+    """Return lines on the dead centres at which assembly modes end.
 
-    Modes that end at the same places share a line. An example is "Modes 0, 1 end at dead
-    centres (type II singularities) near input 21 = 36.87 deg. ...".
+    A dead centre is a singularity of type II, at which the input is stationary and
+    reverses. Beyond it an assembly mode (way to assemble the mechanism) does not exist.
+    Only mechanisms with one input have such lines. Modes that end at the same places share
+    a line. An example is "Modes 0, 1 end at dead centres (type II singularities) near input
+    21 = 36.87 deg. ...".
 
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of the run.
     """
     overview = summary["overview"]
     if len(summary["inputs"]) != 1 or overview["place"]["kind"] != "input":
@@ -292,17 +297,16 @@ def _describe_dead_centres(summary: Any) -> Lines:
     for mode in summary["assembly_modes"]:
         entry = overview["modes"].get(str(mode["number"]))
         if entry is None or set(entry["statuses"]) - {"OUT_OF_REACH"}:
-            return []  # a mode may end for another reason
-        # `closes` lists the parts of the range (inputs of first and last sample) in which
-        # the mode exists. Where such a part ends inside the range, there is a dead centre
-        # between its last sample and the next one.
+            # Rows are missing for other reasons, so modes may end elsewhere.
+            return []
+        # `closes` lists spans of the input (first and last sample) in which the mode
+        # exists. If a span ends inside the range, a dead centre lies just beyond that end.
         texts = []
         for span in entry["closes"]:
             for end, step in zip(sorted(span), (-1, 1), strict=True):
                 if end in (first, last):
                     continue
-                # If samples are far apart, the text has both of them, such as "between 30
-                # and 40". Otherwise one is enough.
+                # If samples are far apart, both samples around the dead centre are named.
                 if place_text.coarse_step_text:
                     neighbour = end + step * place_text.sample_step
                     bounds = sorted((end, neighbour))
@@ -331,7 +335,18 @@ def _describe_dead_centres(summary: Any) -> Lines:
 
 
 def _describe_unexpected_mobility(summary: Any) -> Lines:
-    """Return a line if counting links and pairs does not give the number of inputs."""
+    """Return a line if the mechanism moves although counting links and pairs says otherwise.
+
+    The mobility (number of degrees of freedom) follows from the numbers of links and pairs,
+    key ``graph``. In mechanisms with special dimensions it is too small. Then the ``rank``
+    of the velocity equations has the right one. A constraint is redundant if it follows
+    from the others.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``, the file with the main results of the run.
+    """
     mobility = summary["mobility"]
     redundant = summary["redundant_constraints"]
     if mobility["rank"] is None or mobility["graph"] == mobility["rank"]:
@@ -353,7 +368,8 @@ def _describe_unexpected_mobility(summary: Any) -> Lines:
 def _describe_unapplied_limits(summary: Any) -> Lines:
     """Return a line if the file has joint limits that this run does not apply.
 
-    Without this line, users would think that outputs can reach their whole range.
+    Only a simulation ends at joint limits. Without this line, users would think that
+    outputs can reach their whole range.
     """
     texts = [
         f"{pair} ({degree_range_text(low, high)} deg)"
@@ -384,12 +400,14 @@ def _describe_meetings(summary: Any) -> Lines:
 def _describe_drive(summary: Any) -> Lines:
     """Return lines on what moves the mechanism in a simulation, and how far inputs move.
 
+    Causes are loads, a driving torque, or the inertia alone.
+
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of the run.
     """
-    # The module imports NumPy, which `spherekit run --help` does not need.
+    # Imported here, because it needs NumPy, which `spherekit run --help` does without.
     from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME
 
     inputs = summary["inputs"]
@@ -425,7 +443,15 @@ def _describe_drive(summary: Any) -> Lines:
 
 
 def _describe_simulation(simulation: Any) -> Lines:
-    """Return lines on the end, the events, the error and the energy of a simulation."""
+    """Return lines on how a simulation ended, and on its events.
+
+    Events are, for example, stops and dead centres.
+
+    Parameters
+    ----------
+    simulation
+        The entry ``simulation`` of the summary of the run.
+    """
     end = simulation["end"]
     lines = []
     if end["kind"] == "time":
@@ -437,6 +463,7 @@ def _describe_simulation(simulation: Any) -> Lines:
         )
     event_count = simulation["events"]
     lines += _describe_events(event_count, simulation["event_list"])
+    # These three kinds of events are singularities of type II.
     kinds = {event["kind"] for event in simulation["event_list"]}
     if not kinds & {"dead_centre", "type_2", "crossing"}:
         lines.append(f"The motion meets no {TYPE_2_TEXT.removeprefix('a ')}.")
@@ -446,20 +473,21 @@ def _describe_simulation(simulation: Any) -> Lines:
 def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
     """Return lines on the events of a simulation, such as stops and dead centres.
 
-    An input that comes to rest in a damped oscillation stops at the end of each swing.
-    Stops after tiny swings (`LEAST_SWING_RAD`) are only counted, in a line of their own.
+    In a damped oscillation an input stops at the end of each swing. Stops after swings
+    below `LEAST_SWING_RAD` are only counted.
 
     Parameters
     ----------
     event_count
         Number of all events.
     events
-        The events with their kinds and times. Stops also have the angle of the swing before
-        them.
+        The events with their kinds and times (s). A stop also has the angle of the swing
+        before it (rad).
     """
     times_by_event: dict[str, Lines] = {}
     small_stop_count = 0
     for event in events:
+        # Events that are not stops have no swing.
         is_small_stop = event.get("swing_rad", math.inf) <= LEAST_SWING_RAD
         if is_small_stop:
             small_stop_count += 1
@@ -485,14 +513,23 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
 
 
 def _warnings(summary: Any) -> Lines:
-    """Return faults and failures, one line for each status, with cause and cure."""
+    """Return the warnings of a run, each with its cause and what to do.
+
+    They are those of the motion, of the analyses and of the rest of the run. A last group
+    of lines explains missing results.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``, the file with the main results of the run.
+    """
     warnings = list(summary["motion_warnings"])
     names = [analysis["name"] for analysis in summary["analyses"]]
     for analysis in summary["analyses"]:
         prefix = f"{analysis['name']}: " if len(names) > 1 else ""
         warnings += [prefix + text for text in analysis["warnings"]]
-    # Warnings of the run that are neither of the motion nor of an analysis, such as those
-    # of a verification.
+    # `summary["warnings"]` repeats the warnings above. Only the others are added, such as
+    # those of a verification.
     printed_already = {
         *summary["motion_warnings"],
         *(
@@ -519,18 +556,27 @@ def _status_warnings(summary: Any) -> Lines:
 
 
 def _row_warnings(summary: Any) -> Lines:
-    """Return a line for each status of rows of the motion that is not OK."""
+    """Return a line for each reason why rows of the motion have no result.
+
+    A row is one sample of the inputs in one assembly mode (way to assemble the mechanism).
+    Its status is OK, or the reason why it has no result.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``, the file with the main results of the run.
+    """
     warnings = []
     overview = summary["overview"]
     place_text = PlaceText(overview)
     meanings = summary["status_meaning"]
-    # Rows are located by inputs or times, for example "from 30 to 50 deg". On a grid of
-    # inputs, or if samples only have numbers, no places are stated.
+    # A place is an input or a time, such as "from 30 to 50 deg". Samples on a grid, or
+    # samples with only a number, have no place.
     has_places = overview["is_path"] and place_text.kind != "sample"
     for status, count in summary["status"].items():
         if status == "OK":
             continue
-        # Modes with the status at the same places are named together.
+        # Modes for which the rows are missing at the same places are named together.
         modes_by_place: dict[str, list[int]] = {}
         for mode in summary["assembly_modes"]:
             entry = overview["modes"].get(str(mode["number"]), {})
@@ -567,7 +613,16 @@ def _pole_warnings(summary: Any) -> Lines:
 
 
 def _table_warnings(summary: Any) -> Lines:
-    """Return a line for each status of rows that only a table of an analysis has."""
+    """Return a line for each reason why only rows of a table of an analysis have no result.
+
+    The status of a row is OK, or the reason why it has no result. Rows of the motion have
+    their warnings elsewhere, so a status that occurs there is not repeated.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``, the file with the main results of the run.
+    """
     warnings = []
     for analysis in summary["analyses"]:
         for table, count_by_status in analysis["failed_rows"].items():
@@ -575,7 +630,6 @@ def _table_warnings(summary: Any) -> Lines:
             if table != source:  # the main table of an analysis has its name
                 source = f"table {table} of {source}"
             for status, count in count_by_status.items():
-                # A status of rows of the motion has a line of its own already.
                 if status in summary["status"]:
                     continue
                 warnings.append(
@@ -587,10 +641,23 @@ def _table_warnings(summary: Any) -> Lines:
 
 
 def _cause(status: str, summary: Any) -> str:
-    """Return the cause and cure of a status that apply to this run, "" if unknown."""
+    """Return in words why rows have no result, and what to do; "" if nothing specific.
+
+    Only the status OUT_OF_REACH (links cannot be assembled at these inputs) has such a
+    text.
+
+    Parameters
+    ----------
+    status
+        The reason why rows have no result.
+    summary
+        The content of ``summary.json``, the file with the main results of the run.
+    """
     if status != "OUT_OF_REACH":
         return ""
     if len(summary["inputs"]) > 1:
+        # Positions of dyads (groups of two links) have a closed form, so the cause is
+        # certain.
         if set(summary["groups"]) <= {"dyad"}:
             return (
                 "the links cannot be assembled at these inputs; narrow the ranges of the "
@@ -617,8 +684,9 @@ def _accuracy(summary: Any) -> str:
     Parameters
     ----------
     summary
-        The summary of a run. Its entry ``errors_reached`` has the largest error bounds,
-        None for a bound that was not computed. Only simulations have ``simulation``.
+        The content of ``summary.json``, the file with the main results of the run. Its
+        entry ``errors_reached`` has the largest error bounds. A bound that was not computed
+        is None.
     """
     errors = summary["errors_reached"]
     texts = [
@@ -646,29 +714,29 @@ def _accuracy(summary: Any) -> str:
 
 
 def _table_accuracy(overview: Any) -> str:
-    """Return how accurate the extremes in the table of outputs are, in words.
+    """Return in words how accurate the extremes in the table of outputs are.
 
-    The table has extremes at samples, which can be exceeded between samples.
-
-    An example is "the table is accurate to the digits shown, but angles to about 0.002 deg,
-    as samples are 1 deg of 21 apart".
+    The extremes are those of the samples. Between two samples, values can be larger or
+    smaller. An example of the text is "the table is accurate to the digits shown, but
+    angles to about 0.002 deg, as samples are 1 deg of 21 apart".
 
     Parameters
     ----------
     overview
-        The overview of a run with at least one output.
+        The overview of the motion in the summary of the run.
     """
     # The distance of two samples as text. Empty if samples are only numbered.
     sample_distance = PlaceText(overview).step_text
     if not overview["is_path"]:
         apart = f", which are {sample_distance} apart" if sample_distance else ""
         return f"the table has the extremes of the samples{apart}"
-    # Only an excess that changes a printed digit is stated.
+    # The excess is how far a value between samples may exceed the extreme. An excess is
+    # stated only if it would change a printed digit.
     largest = dict.fromkeys(TABLE_QUANTITIES, 0.0)
     for mode in overview["modes"].values():
         for motion in mode["outputs"]:
             for key, excess, last_digit in _table_excesses(motion, bool(overview["ratio"])):
-                # Towards the end of a mode, velocity ratios grow without bound.
+                # If a mode ends at a dead centre, velocity ratios grow without bound there.
                 if key == "ratio" and not mode["closes_everywhere"]:
                     continue
                 if excess > 0.5 * last_digit:
@@ -691,14 +759,17 @@ def _table_accuracy(overview: Any) -> str:
 
 
 def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float, float]]:
-    """Yield how far quantities of an output exceed their printed extremes between samples.
+    """Yield how far quantities of an output may exceed their printed extremes.
+
+    The extremes are those of the samples. Between samples a quantity may be larger or
+    smaller.
 
     Parameters
     ----------
     motion
-        The entry of the output in a mode of the overview.
+        The motion of the output in one assembly mode, from the overview of the run.
     has_speeds
-        Whether the table has speeds in place of velocity ratios.
+        Whether the table has speeds instead of velocity ratios.
 
     Yields
     ------
@@ -736,7 +807,15 @@ def _round_up(bound: float) -> str:
 
 
 def _files(summary: Any, output: RunOutput) -> str:
-    """Return one line on what was written, or on how to write it."""
+    """Return one line on the files that a run has written, or on how to write them.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``, the file with the main results of the run.
+    output
+        What the run has written.
+    """
     parts = []
     if output.folder is None:
         hint = "" if output.recording else ", --save X.rrd for a recording to view"
@@ -757,8 +836,7 @@ def _files(summary: Any, output: RunOutput) -> str:
         cost = summary["cost"].get("recording")
         size_words = f" ({size_text(cost['bytes'])})" if cost else ""
         parts.append(f"recording {output.recording}{size_words}")
-    # A recording may leave out samples: only one of every `interval` is in it, from the
-    # first one that is recorded.
+    # The recording (motion for a 3D viewer) may have only one of every `interval` samples.
     recorded_samples = summary.get("recording", {"one_of": 1, "from_sample": 0})
     interval = recorded_samples["one_of"]
     first_sample = recorded_samples["from_sample"]
@@ -771,16 +849,17 @@ def _files(summary: Any, output: RunOutput) -> str:
 
 
 def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
-    """Return commands that fit what this run has not answered yet, the best ones first.
+    """Return commands that the user may want after this run, the best ones first.
 
-    Each command has a few words that say what it gives.
+    Each command has a few words on what it computes. A command is suggested if the run has
+    not computed this already.
 
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of the run.
     output
-        The words of the command of this run, and the files that it has written.
+        What the run has written, and the words of its command line.
     """
     names = {analysis["name"] for analysis in summary["analyses"]}
     same_mechanism = shlex.join([output.file, *output.mechanism_options])
@@ -812,7 +891,7 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
         (f"spherekit page {same_mechanism}", "a page on which the mechanism moves")
     )
     steps = steps[:MAX_NEXT_STEPS]
-    # The proof is for the inputs of a mechanism, and no study is its argument.
+    # `certify` takes a mechanism file, not a study file.
     if summary["can_prove_modes"] and not output.file.endswith(".study.toml"):
         steps.append(
             (f"spherekit certify {same_mechanism}", "prove that no assembly mode is missed")
@@ -821,7 +900,15 @@ def _next_steps(summary: Any, output: RunOutput) -> list[tuple[str, str]]:
 
 
 def _details(summary: Any) -> Lines:
-    """Return how the results were computed."""
+    """Return lines on how the results of a run were computed, for ``--verbose``.
+
+    They state the mobility (number of degrees of freedom), methods, errors and cost.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``, the file with the main results of the run.
+    """
     mobility = summary["mobility"]
     rank = mobility["rank"]
     text = f"mobility {mobility['graph']} by the numbers of links and pairs"
@@ -863,7 +950,7 @@ def spent(cost: Any) -> Lines:
     Parameters
     ----------
     cost
-        The entry ``cost`` of the summary.
+        The entry ``cost`` of the summary of the run.
     """
     seconds = cost["seconds"]  # by stage of the run
     total = sum(seconds.values())
@@ -884,7 +971,7 @@ def spent(cost: Any) -> Lines:
         if cost[key]
     )
     separator = "; " if evaluations else ""
-    # Sizes of the files, for each format in which all tables were written.
+    # A size is stated only for a format in which all tables were written.
     tables = cost["tables"].values()
     rows = counted(sum(table["rows"] for table in tables), "row")
     sizes = f"  {rows} in {counted(len(tables), 'table')}"
@@ -903,19 +990,19 @@ def duration(seconds: float) -> str:
 
 
 def accuracy_line(choice: Any) -> str:
-    """Return the line about the setting that was chosen for a tolerance.
+    """Return the line about the setting that was chosen to meet a tolerance.
 
-    A setting is a way to compute the tables. A trade measures the time and the error of
-    each setting. The run is predicted to have the error that a trade measured for the
-    chosen setting. If the run computes poles at samples, some of its rows (check rows) are
-    also compared with accurate values.
+    A setting is one way to compute the tables of a run. A trade is an earlier measurement
+    of the time and error of each setting. The error in the trade is the predicted error of
+    the run. Some rows of the run (check rows) may also be compared with accurate values.
+    This gives the achieved error.
 
     Parameters
     ----------
     choice
-        The entry ``accuracy`` of the summary. Its key ``why`` has the reason of the choice
-        as a phrase, which names the trade. The predicted error is None without a trade, and
-        the achieved error is None without check rows.
+        The entry ``accuracy`` of the summary. ``why`` is the reason of the choice as a
+        phrase. The predicted error is None without a trade. The achieved error is None
+        without check rows.
     """
     predicted_error = choice["predicted_error"]
     achieved_error = choice["achieved_error"]
@@ -935,6 +1022,5 @@ def accuracy_line(choice: Any) -> str:
         )
     if predicted_error is not None:
         return f"{line}, from this measurement{unmet}"
-    # Neither a trade nor check rows: no analysis computes anything whose error depends on
-    # the setting.
+    # Without trade and check rows, no result has an error that depends on the setting.
     return f"{line}; no requested result depends on samples"

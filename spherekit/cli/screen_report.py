@@ -32,7 +32,7 @@ INDENT = "  "
 
 @dataclass
 class ScreenReport:
-    """The text that a command prints, by its purpose.
+    """The text that a command prints on the screen, in parts that are printed in order.
 
     Attributes
     ----------
@@ -49,7 +49,8 @@ class ScreenReport:
     next_steps
         Commands that the user may want next, each with a few words on its purpose.
     details
-        How the results were computed: numbers of evaluations, methods, times.
+        How the results were computed: numbers of evaluations, methods, times. Printed with
+        ``--verbose`` only.
     """
 
     question: str
@@ -91,8 +92,8 @@ class ScreenReport:
 def print_table(table: ScreenTable, console: "Console | None" = None) -> None:
     """Print a table with aligned columns to standard output.
 
-    In a narrow terminal headings are broken between words first, then cells. A table whose
-    words do not fit beside each other is printed as one paragraph for each row.
+    In a narrow terminal, headings are broken into several lines first, then cells. If even
+    single words are too wide, each row is printed as a paragraph.
     """
     from rich.text import Text
 
@@ -119,7 +120,9 @@ def print_table(table: ScreenTable, console: "Console | None" = None) -> None:
 def _column_widths(
     headings: Sequence[str], rows: Sequence[Sequence[str]], available_width: int
 ) -> list[int] | None:
-    """Return the width of each column, or None if the table cannot be made to fit.
+    """Return the width of each column of a table, so that the table fits the terminal.
+
+    The result is None if the table does not fit even with one word per line.
 
     Parameters
     ----------
@@ -128,18 +131,16 @@ def _column_widths(
     rows
         For each row the text of each cell.
     available_width
-        Sum of the widths at most.
+        Largest sum of the widths, in characters.
     """
-    # Headings are broken first, into as few lines as possible. A heading needs at most as
-    # many lines as it has words.
+    # Break headings first, into as few lines as possible.
     most_words = max([1, *(len(heading.split()) for heading in headings)])
     widths: list[int] = []
     for heading_lines in range(1, most_words + 1):
         widths = _widths_with_whole_cells(headings, rows, heading_lines)
         if sum(widths) <= available_width:
             return widths
-    # Even with one word of the headings per line the table is too wide. So cells are
-    # broken, too, those of the widest column first.
+    # The table is still too wide. Break cells, too, those of the widest column first.
     least_widths = _longest_words(headings, rows)
     if sum(least_widths) > available_width:
         return None
@@ -155,7 +156,7 @@ def _column_widths(
 def _widths_with_whole_cells(
     headings: Sequence[str], rows: Sequence[Sequence[str]], heading_lines: int
 ) -> list[int]:
-    """Return the least width of each column in which only the heading is broken.
+    """Return the least width of each column if headings may be broken, but cells not.
 
     Parameters
     ----------
@@ -164,7 +165,7 @@ def _widths_with_whole_cells(
     rows
         For each row the text of each cell.
     heading_lines
-        Largest number of lines of a heading.
+        Largest number of lines into which a heading may be broken.
     """
     widths: list[int] = []
     for number, heading in enumerate(headings):
@@ -240,10 +241,10 @@ def _console() -> "Console":
 
 
 def _print_line(console: "Console", line: str, style: str = "") -> None:
-    """Print one line as it is, without the markup of `rich`.
+    """Print one line of a report, broken between words if the terminal is too narrow.
 
-    A line that is longer than the terminal is wide is broken between words. The further
-    lines are indented, so that the beginnings of lines can be seen.
+    Further lines are indented more than the first one. The text is printed without the
+    style commands of `rich`.
     """
     from rich.text import Text
 

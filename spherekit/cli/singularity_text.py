@@ -34,21 +34,21 @@ modes that are mirror images.
 
 
 def describe_singularities(summary: Any) -> Lines:
-    """Return sentences on how near the samples come to singularities of types I and II.
+    """Return sentences on how near the samples of a run come to singularities.
 
-    The screen also has a table of outputs. If the mechanism has one input and the run is no
-    simulation, this table states the singularities of outputs with a fixed axis. They are
-    not repeated here. The sentences are about
+    At a singularity of type I an output loses a direction of motion. At one of type II the
+    locked inputs do not hold the output. The sentences are about
 
-    - type II (locked inputs do not hold the output), if there are several inputs and the
-      run is no simulation,
-    - type I (an output loses a direction of motion), for each output that is not in the
-      table.
+    - type II, if there are several inputs and the run is not a simulation,
+    - type I, for each output that the table of outputs does not cover.
+
+    In a run with one input, other than a simulation, that table covers the outputs with a
+    fixed axis.
 
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of the run.
     """
     overview = summary["overview"]
     has_several_inputs = len(summary["inputs"]) > 1
@@ -65,6 +65,7 @@ def describe_singularities(summary: Any) -> Lines:
     lines = [line for statement in statements for line in statement.lines]
     names_places = any(statement.names_singular_places for statement in statements)
     analyses = {analysis["name"] for analysis in summary["analyses"]}
+    # The analysis `singularities` computes exact places, so no hint is needed then.
     has_exact_places = "singularities" in analyses
     if names_places and has_several_inputs and not is_simulation and not has_exact_places:
         lines[-1] += (
@@ -102,13 +103,14 @@ def _extent(summary: Any) -> str:
 def _describe_type_2(summary: Any) -> _Statement:
     """Return sentences on singularities of type II of a mechanism with several inputs.
 
-    They say which assembly modes have samples at a singularity, or end at one. If there are
-    none, they name the sample that is nearest to a singularity.
+    At such a singularity the locked inputs do not hold the output. The sentences say which
+    assembly modes (ways to assemble the mechanism) have samples at a singularity, or end at
+    one. If there are none, they name the sample nearest to a singularity.
 
     Parameters
     ----------
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of the run.
     """
     overview = summary["overview"]
     meaning = "type II (locked inputs do not hold the output)"
@@ -117,6 +119,7 @@ def _describe_type_2(summary: Any) -> _Statement:
     modes_at_singularity: list[int] = []
     nearest_samples: list[_NearestSample] = []
     for number, entry in overview["modes"].items():
+        # The mode exists at some samples, and cannot be assembled at others.
         if entry["closes"] and "OUT_OF_REACH" in entry["statuses"]:
             modes_that_end.append(int(number))
         if "AT_SINGULARITY" in entry["statuses"]:
@@ -161,17 +164,18 @@ def _closest_text(
 ) -> str:
     """Return in words which assembly modes come closest to a singularity, and where.
 
-    Modes with the same inputs are listed together, for example "the closest configurations
-    are in modes 0, 1 at input A = 160 deg".
+    An assembly mode is one way to assemble the mechanism. Modes with the same inputs are
+    listed together, for example "the closest configurations are in modes 0, 1 at input A =
+    160 deg".
 
     Parameters
     ----------
     noun
-        The configuration in words, in the singular.
+        The configuration in words, such as "closest configuration".
     summary
-        The content of ``summary.json``.
+        The content of ``summary.json``, the file with the main results of the run.
     equally_near
-        The number of each mode that comes equally close, with its inputs there (rad).
+        For each mode that comes equally close: its number, and the inputs there (rad).
     """
     modes_by_place: dict[str, list[int]] = {}
     for mode, inputs in equally_near:
@@ -179,7 +183,7 @@ def _closest_text(
         if mode not in numbers:
             numbers.append(mode)
     places = [f"{modes_text(modes)} at {place}" for place, modes in modes_by_place.items()]
-    # Each mode of `equally_near` has its own configuration, also at the same inputs.
+    # Modes with the same inputs still have different configurations.
     subject = f"the {noun} is" if len(equally_near) == 1 else f"the {noun}s are"
     # Two places are joined by "and", more of them by commas.
     place_text = (
@@ -189,17 +193,20 @@ def _closest_text(
 
 
 class _NearestSample(NamedTuple):
-    """The sample of an assembly mode that is nearest to a singularity of type II.
+    """The sample of one assembly mode that is nearest to a singularity of type II.
+
+    At such a singularity the locked inputs do not hold the output. Nearness is measured by
+    the transmission measure (0 to 1) or the transmission angle (0 to 90 deg). Both are 0 at
+    the singularity.
 
     Attributes
     ----------
     mode
-        Number of the mode.
+        Number of the assembly mode (way to assemble the mechanism).
     inputs
         Inputs of the sample (rad).
     value, best_value
-        The transmission measure, or the transmission angle (deg), at this sample, and the
-        best value that it can have. It is 0 at a singularity of type II.
+        The transmission measure or angle (deg) at this sample, and its best possible value.
     measure_text
         The value in words, such as ``angle at pair 3 is 41.2 deg``.
     """
@@ -214,16 +221,18 @@ class _NearestSample(NamedTuple):
 def _list_nearest_samples(mode: int, entry: Any) -> Iterator[_NearestSample]:
     """Yield the samples of an assembly mode that are nearest to singularities of type II.
 
-    There is one for each output whose transmission measure is known (how well the locked
-    inputs hold the output, from 0 to 1). If there is none, the sample with the least
-    transmission angle of a dyad (two links in series) is yielded.
+    At such a singularity the locked inputs do not hold the output. Nearness is measured by
+    the transmission measure of an output, which is 1 at best and 0 at the singularity. One
+    sample is yielded for each output with this measure. If no output has a measure, the
+    sample with the least transmission angle of a dyad (two links joined by a pair) is
+    yielded.
 
     Parameters
     ----------
     mode
-        Number of the mode.
+        Number of the assembly mode (way to assemble the mechanism).
     entry
-        The summary of the mode.
+        The facts of the mode in the overview of the run.
     """
     has_measure = False
     for motion in entry["outputs"]:

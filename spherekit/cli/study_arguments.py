@@ -55,7 +55,10 @@ def add_input_argument(parser: ArgumentParser) -> None:
 
 
 def add_study_arguments(parser: ArgumentParser) -> None:
-    """Add the file, ``--samples``, ``--input`` and ``--lock``."""
+    """Add arguments that several commands share: file, samples, inputs and locked pairs.
+
+    The options are ``--samples``, ``--input`` and ``--lock``.
+    """
     file_argument = parser.add_argument(
         "file",
         metavar="FILE|STUDY",
@@ -153,11 +156,11 @@ def read_angle(option: str, text: str, angle_unit: "AngleUnit") -> float:
     Parameters
     ----------
     option
-        Name of the option, for messages.
+        Name of the option, for error messages.
     text
-        The text.
+        The text that the user wrote.
     angle_unit
-        Unit of a number without a unit: that of the file.
+        Unit of a number without a unit: that of the mechanism file.
 
     Raises
     ------
@@ -189,14 +192,17 @@ def mechanism_options(options: Namespace) -> list[str]:
 
 
 def with_locks(mechanism: "Mechanism", lock_texts: Sequence[str] | None) -> "Mechanism":
-    """Return a mechanism with the pairs locked that ``--lock PAIR=VALUE`` names.
+    """Return a mechanism in which the pairs (joints) named by ``--lock`` are locked.
+
+    A locked pair has a constant angle, so its two links move as one.
 
     Parameters
     ----------
     mechanism
         The mechanism. Locked angles without a unit are in the unit of its file.
     lock_texts
-        The values of ``--lock``. None or empty returns the mechanism itself.
+        The values of ``--lock``, such as ``21=30deg``. If there are none, the mechanism
+        itself is returned.
 
     Raises
     ------
@@ -285,16 +291,17 @@ def study_from(
 
 
 def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
-    """Return the time laws that ``--law [PAIR=]KIND:key=value,...`` states, by input.
+    """Return the time laws that the option ``--law`` states, by input.
 
-    A time law is the motion of an input, such as ``21=cycloidal:from=0,to=1,duration=2``.
+    A time law is the prescribed motion of an input. The text is
+    ``[PAIR=]KIND:key=value,...``, such as ``21=cycloidal:from=0,to=1,duration=2``.
 
     Parameters
     ----------
     law_texts
         The values of ``--law``.
     study
-        The study. Laws are assigned to its inputs.
+        The study, whose mechanism has the inputs.
 
     Raises
     ------
@@ -318,9 +325,9 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
             raise AnalysisError(
                 f'--law: "{kind}" is not a law{choices(kind, LAW_KINDS, "Laws")}'
             )
-        # Parameters are written with the keys of files, such as `from` for the field start.
+        # Some keys differ from the fields of the class, such as the key `from` for `start`.
         key_of_field = {field: key for key, field in KEYS[LAW_KINDS[kind]].items()}
-        # Angles, rates and times may have a unit. Truth values have none.
+        # Functions that read the value of a field, with its unit if there is one.
         readers = make_field_readers(study.mechanism.angle_unit)
         parameters = parse_fields(
             parameter_text,
@@ -342,14 +349,16 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
 
 
 def torque_of(torque_texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
-    """Return the driving torques that ``--torque [PAIR=]EXPR`` states.
+    """Return the driving torques that the option ``--torque`` states.
+
+    The text is ``[PAIR=]EXPR``: the input, and an expression for the torque.
 
     Parameters
     ----------
     torque_texts
         The values of ``--torque``.
     study
-        The study. Messages list its inputs.
+        The study. Error messages list its inputs.
 
     Returns
     -------

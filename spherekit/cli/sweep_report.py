@@ -30,12 +30,15 @@ EQUAL = 1e-9
 
 
 def sweep_report(result: "SweepResult") -> ScreenReport:
-    """Return the report on a finished sweep.
+    """Return the report on a finished sweep, with the best designs.
+
+    A sweep analyses many designs (choices of sizes) of one mechanism. A figure of merit is
+    a number that rates a design. An assembly mode is one way to assemble the mechanism.
 
     Parameters
     ----------
     result
-        The sweep. Its `frame` has a row for each assembly mode of each design.
+        The results of the sweep. `frame` has a row for each assembly mode of each design.
     """
     import numpy as np
 
@@ -107,9 +110,10 @@ def _varied_sizes(result: "SweepResult") -> str:
 
 
 def _sample_words(sweep: "Sweep") -> str:
-    """Return the samples of each design in words, empty if there are none.
+    """Return in words at which inputs each design of a sweep is analysed.
 
-    An example is ``; 361 samples, input 21 from 0 to 360 deg``.
+    An example is ``; 361 samples, input 21 from 0 to 360 deg``. The text is empty if the
+    sweep has no samples.
     """
     if sweep.samples is None:
         return ""
@@ -150,16 +154,20 @@ def _ranked_rows(frame: Any) -> Any:
 
 
 def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
-    """Return how many rows there are, and how many of them close at all samples.
+    """Return in words how many rows a sweep has, and how many exist at all samples.
+
+    A row is one assembly mode (way to assemble the mechanism) of one design. It exists at
+    an input if the loops of links close there.
 
     Parameters
     ----------
     frame
-        The table of designs, a row for each design and assembly mode.
+        The table of the sweep. Its column ``closes`` is the share of samples at which the
+        mode exists.
     is_valid
-        (rows,) whether the design has figures of merit.
+        (rows,) whether the row has figures of merit (numbers that rate the design).
     where
-        The conditions of ``--where``.
+        The conditions of ``--where``, which all rows meet.
     """
     text = f"{counted(len(frame), 'row')}, one for each design and assembly mode"
     if where:
@@ -282,14 +290,14 @@ def _heading(text: str, unit: str | None) -> str:
 def _warn_of_change_points(frame: Any) -> Lines:
     """Return a warning about four-bars that can pass a change point.
 
-    All four axes of such a four-bar can be in one plane, and its assembly modes meet in
-    this configuration. At a sample in or near this configuration, figures of merit are
-    extreme. The design then seems to be the best or the worst only because of this sample.
+    At a change point all four axes are in one plane, and assembly modes meet. Near it
+    figures of merit (numbers that rate a design) are extreme. A design may then seem the
+    best or the worst because of a single sample.
 
     Parameters
     ----------
     frame
-        The rows with figures of merit.
+        The rows of the sweep that have figures of merit.
     """
     if "grashof" not in frame.columns:
         return []
@@ -305,14 +313,17 @@ def _warn_of_change_points(frame: Any) -> Lines:
 
 
 def _count_texts(result: "SweepResult", frame: Any) -> Lines:
-    """Return lines that say how often each text occurs, such as ``crank-rocker``.
+    """Return lines that say how often each text occurs in a column of a sweep.
+
+    An example is the type of a four-bar, such as ``crank-rocker``. A last line says whether
+    all assembly modes (ways to assemble a mechanism) were found.
 
     Parameters
     ----------
     result
-        The sweep.
+        The results of the sweep.
     frame
-        The rows with figures of merit.
+        The rows that have figures of merit (numbers or texts that rate a design).
     """
     names = [name for name in ("grashof",) if name in frame.columns]
     names += [
@@ -322,7 +333,7 @@ def _count_texts(result: "SweepResult", frame: Any) -> Lines:
     ]
     lines = []
     for name in names:
-        # The type of a four-bar is that of the design, whatever its assembly mode.
+        # All assembly modes of a design have the same type of four-bar, so count designs.
         rows = frame.drop_duplicates("design") if name == "grashof" else frame
         texts_of_rows = rows[name].dropna().astype(str)
         counts = texts_of_rows[texts_of_rows != ""].value_counts()
@@ -336,7 +347,7 @@ def _count_texts(result: "SweepResult", frame: Any) -> Lines:
     if list(claims.index) == ["complete"]:
         lines.append("All assembly modes of all designs were found.")
     elif len(claims):
-        # Rows of tables of single runs state no guarantee.
+        # For some rows there is no statement about missing modes.
         texts = ", ".join(
             f"{text or 'not stated'} in {count} rows" for text, count in claims.items()
         )
@@ -345,14 +356,16 @@ def _count_texts(result: "SweepResult", frame: Any) -> Lines:
 
 
 def _describe_reasons(failed: Any) -> Lines:
-    """Return lines with the reasons for designs without figures of merit.
+    """Return lines on why some designs of a sweep have no figures of merit.
 
-    Reasons that differ only in their numbers share a line, which shows the first of them.
+    A figure of merit is a number that rates a design. Reasons that differ only in their
+    numbers share a line, which shows the first reason.
 
     Parameters
     ----------
     failed
-        A data frame with a row for each of these designs: its number, status and reason.
+        A data frame with a row for each of these designs. Columns are the number of the
+        design, the status (kind of failure) and the reason in words.
     """
     status = failed["status"].astype(str)
     kind_of_reason = failed["reason"].astype(str).map(without_numbers)

@@ -30,7 +30,8 @@ EXAMPLES = """examples:
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare the arguments of `spherekit synthesize`.
 
-    The command evaluates many designs, and starts a local optimisation at the best ones.
+    This command finds sizes with which a mechanism meets requirements. It evaluates many
+    designs, and starts a local optimisation at the best ones.
     """
     synthesis_argument = parser.add_argument(
         "synthesis",
@@ -74,10 +75,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Find sizes that meet the conditions of a synthesis; print the best designs.
+    """Execute ``spherekit synthesize``: find sizes that meet requirements of a file.
 
-    With ``--output`` the mechanism of the best design is written to a file. Returns the
-    exit status 0.
+    The best designs are printed. With ``--output`` the mechanism of the best design, number
+    0, is written to a file. Returns the exit status 0.
     """
     from spherekit.api.designs import synthesize
     from spherekit.errors import DesignError

@@ -32,8 +32,8 @@ EXAMPLES = """examples:
 def add_arguments(parser: ArgumentParser) -> None:
     """Declare the arguments of `spherekit trade`.
 
-    The command measures time and error of each setting (way to compute the tables of an
-    analysis).
+    This command measures the time and error of each setting (one way to compute the tables
+    of an analysis), so that the user can choose one.
     """
     add_study_arguments(parser)
     add_time_arguments(parser)
@@ -88,10 +88,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Measure the time and error of every setting, print a table, and write files.
+    """Execute ``spherekit trade``: measure the time and error of every setting.
 
     A setting is one way to compute the tables of an analysis, such as an integrator with a
-    tolerance.
+    tolerance. The results are printed as a table and written to files. Returns the exit
+    status 0.
     """
     from spherekit.api.trade import trade
     from spherekit.errors import AnalysisError
@@ -141,8 +142,8 @@ def execute(options: Namespace) -> int:
 def _make_report(result: "Trade", tolerance: float | None) -> ScreenReport:
     """Return the report of a trade: the recommended setting, then all settings.
 
-    A setting is one way to compute a run. A trade has the measured time and error of each
-    setting. The numbers to which errors are relative are details, for ``--verbose``.
+    A setting is one way to compute the tables of an analysis. A trade has the measured time
+    and error of each setting. Without a tolerance no setting is recommended.
     """
     from spherekit.runs.trade_text import (
         ALIGNMENTS,
@@ -176,9 +177,10 @@ def _make_report(result: "Trade", tolerance: float | None) -> ScreenReport:
 def _check_destinations(options: Namespace) -> None:
     """Raise an error if a file of the results cannot be written.
 
-    The command `trade` measures time and error of several ways to compute an analysis. This
-    takes minutes, so the files are checked before. An existing file is replaced only if
-    spherekit wrote it. Such a file is recognised by a word that it contains.
+    The command ``spherekit trade`` measures the time and error of several ways to compute
+    an analysis. This takes minutes, so the files are checked before. An existing file is
+    replaced only if spherekit wrote it. The check looks for a word that such a file
+    contains.
     """
     from spherekit.display.rerun.destination import check_place
     from spherekit.storage.atomic_write import (
@@ -192,20 +194,18 @@ def _check_destinations(options: Namespace) -> None:
         check_place(options.save)
     if options.output:
         check_folder(options.output)
-        # The name of a column of these tables.
+        # `worst_column` is the name of a column in these tables.
         check_made_by_spherekit(options.output / "trade.json", b"worst_column")
         check_made_by_spherekit(options.output / "trade.csv", b"worst_column")
         check_made_by_spherekit(options.output / "trade.png", SOFTWARE_MARK.encode())
 
 
 def _write_files(result: Any, options: Namespace) -> str:
-    """Write the times and errors of all settings; return which files were written.
+    """Write the times and errors of all settings as CSV, JSON and a figure.
 
-    The files are CSV, JSON and a figure.
-
-    A setting is a way to compute the tables of an analysis. JSON and figure mark the
-    fastest setting that meets the tolerance `options.tol`, if the user gives one. There is
-    no figure without matplotlib.
+    A setting is one way to compute the tables of an analysis. JSON and figure mark the
+    fastest setting that meets the tolerance `options.tol`, if the user wrote one. The
+    figure needs matplotlib. Returns a text that says what was written.
     """
     from spherekit.runs.trade_text import as_csv
     from spherekit.storage.atomic_write import SOFTWARE_MARK, make_folder, write_text

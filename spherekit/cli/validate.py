@@ -30,8 +30,11 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit validate`."""
-    add_lock_argument(parser)  # --lock PAIR=VALUE holds a pair, so that its links are one
+    """Declare the arguments of `spherekit validate`.
+
+    This command checks mechanism or study files, and assembles the mechanism once.
+    """
+    add_lock_argument(parser)  # --lock PAIR=VALUE keeps the angle of a pair
     file_argument = parser.add_argument(
         "file",
         nargs="+",
@@ -47,10 +50,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Check every file, and print a report on each.
+    """Execute ``spherekit validate``: check every file, and print a report on each.
 
-    The exit status is `BAD_INPUT` if any file has a fault. The files after it are checked
-    all the same.
+    The exit status is `BAD_INPUT` if any file has a fault, otherwise 0. A faulty file does
+    not prevent the check of the next ones.
     """
     status = 0
     for name in options.file:
@@ -151,18 +154,18 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
 
 
 def make_report(properties: Facts) -> ScreenReport:
-    """Return what is printed for a valid file.
+    """Return the report that is printed for a valid mechanism or study file.
 
     Parameters
     ----------
     properties
-        The result of `validate_file`.
+        The result of `validate_file`: facts of the mechanism by name.
     """
     name = properties["name"]
     study = properties.get("study")
     headline = f"{study}: valid study of {name}" if study else f"{name}: valid mechanism"
-    # The number of links and pairs gives the mobility, except for mechanisms in which the
-    # axes have special positions. The rank of the velocity equations is always right.
+    # Counting links and pairs gives a wrong mobility (number of degrees of freedom) if axes
+    # have special positions. The rank of the velocity equations is always right.
     counted_mobility = properties["mobility"]
     mobility = properties.get("rank_mobility", counted_mobility)
     degrees_of_freedom = f"{mobility} degree{'' if mobility == 1 else 's'} of freedom"

@@ -121,10 +121,11 @@ def vertex_text(sectors_deg: Sequence[float]) -> str:
 
 
 def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
-    """Return the longest range in which the vertex closes while its inputs fold together.
+    """Return the longest range in which a vertex of folded paper closes.
 
-    The fold angles of all driven creases have the same magnitude. All combinations of
-    valleys and mountains among them are tried in steps of one degree.
+    At a vertex n creases (hinges) meet, with rigid sectors between them. It closes if all
+    sectors fit together. The fold angles of the driven creases have equal magnitude, which
+    runs from 1 to 179 degrees. All combinations of valleys and mountains are tried.
 
     Parameters
     ----------
@@ -140,8 +141,8 @@ def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
     driven_count = len(sectors_deg) - 3
     fold_ranges: list[FoldRange] = []
     for signs in itertools.product((1, -1), repeat=driven_count):
-        # Reversing all fold angles mirrors the vertex. So the first crease is always a
-        # valley (+1), and the mirrored combinations are left out.
+        # Reversing all fold angles only mirrors the vertex. So the first crease is always a
+        # valley (+1).
         if signs[0] == 1:
             fold_ranges += _list_fold_ranges(sectors_deg, signs)
     # Of several longest ranges the first one is returned.
@@ -159,7 +160,11 @@ def find_fold_range(sectors_deg: Sequence[float]) -> FoldRange:
 def _list_fold_ranges(
     sectors_deg: Sequence[float], signs: tuple[int, ...]
 ) -> list[FoldRange]:
-    """Return the ranges of equal fold angles in which the vertex closes.
+    """Return the ranges of equal fold angles in which a vertex of folded paper closes.
+
+    At a vertex n creases (hinges) meet, with rigid sectors between them. The first n - 3
+    creases are driven, by fold angles of equal magnitude. The vertex closes if the other
+    creases can connect the remaining sectors. Magnitudes are tried in steps of one degree.
 
     Parameters
     ----------
@@ -173,6 +178,7 @@ def _list_fold_ranges(
     magnitudes_deg = np.arange(1, 180)
     fold_angles = np.radians(magnitudes_deg[:, None] * np.array(signs))
     is_closed = _can_close(sectors, fold_angles)
+    # Join successive magnitudes at which the vertex closes to ranges.
     fold_ranges: list[FoldRange] = []
     range_start: int | None = None
     for magnitude, closes in zip(magnitudes_deg.tolist(), is_closed, strict=True):
@@ -192,17 +198,17 @@ def _length(fold_range: FoldRange) -> int:
 
 
 def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
-    """Return where the last three creases can close the vertex.
+    """Return where the last three creases can close a vertex of folded paper.
 
-    Going around the vertex, sectors and creases alternate: c1, s1, c2, s2, ..., cn, sn. The
-    creases c1 ... c(n - 3) are driven, so the sectors from sn to s(n - 3) have a known
-    position relative to each other. The remaining sectors s(n - 2) and s(n - 1) are joined
-    by crease c(n - 1), and must span the arc between the creases c(n - 2) and cn:
+    At a vertex n creases (hinges) c1 ... cn meet. Between them are rigid sectors, in the
+    order c1, s1, c2, s2, ..., cn, sn. The creases c1 ... c(n - 3) are driven. So the
+    sectors sn, s1, ..., s(n - 3) form a strip with known angles. Its end creases are c(n -
+    2) and cn, and two more sectors must connect them:
 
         c(n - 2)   s(n - 2)   c(n - 1)   s(n - 1)   cn
 
-    The three creases are the corners of a spherical triangle. Its cosine rule gives the
-    fold angle of c(n - 1).
+    These three creases are the corners of a spherical triangle with known sides. Its cosine
+    rule gives the fold angle of c(n - 1).
 
     Parameters
     ----------
@@ -220,8 +226,8 @@ def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
         sectors  # s1 ... s(n - 3); the last three
     )
     cos_distance = _cos_end_creases([last_sector, *driven_sectors], fold_angles)
-    # The cosine rule gives the angle of the triangle at c(n - 1), between the sides
-    # s(n - 2) and s(n - 1). It is 180 degrees minus the fold angle.
+    # Cosine of the angle of the triangle at c(n - 1), which is 180 degrees minus the fold
+    # angle. If the triangle is impossible, its magnitude exceeds 1.
     cos_middle = (cos_distance - np.cos(side_a) * np.cos(side_b)) / (
         np.sin(side_a) * np.sin(side_b)
     )
@@ -231,7 +237,10 @@ def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
 
 
 def _cos_end_creases(sectors: Sequence[float], fold_angles: Floats) -> Floats:
-    """Return the cosine of the angle between the two end creases of a strip of sectors.
+    """Return the cosine of the angle between the first and the last crease of a folded strip.
+
+    The strip has m rigid sectors, which are joined by creases (hinges) that meet in one
+    point.
 
     Parameters
     ----------
@@ -244,8 +253,9 @@ def _cos_end_creases(sectors: Sequence[float], fold_angles: Floats) -> Floats:
     -------
     (t,) cosines.
     """
-    # The axis z of a frame is the crease reached so far. Along a sector the frame turns
-    # about x by the angle of the sector, and at a crease about z by the fold angle.
+    # Follow the strip with a frame, starting at the first crease. Axis z is the crease
+    # reached so far. A sector turns the frame about x by its angle, a crease about z by its
+    # fold angle.
     x_axis, _, z_axis = np.eye(3)
     first_sector, *later_sectors = sectors
     frames = np.broadcast_to(np.eye(3), (len(fold_angles), 3, 3))
@@ -253,7 +263,7 @@ def _cos_end_creases(sectors: Sequence[float], fold_angles: Floats) -> Floats:
     for sector, crease_angles in zip(later_sectors, fold_angles.T, strict=True):
         frames = frames @ rotation_about_axis(z_axis, crease_angles)
         frames = frames @ rotation_about_axis(x_axis, [sector])
-    # The first crease is the axis z of the axes in which the frames are given.
+    # The first crease is the axis z at the start, so this is the scalar product of both.
     return frames[:, 2, 2]
 
 
