@@ -28,17 +28,19 @@ class Guarantee(Enum):
 
 @dataclass(frozen=True)
 class Completeness:
-    """The completeness of a result, with its reason.
+    """States whether a result may have missed something, and why.
+
+    An example of a result is the set of all configurations at an input.
 
     Attributes
     ----------
     guarantee
-        Level of completeness.
+        Level of completeness: whether a part may be missing, and which.
     reason
         Reason in words.
     box
-        At the level `TO_BOX`, a size (rad): all parts of the result that are larger were
-        found, and smaller ones may be missing. It is 0 at other levels.
+        At the level `TO_BOX`, a size (rad). All larger parts of the result were found, and
+        smaller ones may be missing. It is 0 at other levels.
     sentence
         The statement in a whole sentence for users, empty if it follows from the level.
     """

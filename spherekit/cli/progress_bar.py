@@ -38,7 +38,7 @@ class ProgressBar:
         self._progress: Progress | None = None
 
     def show(self, report: ProgressReport) -> None:
-        """Show a progress report in the bottom line of the terminal, replacing the last one.
+        """Show a progress report in the bottom line of the terminal.
 
         Parameters
         ----------

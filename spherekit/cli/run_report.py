@@ -335,7 +335,7 @@ def _describe_dead_centres(summary: Any) -> Lines:
 
 
 def _describe_unexpected_mobility(summary: Any) -> Lines:
-    """Return a line if the mechanism moves although counting links and pairs says otherwise.
+    """Return a line if counting links and pairs gives the wrong mobility.
 
     The mobility (number of degrees of freedom) follows from the numbers of links and pairs,
     key ``graph``. In mechanisms with special dimensions it is too small. Then the ``rank``

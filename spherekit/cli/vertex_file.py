@@ -237,7 +237,7 @@ def _can_close(sectors: Floats, fold_angles: Floats) -> Bools:
 
 
 def _cos_end_creases(sectors: Sequence[float], fold_angles: Floats) -> Floats:
-    """Return the cosine of the angle between the first and the last crease of a folded strip.
+    """Return the cosine of the angle between first and last crease of a folded strip.
 
     The strip has m rigid sectors, which are joined by creases (hinges) that meet in one
     point.

@@ -26,7 +26,11 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit view`."""
+    """Declare the arguments of `spherekit view`.
+
+    This command shows a recording of a motion, or a mechanism, in a 3D viewer. It can write
+    a picture instead.
+    """
     file_argument = parser.add_argument(
         "file",
         metavar="FILE|DIR",
@@ -75,10 +79,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Open a recording or a mechanism in the viewer, or write a picture of it.
+    """Execute ``spherekit view``: show a recording or a mechanism, or write a picture.
 
-    The file of a study is refused, since a study has no recording before its run. Returns
-    the exit status.
+    A study (a file that states what to compute) is refused, since it has no recording
+    before its run. Returns the exit status.
     """
     from spherekit.files.library import STUDY_SUFFIX
 
@@ -112,9 +116,9 @@ def is_mechanism(name: str) -> bool:
 def _show_mechanism(options: Namespace) -> int:
     """Show a mechanism at one value of its inputs in every assembly mode, without a run.
 
-    The mechanism is recorded in a temporary folder, and the recording is shown. The folder
-    is deleted afterwards, unless a viewer was opened that still reads it. Returns the exit
-    status.
+    An assembly mode is one way to assemble the mechanism. A recording is written to a
+    temporary folder and shown. The folder is deleted afterwards, unless an opened viewer
+    still reads the recording. Returns the exit status 0.
     """
     from spherekit.display.rerun.preview import preview
     from spherekit.display.rerun.viewer import has_display
@@ -131,8 +135,8 @@ def _show_mechanism(options: Namespace) -> int:
     folder = Path(tempfile.mkdtemp(prefix="spherekit-"))
     path = folder / f"{mechanism.name}.rrd"
     try:
-        # A mechanism that cannot be assembled at its first inputs is shown at other ones.
-        # The remark names these and is otherwise empty. `note` prints no empty text.
+        # If the mechanism cannot be assembled at its first inputs, others are shown. The
+        # remark names these inputs, or is empty. `note` prints no empty text.
         other_inputs_remark = preview(mechanism, path)
         if other_inputs_remark:
             other_inputs_remark = f"{mechanism.name}: {other_inputs_remark}"
@@ -150,7 +154,7 @@ def _show_recording(path: Path, options: Namespace) -> int:
     Parameters
     ----------
     path
-        The recording, ``*.rrd``.
+        The recording of a motion, ``*.rrd``.
     options
         Values of the arguments: ``web`` for a browser, or ``png`` with the file of the
         picture, the sample and the size. By default the viewer is opened.

@@ -37,7 +37,10 @@ PLANE_REACH = 4.0
 
 
 class LinearisedFunctions(NamedTuple):
-    """Objectives and limits at a point, with their gradients.
+    """Functions of an optimisation at one point, with their gradients.
+
+    The optimisation minimises the largest objective, while no limit may be positive. It
+    uses the linear approximation of these functions.
 
     Attributes
     ----------

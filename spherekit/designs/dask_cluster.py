@@ -164,10 +164,11 @@ def compute_on_cluster(
 
 @contextmanager
 def _connect(address: str) -> "Iterator[Client]":
-    """Connect to a scheduler within a ``with`` block, without log messages of Dask.
+    """Connect to a Dask scheduler within a `with` block, without log messages of Dask.
 
-    The log levels of Dask are raised in the block and restored afterwards. The functions of
-    this module report a lost scheduler or missing workers instead.
+    The scheduler distributes work to worker processes on several machines. Other functions
+    of this module report a lost scheduler or missing workers instead of the log. The log
+    levels are restored afterwards.
 
     Yields
     ------
@@ -184,8 +185,7 @@ def _connect(address: str) -> "Iterator[Client]":
         x for x in logging.root.manager.loggerDict if x.startswith("distributed")
     ]
     levels = {name: logging.getLogger(name).level for name in logger_names}
-    # The configuration of Dask sets the level of each logger, so the level of the parent
-    # logger alone has no effect.
+    # Dask sets the level of each logger, so changing the parent logger alone has no effect.
     for name in logger_names:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
@@ -196,7 +196,7 @@ def _connect(address: str) -> "Iterator[Client]":
         try:
             yield client
         finally:
-            # Closing may fail if the scheduler is lost. The code in the block reports that.
+            # Closing fails if the scheduler is lost. The block itself reports this.
             with suppress(OSError, RuntimeError):
                 client.close(timeout=CONNECT_SECONDS)
     finally:
@@ -205,11 +205,11 @@ def _connect(address: str) -> "Iterator[Client]":
 
 
 def _await_workers(client: "Client", address: str) -> None:
-    """Wait until at least one worker is connected to the scheduler.
+    """Wait until at least one worker process is connected to the Dask scheduler.
 
-    The wait has no time limit, because workers that a batch system starts may come hours
-    later. A message to the user says for how long the command has been waiting. It is
-    repeated every `WAITING_REPORT_SECONDS`.
+    The wait has no time limit, because a batch system may start workers hours later. A
+    message says how long the command has been waiting. It is repeated every
+    `WAITING_REPORT_SECONDS`.
 
     Raises
     ------
@@ -221,8 +221,8 @@ def _await_workers(client: "Client", address: str) -> None:
     while not _has_workers(client, address):
         now = time.monotonic()
         if now >= next_report:
-            # `announce` drops messages about computations that are expected to take less
-            # than `REPORT_INTERVAL_S`. This expected time makes it report in any case.
+            # `announce` drops messages about work that is expected to be short. With this
+            # expected time, the message is always printed.
             expected_seconds = REPORT_INTERVAL_S
             announce(_describe_waiting(address, now - start), expected_seconds)
             next_report = now + WAITING_REPORT_SECONDS
@@ -242,7 +242,9 @@ def _describe_waiting(address: str, waited_seconds: float) -> str:
 
 
 def _has_workers(client: "Client", address: str) -> bool:
-    """Return whether the scheduler has workers, True also if it does not answer now.
+    """Return whether the Dask scheduler has worker processes.
+
+    The result is True also if the scheduler does not answer now, since it may be busy.
 
     Raises
     ------
@@ -254,8 +256,8 @@ def _has_workers(client: "Client", address: str) -> bool:
     try:
         return bool(client.nthreads())
     except (OSError, RuntimeError):
-        # The scheduler did not answer this request. If the connection is lost, the client
-        # changes its status, and the next call raises.
+        # If the connection is lost, the client changes its status, and the next call
+        # raises.
         return True
 
 
@@ -269,10 +271,11 @@ def _lost_scheduler(address: str) -> DesignError:
 
 
 def _fetch_result(part_future: "Future[Any]", client: "Client", address: str) -> Any:
-    """Return the result of a finished part from the worker that stores it.
+    """Return the result of a finished part of a sweep from the worker that stores it.
 
-    If this worker ends before it has sent the result, Dask computes the part again on
-    another worker. If no worker is connected, this function says so and waits for one.
+    A sweep computes many designs, in parts that worker processes of a cluster compute. If
+    the worker ends before it has sent the result, Dask computes the part on another worker.
+    If no worker is connected, this function says so and waits.
 
     Raises
     ------
@@ -287,9 +290,10 @@ def _fetch_result(part_future: "Future[Any]", client: "Client", address: str) ->
             return part_future.result(timeout=patience_seconds)
         except TimeoutError:
             if part_future.status == "error":
-                raise  # computing the part raised it
+                # The error itself is a TimeoutError that computing the part raised.
+                raise
             _await_workers(client, address)
-            # A large result may need more time, and each attempt begins its transfer anew.
+            # Each attempt starts the transfer anew, so a large result needs a longer one.
             patience_seconds *= 2.0
 
 
@@ -386,6 +390,7 @@ def _take_part(
         write_bytes(path, content)
     deadline = time.monotonic() + VISIBLE_SECONDS
     while not sweep.files_of(folder, part_number):
+        # Files written here are visible at once, so waiting would not help.
         if files is not None or time.monotonic() > deadline:
             raise OutputError(
                 f"{folder}: a worker has computed part {part_number}, but its file is not "
@@ -447,12 +452,13 @@ class PartComputer:
                 f"has other versions ({version_difference}); all parts of a data set must "
                 "be made with the same versions, so install these on every machine"
             )
-        # A worker may have several threads, which share one sweep. The lock lets one thread
-        # compute at a time: the first part compiles functions that all others use.
+        # Threads of a worker share one sweep. Only one computes at a time, since the first
+        # part compiles functions that all parts use.
         with _part_lock:
             if os.access(self.folder, os.W_OK | os.X_OK):
                 self.sweep.write_part(self.folder, part_number)
                 return None
+            # The folder is not on this machine, so return the content of the files.
             with TemporaryDirectory(prefix="spherekit-part-") as scratch_folder:
                 self.sweep.write_part(scratch_folder, part_number)
                 return {

@@ -58,7 +58,9 @@ MIN_START_DISTANCE = 0.1
 
 @dataclass(frozen=True)
 class LocalOptimum:
-    """The end of a descent: a design whose objectives no small change decreases.
+    """A design at which a local optimisation (descent) has ended, with its objectives.
+
+    A design is one choice of the sizes of a mechanism.
 
     Attributes
     ----------
@@ -70,8 +72,8 @@ class LocalOptimum:
     objectives
         (k,) values of the objectives, which are minimised.
     figures
-        (figures,) figures of merit, with angles in the unit (deg or rad) that the mechanism
-        file states.
+        (figures,) figures of merit (numbers that rate a design), with angles in the unit
+        (deg or rad) of the mechanism file.
     """
 
     mode: SynthesisMode
@@ -82,19 +84,22 @@ class LocalOptimum:
 
 @dataclass(frozen=True)
 class DescentValues:
-    """Objectives and conditions of a design in one assembly mode, with gradients.
+    """Objectives and conditions of one design in one assembly mode, with gradients.
+
+    An assembly mode is one way to assemble the mechanism. A local optimisation (descent)
+    needs these values.
 
     Attributes
     ----------
     functions
         The values of all objectives and conditions, and their gradients by the coordinates
-        of the design. The value of a condition is the amount by which it is violated; it is
-        negative if the condition is met.
+        of the design (0 to 1 in the range of each variable). The value of a condition is
+        positive if it is violated.
     closing_fraction
         Fraction of the samples at which the mechanism can be assembled in this mode.
     figures
-        (figures,) figures of merit, with angles in the unit (deg or rad) that the mechanism
-        file states.
+        (figures,) figures of merit (numbers that rate a design), with angles in the unit
+        (deg or rad) of the mechanism file.
     """
 
     functions: LinearisedFunctions
@@ -246,14 +251,16 @@ class Descent:
         return mode if design is None else mode.with_origin(design)
 
     def evaluate(self, x: Floats, mode: SynthesisMode) -> DescentValues:
-        """Return objectives and conditions at a point in a mode, with their gradients.
+        """Return objectives and conditions of a design in a mode, with their gradients.
+
+        An assembly mode is one way to assemble the mechanism.
 
         Parameters
         ----------
         x
-            (variables,) the point, in units of the ranges of the variables (0 to 1).
+            (variables,) the design: the position of each variable in its range (0 to 1).
         mode
-            The assembly mode: one of the ways in which the links are put together.
+            The assembly mode.
 
         Returns
         -------
@@ -262,8 +269,8 @@ class Descent:
         merit of a design that is impossible. Gradients that do not exist are zero, so the
         optimiser takes no direction from them.
         """
-        # The result of the last call is stored, because the optimiser calls for values and
-        # for gradients separately.
+        # The optimiser asks for values and gradients separately, so the last result is
+        # stored.
         key = x.tobytes(), mode
         if key not in self._last_values:
             self._last_values = {key: self._evaluate_point(x, mode)}
@@ -272,19 +279,21 @@ class Descent:
     def _evaluate_point(self, x: Floats, mode: SynthesisMode) -> DescentValues:
         """Compute the result of `evaluate` by the chain rule.
 
-        Objectives and conditions are expressions of the design variables and of the figures
-        of merit, and both are functions of the point x.
+        Objectives and conditions are expressions of the design variables (sizes) and of the
+        figures of merit (numbers that rate a design). Both are functions of the point x,
+        whose coordinates are the positions of the variables in their ranges (0 to 1).
         """
+        # Values of the design variables in the units of the mechanism file.
         values = self.file_values(x)
         figure_values = self._figure_gradients.evaluate(values, mode)
-        # Texts of the user have angles in the unit of the file.
+        # The expressions are texts of the user, with angles in the unit of the file.
         figures = figure_values.figures / self._figure_units
         figure_slopes = figure_values.gradients * self._width / self._figure_units[:, None]
-        # (variables, variables) derivatives of the design variables by x, in which the
-        # range of each is 1 wide.
+        # (variables, variables) derivatives of the design variables by x: the widths of
+        # ranges.
         variable_slopes = np.diag(self._width)
-        # NaN is replaced, since it would spread by 0 * NaN to expressions without the
-        # figure concerned.
+        # NaN is replaced by 0. Otherwise 0 * NaN would spread to expressions that do not
+        # depend on this figure.
         inner_slopes = np.nan_to_num(np.concatenate([variable_slopes, figure_slopes]))
 
         expressions = self._evaluate_expressions(np.concatenate([values, figures]))
@@ -299,17 +308,20 @@ class Descent:
         return DescentValues(functions, figure_values.closing_fraction, figures)
 
     def _evaluate_expressions(self, arguments: Floats) -> ExpressionValues:
-        """Return the objectives and conditions at values of their arguments.
+        """Return objectives and conditions at values of their arguments, with derivatives.
 
-        `arguments` are the design variables and then the figures of merit, in the units of
-        the user's texts.
+        Parameters
+        ----------
+        arguments
+            The design variables and then the figures of merit (numbers that rate a design),
+            in the units of the mechanism file.
         """
         with np.errstate(all="ignore"):
             outputs = self._functions_and_slopes(arguments[:, None])
-        # Row 0 has the expressions. A row with their derivatives by each argument follows.
+        # Row 0 has the values. Each further row has the derivatives by one argument.
         outputs = outputs.reshape(len(arguments) + 1, -1)
         slopes = outputs[1:]
-        # The optimiser takes no direction from a derivative that does not exist.
+        # With a zero derivative the optimiser takes no direction from this argument.
         return ExpressionValues(
             values=outputs[0], partial_slopes=np.where(np.isnan(slopes), 0.0, slopes)
         )
@@ -390,11 +402,11 @@ class Descent:
     def approach_aim(
         self, x: Floats, mode: SynthesisMode, aim: Floats
     ) -> tuple[Floats, float]:
-        """Bring all objectives as near to an aim as possible, or below it.
+        """Change a design so that its objectives come as near to an aim as possible.
 
         The largest of the k differences (objective - aim) / scale is minimised (the
         scalarisation of Pascoletti and Serafini 1984). If the aim is the objectives at x,
-        all objectives decrease. The descent ends where no step decreases all of them.
+        the descent decreases all of them, until no step can.
 
         Parameters
         ----------
@@ -402,8 +414,8 @@ class Descent:
             (variables,) the design at which the descent begins, in units of the ranges of
             the variables (0 to 1).
         mode
-            The assembly mode (way to assemble the mechanism). Designs in which it closes at
-            fewer samples than at the beginning are refused.
+            The assembly mode (way to assemble the mechanism). Designs that can be assembled
+            in it at fewer samples of the inputs than at the beginning are refused.
         aim
             (k,) aims of the objectives.
 
@@ -418,13 +430,15 @@ class Descent:
         min_closing_fraction = self.evaluate(x, mode).closing_fraction
 
         def scaled_functions(y: Floats) -> LinearisedFunctions | None:
-            """Return (objective - aim) / scale for all objectives, and the conditions.
+            """Return the functions that the optimiser minimises or limits, at a design y.
 
-            The scales make objectives in different units comparable. Only the signs of the
-            conditions (`limits`) matter, so they are not scaled. The result is None if the
-            design y is refused, or if a number is not finite.
+            They are (objective - aim) / scale for all objectives, and the conditions of the
+            synthesis. The scales make objectives in different units comparable. The
+            conditions are not scaled, since only their signs matter. The result is None if
+            the design is refused, or if a number is not finite.
             """
             values = self.evaluate(y, mode)
+            # The mechanism can be assembled at fewer samples than at the start.
             if values.closing_fraction < min_closing_fraction:
                 return None
             functions = values.functions
@@ -441,33 +455,34 @@ class Descent:
     def descend(self, mode: SynthesisMode, x: Floats) -> LocalOptimum:
         """Return the local optimum to which descents from a point lead.
 
-        Two kinds of descent alternate, until no objective decreases any more. The first
+        Two kinds of descent alternate until no objective decreases any more. The first
         decreases the first objective by sequential quadratic programming, while the others
-        must not increase. It may stop short at kinks, which least and greatest values have.
-        The second decreases all objectives (or the only one) by a method for functions with
-        kinks.
+        must not increase. It may stop too early at kinks, which occur because objectives
+        are least and greatest values. The second decreases all objectives together, by a
+        method for functions with kinks.
 
         Parameters
         ----------
         mode
-            The assembly mode (way to assemble the mechanism). The configurations of other
-            designs are computed from those of one design of this mode. After each descent,
-            the design at its end takes this role.
+            The assembly mode (way to assemble the mechanism). It is stored as
+            configurations of one design, from which those of near designs are computed.
+            After each descent it is stored for the new design.
         x
-            (variables,) the first point, in units of the ranges of the variables (0 to 1).
+            (variables,) the first point: the position of each variable in its range (0 to
+            1).
         """
         for _ in range(MAX_DESCENT_ROUNDS):
             start_objectives = self.objectives(x, mode)
             x = self.minimize_first_objective(x, mode)
             mode = self.track_mode_from(x, mode)
-            # `approach_aim` minimises the largest of the differences (objective - aim). The
-            # aims are the objectives at x, so all differences are 0 at first. The largest
-            # one becomes negative only if every objective decreases.
+            # The aims are the objectives at x, so all differences (objective - aim) are 0
+            # at first. Their largest one becomes negative only if every objective
+            # decreases.
             x, _ = self.approach_aim(x, mode, aim=self.objectives(x, mode))
             mode = self.track_mode_from(x, mode)
             # `scales` makes decreases of different objectives comparable.
             decrease = (start_objectives - self.objectives(x, mode)) / self.scales
-            # Written with "not", so that NaN ends the descent too.
+            # This form also ends the loop for NaN.
             if not np.max(decrease) > MIN_RELATIVE_DECREASE:
                 break
         return self.as_optimum(mode, x)
@@ -482,19 +497,19 @@ class Descent:
     ) -> LocalOptimum:
         """Look for a design that is better than a local optimum in all objectives.
 
-        Descents from other starts aim at the objectives of the optimum. If a descent passes
-        below this aim, its end replaces the optimum, and the search begins anew.
+        Descents from other starts aim at the objectives of the optimum. If one ends below
+        all of them, its end replaces the optimum, and the search begins anew.
 
         Parameters
         ----------
         optimum
             The local optimum.
         optima
-            All optima of the synthesis, which serve as other starts too.
+            All local optima of the synthesis. They serve as further starts.
 
         Returns
         -------
-        The given optimum, or the last one that replaced it.
+        The optimum itself, or the last one that replaced it.
         """
         for _ in range(MAX_DESCENT_ROUNDS):
             for start in self._other_starts(optimum, optima):
@@ -514,18 +529,18 @@ class Descent:
     ) -> Iterator[Floats]:
         """Yield starts of descents that may lead to a better design than an optimum.
 
-        They are designs that were evaluated before the descents (rows), and optima of other
-        descents, in the same assembly mode (way to assemble the mechanism). Objectives are
-        minimised. The starts are sorted by the largest amount by which an objective exceeds
-        that of the optimum, smallest first. A start that is nearer to the optimum or to an
-        earlier start than `MIN_START_DISTANCE` is left out.
+        Starts are designs that were evaluated before all descents, and optima of other
+        descents. They have the same assembly mode (way to assemble the mechanism). Starts
+        with nearly the objectives of the optimum, or better ones, come first. A start too
+        near to the optimum or to an earlier start is left out.
 
         Yields
         ------
-        (variables,) the start, in units of the ranges of the variables (0 to 1).
+        (variables,) the start: the position of each variable in its range (0 to 1).
         """
         candidates = self._candidate_starts(optimum, optima)
         excesses = (candidates.objectives - optimum.objectives) / self.scales
+        # The largest amount by which an objective exceeds that of the optimum.
         largest_excess = np.max(excesses, axis=1)
         starts: list[Floats] = []
         for k in np.argsort(largest_excess, kind="stable"):
@@ -540,14 +555,18 @@ class Descent:
     def _candidate_starts(
         self, optimum: LocalOptimum, optima: Sequence[LocalOptimum]
     ) -> CandidateStarts:
-        """Return the rows and optima that have the same assembly mode as an optimum."""
-        # Rows store the label of their mode and no configurations, so labels are compared.
+        """Return all designs from which a descent may start to beat an optimum.
+
+        They are designs that were evaluated before all descents (rows), and optima of other
+        descents. They have the same assembly mode (way to assemble the mechanism) as the
+        optimum.
+        """
+        # Rows store only the label of their mode, so labels are compared.
         is_same_mode = self.modes == optimum.mode.label
         points = [self.points[is_same_mode]]
         objectives = [self._row_objectives[is_same_mode]]
-        # One mode may have different labels in different designs. Optima store the
-        # configurations of their mode. `continues_in` follows these to the design of the
-        # optimum and compares them there.
+        # The label of a mode can differ between designs. So `continues_in` follows the
+        # configurations of the other optimum to this design, and compares them there.
         for candidate in optima:
             if candidate.mode.continues_in(optimum.mode):
                 points.append(candidate.x[None, :])
@@ -579,9 +598,9 @@ def select_unbeaten(
     Parameters
     ----------
     optima
-        Ends of descents, in one or several modes.
+        Local optima: designs with their objectives, which are minimised.
     tolerance
-        (k,) differences of objectives that do not count.
+        (k,) differences of the k objectives that do not count.
 
     Returns
     -------
@@ -589,8 +608,8 @@ def select_unbeaten(
     """
     unbeaten = []
     for optimum in optima:
-        # Optima have different designs. `continues_in` follows the assembly mode of the
-        # other design to the design of this optimum, and tells whether it is the same mode.
+        # `continues_in` follows the assembly mode of the other design to this design, and
+        # tells whether it is the same mode.
         is_beaten = any(
             other.mode.continues_in(optimum.mode) and is_better(other, optimum, tolerance)
             for other in optima

@@ -19,9 +19,10 @@ _COMPARISON_SIGN = re.compile(r"(<=|>=|<|>)")
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition ``less < more``, or ``less <= more``, on two expressions.
+    """A condition ``less < more``, or ``less <= more``, on the designs of a table.
 
-    It is not met if a side is NaN.
+    Both sides are expressions of columns, such as sizes. The condition is violated if a
+    side is NaN.
 
     Attributes
     ----------
@@ -59,14 +60,14 @@ class Condition:
 
 
 def parse_condition(text: str, names: Collection[str]) -> Condition:
-    """Parse a condition such as ``"links_2_arc < links_4_arc"``.
+    """Read a condition on designs, such as ``"links_2_arc < links_4_arc"``.
 
     Parameters
     ----------
     text
         The condition: two expressions with ``<``, ``<=``, ``>`` or ``>=`` between them.
     names
-        Names that the expressions may contain.
+        Names of the columns that the expressions may contain.
 
     Returns
     -------

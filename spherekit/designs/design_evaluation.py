@@ -113,9 +113,10 @@ class DesignMotion:
     motion
         The configurations of all modes at the samples of the inputs.
     values
-        (variables, samples + points, modes) pair variables (rad), first at the samples,
-        then at the inputs at which some figures of merit are evaluated (points). NaN where
-        the mechanism cannot be assembled in the mode.
+        (variables, samples + points, modes) pair (joint) variables in rad. The samples of
+        the inputs come first. The points are further inputs at which some figures of merit
+        (numbers that rate a design) are evaluated. NaN where the mechanism cannot be
+        assembled in the mode.
     """
 
     position_analysis: PositionAnalysis
@@ -178,9 +179,10 @@ class DesignEvaluator:
         merits: Sequence[FigureOfMerit],
         samples: DesignSamples,
     ) -> None:
-        """Read the figures of merit and make the kernel of all designs, if there is one.
+        """Prepare the evaluation of many designs (choices of sizes) of one mechanism.
 
-        A kernel is a function that evaluates quantities of many designs at once.
+        The figures of merit are read. If possible, a kernel is created: a function that
+        evaluates quantities of many designs at once.
 
         Parameters
         ----------
@@ -205,13 +207,14 @@ class DesignEvaluator:
             mechanism,
             self.variables,
             self.inputs,
-            # Links that touch each other at circles are replaced by a linkage of R pairs
-            # that moves like the mechanism, if there is one.
+            # Circular contacts can be replaced by links with revolute pairs that move in
+            # the same way. This is such a linkage, or None.
             equivalent_linkage=find_equivalent_linkage(mechanism, self.inputs),
-            # Whether figures depend on masses that the file gives by sizes of links. These
-            # masses change with the sizes from design to design.
+            # Whether masses follow from sizes of links, and so change from design to
+            # design.
             masses_follow_sizes=self._masses_follow_sizes,
         )
+        # None if designs have to be analysed one by one.
         self.kernel, self._tracking_start = self._make_kernel()
 
     def _check_torque_tables(self) -> None:
@@ -227,11 +230,12 @@ class DesignEvaluator:
             check_torque_tables_cover(self.mechanism, times_in_s)
 
     def _make_kernel(self) -> tuple[DesignKernel | None, TrackingStart | None]:
-        """Make the function that evaluates many designs at once, if there is one.
+        """Create the function that evaluates many designs at once, if this is possible.
 
-        If positions have no closed form, solutions of the closure equations are tracked
-        from design to design. There is no kernel if no solutions are known from which
-        others can be tracked.
+        Designs (choices of sizes) then share the same equations. If positions have no
+        closed form, solutions of the closure equations are tracked from design to design.
+        This needs the solutions of one design to start from. Without them there is no
+        kernel.
 
         Returns
         -------
@@ -314,9 +318,10 @@ class DesignEvaluator:
         )
 
     def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:
-        """Return the Grashof class of each design of a four-bar.
+        """Return the Grashof class of each design of a four-bar, such as "crank-rocker".
 
-        The class says which links turn through full revolutions.
+        A design is one choice of the sizes. The class says which links turn through full
+        revolutions.
 
         Parameters
         ----------
@@ -332,15 +337,14 @@ class DesignEvaluator:
         if links_of_four_bar is None or self.kernel is None:
             return None
         varied_mechanism = self.varied_mechanism
-        # `compute_arcs` is a function of the sizes (sizes, n) of n designs. It returns the
-        # arcs (links, n), in rad, of all links with two axes.
+        # `compute_arcs` computes the arcs (links, n) in rad of all links with two axes,
+        # from the sizes (sizes, n) of n designs.
         links, compute_arcs = arc_function(varied_mechanism.make_expressions())
         values_in_rad_and_si = values * varied_mechanism.unit_scales[:, None]
-        # `size_variables` lists which variables are sizes of links.
+        # The variables that are sizes of links.
         link_sizes = values_in_rad_and_si[varied_mechanism.size_variables]
-        # The arguments of `compute_arcs` are in the order of `nominal_sizes`: first the
-        # sizes of links, then numbers of masses and loads. The latter have no influence on
-        # arcs, and are zero here.
+        # `compute_arcs` also expects numbers of masses and loads after the sizes of links.
+        # They do not influence arcs and are zero here.
         other_count = len(varied_mechanism.nominal_sizes) - len(link_sizes)
         other_sizes = np.zeros((other_count, values.shape[1]))
         sizes = np.concatenate([link_sizes, other_sizes])
@@ -351,28 +355,30 @@ class DesignEvaluator:
     def evaluate(self, values: Floats) -> DesignTable:
         """Compute the figures of merit of designs.
 
+        A design is one choice of the sizes. A figure of merit is a number that rates it.
+
         Parameters
         ----------
         values
-            (variables, n) values of the variables, in the units of the file.
+            (variables, n) values of the design variables, in the units of the file.
 
         Returns
         -------
-        The rows of all designs; `DesignTable.design` is the column of `values`.
+        A row for each design and assembly mode (way to assemble the mechanism). The column
+        `design` is the index of the design in `values`.
         """
-        # Designs are evaluated in blocks whose values at all samples (the rows of
-        # `figures`) fit into memory.
+        # Evaluate as many designs together as memory permits.
         values_per_design = len(self.figures.merits) * len(self.figures.rows)
         fitting_count = MAX_FIGURE_VALUES // values_per_design + 1
         block_size = min(DESIGNS_PER_BLOCK, fitting_count)
         if self.tracks_solutions:
-            # Positions have no closed form: complex solutions of the closure equations are
-            # tracked from design to design. They need more memory than the figures do.
+            # Without a closed form, solutions of the closure equations are tracked from
+            # design to design. This needs more memory.
             block_size = self._designs_tracked_together
         parts = []
         for start in range(0, values.shape[1], block_size):
             block = values[:, start : start + block_size]
-            # A kernel is a function that evaluates all designs of a block at once.
+            # The kernel evaluates all designs of a block at once.
             if self.kernel:
                 part = self._evaluate_by_kernel(self.kernel, block)
             else:
@@ -433,14 +439,15 @@ class DesignEvaluator:
     def _evaluate_by_kernel(self, kernel: DesignKernel, values: Floats) -> DesignTable:
         """Return the figures of merit of designs, by the kernel where it applies.
 
-        There are three sets of designs:
+        A figure of merit is a number that rates a design (choice of sizes). The kernel
+        computes many designs at once. There are three groups of designs:
 
         - Impossible designs get a row with the reason.
-        - Designs to which the kernel applies are computed together.
-        - The others are analysed one by one. There are two reasons. They can have other
-          kinds or numbers of loads or contacts than the mechanism of the file
-          (`OTHER_FORM`), for which the kernel was made. A solution of their closure
-          equations can also be lost while it is tracked.
+        - Most designs are computed together by the kernel.
+        - The rest is analysed one by one. For some of them the kernel does not apply,
+          because they have other loads or contacts than the mechanism of the file
+          (`OTHER_FORM`). For others a solution of the closure equations is lost while it is
+          tracked.
 
         Parameters
         ----------
@@ -454,7 +461,7 @@ class DesignEvaluator:
         A row for each design and each assembly mode in which it can be assembled.
         """
         names = self.figures.names
-        # `reasons` has a text for each design: OK, OTHER_FORM, or why it is impossible.
+        # `reasons` (n,) is OK, OTHER_FORM, or the reason why the design is impossible.
         sizes, reasons = self.varied_mechanism.kernel_sizes(values)
         for design, reason in self._find_impossible_arcs(values).items():
             reasons[design] = reason
@@ -471,8 +478,7 @@ class DesignEvaluator:
                 kernel, sizes[:, possible], file_values=values[:, possible]
             )
             one_by_one = np.append(one_by_one, possible[lost_designs])
-            # `kernel_part` numbers the possible designs only: its design k is design
-            # ``possible[k]`` of `values`.
+            # Design k of `kernel_part` is design ``possible[k]`` of `values`.
             parts.append(_renumber_designs(kernel_part, possible))
         single_part = self._evaluate_one_by_one(values[:, one_by_one])
         parts.append(_renumber_designs(single_part, one_by_one))
@@ -483,12 +489,18 @@ class DesignEvaluator:
     ) -> tuple[DesignTable, Indices]:
         """Return the figures of merit of designs in all assembly modes, by the kernel.
 
+        A figure of merit is a number that rates a design (choice of sizes). An assembly
+        mode is one way to assemble the mechanism. If positions have no closed form,
+        solutions of the closure equations are tracked from design to design, and some can
+        be lost.
+
         Parameters
         ----------
         kernel
             Computes quantities of many designs at once.
         sizes
-            (sizes, n) arguments of the kernel that differ between the n designs.
+            (sizes, n) arguments of the kernel that differ between the n designs (rad, SI
+            units).
         file_values
             (variables, n) the numbers that the user varies, in the units of the file.
 
@@ -505,12 +517,14 @@ class DesignEvaluator:
         return self._evaluate_signed_modes(kernel, sizes), no_designs
 
     def _find_impossible_arcs(self, values: Floats) -> dict[int, str]:
-        """Return the reasons why designs with arcs outside 0 to 180 deg are impossible.
+        """Return the designs that have an arc of a link outside 0 to 180 deg.
+
+        Such designs are impossible. Each gets a text with the reason.
 
         Parameters
         ----------
         values
-            (variables, n) values of the variables, in the units of the file.
+            (variables, n) values of the design variables, in the units of the file.
 
         Returns
         -------
@@ -521,6 +535,7 @@ class DesignEvaluator:
         for variable, arcs, scale in zip(self.variables, values, scales, strict=True):
             if not self._is_unsigned_arc(variable):
                 continue
+            # NaN also counts as outside.
             is_outside = ~((arcs > 0.0) & (arcs * scale < np.pi))
             for design in np.flatnonzero(is_outside).tolist():
                 reasons[design] = (
@@ -546,18 +561,19 @@ class DesignEvaluator:
     def _add_missing_designs(
         self, parts: list[DesignTable], design_count: int, claim: str
     ) -> DesignTable:
-        """Join tables, and add a row for each design that is in none of them.
+        """Join tables of designs, and add a row for each design that is in none of them.
 
-        The added rows say that the design cannot be assembled at any sample.
+        Such a design cannot be assembled at any sample of the inputs, and its row says so.
 
         Parameters
         ----------
         parts
-            Rows of the designs in the assembly modes in which they close.
+            Tables with a row for each design and assembly mode (way to assemble the
+            mechanism).
         design_count
             Number of all designs.
         claim
-            Guarantee, in the added rows, that no assembly mode was missed.
+            Text for the added rows: whether an assembly mode may have been missed.
         """
         names = self.figures.names
         present = np.concatenate([part.design for part in parts])
@@ -571,18 +587,19 @@ class DesignEvaluator:
         return DesignTable.join_by_design([*parts, missing], names)
 
     def _evaluate_signed_modes(self, kernel: DesignKernel, sizes: Floats) -> DesignTable:
-        """Return the figures of merit of designs in all their assembly modes, by signs.
+        """Return the figures of merit of designs in all assembly modes, by signs.
 
-        All groups of links are dyads. A dyad (two links and three R pairs) can be assembled
-        in two ways, which have different signs of the triple product of its three axes.
-        Each combination of signs is an assembly mode of the mechanism.
+        A figure of merit is a number that rates a design (choice of sizes). All positions
+        have a closed form, because the links form dyads. A dyad (two links and three
+        revolute pairs) can be assembled in two ways, which have different signs. Each
+        combination of signs is an assembly mode (way to assemble the mechanism).
 
         Parameters
         ----------
         kernel
             Computes quantities of many designs from the signs of their dyads.
         sizes
-            (sizes, n) sizes of the designs.
+            (sizes, n) sizes of the n designs (rad, SI units).
 
         Returns
         -------
@@ -591,7 +608,7 @@ class DesignEvaluator:
         row says this in its column `claim`.
         """
         parts = []
-        # The parts of the equations that depend on the sizes alone, for all modes.
+        # Numbers that depend on the sizes alone, computed once for all modes.
         prepared = kernel.prepare(sizes)
         dyad_count = len(kernel.position_arguments)
         sample_count = len(self.figures.rows)
@@ -599,8 +616,8 @@ class DesignEvaluator:
         for signs in product((1.0, -1.0), repeat=dyad_count):
             # All samples of all designs have the same signs.
             sign_arrays = np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape)
-            # The closed form gives angles in (-pi, pi], but loads such as wound springs
-            # depend on whole revolutions. `revolution_offsets` adds these revolutions.
+            # The closed form gives angles in (-pi, pi]. Loads such as wound springs also
+            # need whole revolutions, which `revolution_offsets` adds.
             table = self.figures.evaluate_modes(
                 kernel,
                 prepared,
@@ -679,9 +696,9 @@ class DesignEvaluator:
     def track_modes(self, sizes: Floats) -> TrackedModes:
         """Return the configurations of n designs in all assembly modes, by tracking.
 
-        An assembly mode is one of the ways to assemble the mechanism. All solutions of the
-        closure equations are known for one design. They are computed for the other designs
-        while the sizes change step by step.
+        An assembly mode is one way to assemble the mechanism. All solutions of the closure
+        equations are known for one design. Changing the sizes step by step leads from these
+        to the solutions of the other designs.
 
         Parameters
         ----------
@@ -692,12 +709,13 @@ class DesignEvaluator:
         Returns
         -------
         The modes, with configurations at all samples of the inputs, and then at the points.
-        A point is the inputs at which some figure of merit is evaluated.
+        A point is further inputs at which a figure of merit (number that rates a design) is
+        evaluated.
         """
         assert self._tracking_start is not None
         path_kernel, start_solutions = self._tracking_start
-        # Modes are tracked from input to neighbouring input. `row_indices` are the indices
-        # of all samples, and then of all points, among the inputs in this order.
+        # The inputs in the order of tracking, from neighbour to neighbour. `row_indices`
+        # finds the samples and points among them.
         input_grid, row_indices = self._tracking_inputs
         modes = track_assembly_modes(path_kernel, start_solutions, sizes, input_grid)
         return replace(modes, values=modes.values[:, row_indices])
@@ -705,10 +723,14 @@ class DesignEvaluator:
     def analyse_positions(self, mechanism: Mechanism) -> DesignMotion:
         """Find the assembly modes of the mechanism of one design by a search.
 
+        This is used for designs (choices of sizes) that are not computed together with
+        others.
+
         Returns
         -------
         The modes (ways to assemble the mechanism) with their configurations, at the samples
-        and at the points. A point is the inputs at which some figure of merit is evaluated.
+        of the inputs and at the points. A point is further inputs at which a figure of
+        merit (number that rates a design) is evaluated.
         """
         position_analysis = self._search_modes(mechanism)
         motion_at_samples = position_analysis.motion()
@@ -721,9 +743,11 @@ class DesignEvaluator:
         )
 
     def _search_modes(self, mechanism: Mechanism) -> PositionAnalysis:
-        """Return the search for the assembly modes of the mechanism of a design.
+        """Return the search for the assembly modes of one design.
 
-        The samples are on a path of the inputs, or on a grid over their ranges.
+        An assembly mode is one way to assemble the mechanism. The search uses the same
+        samples of the inputs for all designs: a path, or a grid over the ranges of the
+        inputs.
         """
         input_grid = self.samples.input_grid
         sampling: dict[str, Any] = {"path": input_grid.q}
@@ -733,25 +757,27 @@ class DesignEvaluator:
             mechanism,
             self.inputs,
             **sampling,
-            # Where curves of configurations cross, "pass" lets a mode follow the smooth
-            # curve.
+            # What a mode does where its configuration curve crosses another one: "pass"
+            # follows the smooth curve.
             crossings=self.samples.crossings,
         )
 
     def _evaluate_points(self, position_analysis: PositionAnalysis) -> Motion:
-        """Return the configurations of all modes at the points of figures of merit.
+        """Return the configurations of all assembly modes at the points of figures.
 
-        A point is the inputs at which some figure of merit is evaluated.
+        Some figures of merit (numbers that rate a design) are evaluated at certain inputs.
+        These inputs are called a point.
 
         Parameters
         ----------
         position_analysis
-            The search for the modes, which has found them at the samples.
+            The search for the assembly modes (ways to assemble the mechanism). It has found
+            them at the samples of the inputs.
         """
         if len(self.inputs) == 1:
             # The modes are continuous curves over one input and can be evaluated anywhere.
             return position_analysis.at(self.figures.points[:, :1])
-        # With several inputs, modes may be known at the samples only.
+        # With several inputs, modes are only known at samples. Each point is one of them.
         return position_analysis.samples(self._point_samples)
 
     @cached_property
@@ -855,22 +881,21 @@ class DesignEvaluator:
     def find_revolution_offsets(
         self, kernel: DesignKernel | RedundantKernel, solver: PositionSolver, values: Floats
     ) -> Floats:
-        """Return the revolution offsets of the assembly modes of one design.
+        """Return multiples of 2 pi that make angles of one design continuous along samples.
 
-        An assembly mode is one of the ways to assemble the mechanism. A revolution offset
-        is the multiple of 2 pi to be added to an angle so that it is continuous along the
-        samples.
+        Configurations have angles in (-pi, pi]. Loads such as wound springs depend on whole
+        revolutions, so these are counted here.
 
         Parameters
         ----------
         kernel
             The function that evaluates quantities of the design. Its `unwrapped_pairs` are
-            the pairs on whose whole revolutions loads depend.
+            the pairs (joints) for which loads depend on whole revolutions.
         solver
             The position solver of the design.
         values
-            (variables, k, modes) pair variables (rad) at k successive samples, NaN where a
-            mode does not close.
+            (variables, k, modes) pair variables (rad) at k successive samples. NaN where
+            the mechanism cannot be assembled in the mode (way to assemble it).
 
         Returns
         -------
@@ -879,17 +904,17 @@ class DesignEvaluator:
         offsets = np.zeros((len(kernel.unwrapped_pairs), *values.shape[1:]))
         if not kernel.unwrapped_pairs:
             return offsets
-        # `Mechanism.angles` gives the number of the variable of a pair.
+        # Indices of the angles of these pairs among the pair variables.
         variables = [solver.mechanism.angles[name] for name in kernel.unwrapped_pairs]
         unwrapping = AngleUnwrapping(solver)
         for mode in range(values.shape[2]):
             mode_values = values[:, :, mode]
-            # The samples at which the mode closes, and their configurations (n, variables).
-            # The offsets of other samples stay 0.
+            # The samples at which the mode exists, and their configurations (n, variables).
+            # At other samples the offsets stay 0.
             samples = np.flatnonzero(all_finite(mode_values, 0))
             configurations = mode_values[:, samples].T
-            # (n, variables) whole revolutions to be added. The angles are followed from an
-            # input where they are in (-pi, pi] to the inputs of these configurations.
+            # (n, variables) number of revolutions to add. They are counted from an input at
+            # which the angles are in (-pi, pi].
             revolutions = unwrapping.count(
                 mode,
                 configurations,
@@ -901,15 +926,15 @@ class DesignEvaluator:
 
     @cached_property
     def _tracking_inputs(self) -> tuple[InputGrid, Indices]:
-        """The inputs at which assembly modes are tracked, and the indices of the samples.
+        """The inputs at which assembly modes are tracked, and the indices of samples.
 
-        An assembly mode is one of the ways to assemble the mechanism. Its configurations
-        are computed one from the other, at neighbouring inputs. A point is the inputs at
-        which some figure of merit is evaluated.
+        The configurations of an assembly mode (way to assemble the mechanism) are computed
+        one from the other, at neighbouring inputs. A single input is tracked in increasing
+        order through all samples and points. A point is an input at which some figure of
+        merit (number that rates a design) is evaluated.
 
-        A single input is tracked through all samples and points in increasing order.
-        Several inputs are samples of a path or grid, whose neighbours are fixed. A point
-        between them has no neighbours, so each point must be one of the samples.
+        Several inputs are samples of a path or grid. Each point must then be one of the
+        samples, because other inputs have no neighbours.
 
         Returns
         -------
@@ -934,7 +959,8 @@ class DesignEvaluator:
     def _point_samples(self) -> Indices:
         """(points,) index of the sample that has the inputs of each point.
 
-        A point is the inputs at which some figure of merit is evaluated.
+        A point is the inputs at which some figure of merit (number that rates a design) is
+        evaluated. With several inputs, configurations are known only at samples.
 
         Raises
         ------
@@ -946,8 +972,8 @@ class DesignEvaluator:
         points = self.figures.points[:, : len(self.inputs)]
         distances = max_abs(points - input_grid.q[:, None], axis=2)
         for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
-            # Modes are tracked only if the mechanism has groups of links other than dyads.
-            # Dyads have a closed form, which is evaluated at any inputs without tracking.
+            # Only mechanisms with other groups than dyads come here. Dyads (two links and
+            # three pairs) have a closed form, which is evaluated at any inputs.
             inputs = listing(f"{angle:.6g}" for angle in point)
             raise DesignError(
                 f"{self.mechanism.name}: the inputs {inputs} rad are not those of a "
@@ -1042,23 +1068,24 @@ class DesignEvaluator:
     def _make_expressions(
         self, mechanism: Mechanism, configuration: Floats | None, is_redundant: bool
     ) -> DesignExpressions:
-        """Return the quantities of a design as expressions of all pair variables.
+        """Return the quantities of a design as symbolic expressions of pair variables.
+
+        A design is one choice of the sizes of the mechanism.
 
         Parameters
         ----------
         mechanism
             The mechanism of the design. All its sizes are constants in the expressions.
         configuration
-            (variables,) variables (rad) with which all loops close, None if none is known.
-            If constraints are redundant, only some of the closure equations are
-            independent. Those that are independent at this configuration are used.
+            (variables,) pair (joint) variables in rad with which all loops close. None if
+            none is known. With redundant constraints, those closure equations are used that
+            are independent at this configuration.
         is_redundant
-            Whether constraints are redundant, so that the degrees of freedom follow from
-            the rank of the closure equations and not by counting.
+            Whether constraints are redundant. The degrees of freedom then follow from the
+            rank of the closure equations, not from counting links and pairs.
         """
-        # Contact profiles that are not circles have no expressions. With `as_columns`,
-        # their points, tangents and curvatures at the contacts are symbols, for which
-        # numbers are given at each configuration.
+        # Contact profiles other than circles have no expressions. With `as_columns`,
+        # symbols stand for their points, tangents and curvatures at the contacts.
         pairs = pair_rotations(
             mechanism, as_columns=self.varied_mechanism.has_shaped_profiles
         )
@@ -1067,8 +1094,7 @@ class DesignEvaluator:
             self.inputs,
             # The function gets symbols for the sizes that vary. Here there are none.
             make_pairs=lambda _size_symbols: pairs,
-            # The positions are known already, as numbers of all pair variables. They are
-            # not computed from the inputs in closed form.
+            # The positions are known already, so they are not expressed by the inputs.
             closed_form=False,
             closed=configuration,
             by_rank=is_redundant,
@@ -1088,11 +1114,10 @@ def _values_by_mode(motion: Motion) -> Floats:
 def most_regular_configurations(motion: Motion) -> list[Floats]:
     """Return the configuration of each assembly mode that is farthest from a singular one.
 
-    An assembly mode is one of the ways to assemble the mechanism. In a singular
-    configuration the closure equations do not determine the rates of the other pairs from
-    those of the inputs. The distance is measured by the least singular value of the
-    Jacobian of the closure equations with respect to the passive variables (those of no
-    input).
+    An assembly mode is one way to assemble the mechanism. In a singular configuration the
+    inputs do not determine the motion of the other pairs. The Jacobian of the closure
+    equations by the passive variables (those of pairs that are not driven) is then
+    singular. Its least singular value measures the distance.
 
     Parameters
     ----------
@@ -1101,7 +1126,7 @@ def most_regular_configurations(motion: Motion) -> list[Floats]:
 
     Returns
     -------
-    For each mode that closes at some sample, the variables (variables,) in rad of the
+    For each mode that exists at some sample, the pair variables (variables,) in rad of the
     configuration with the largest least singular value.
     """
     closed_rows = np.flatnonzero(~motion.failed)

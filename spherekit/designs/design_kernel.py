@@ -189,11 +189,11 @@ class DesignKernel:
         profile_columns: Floats | None = None,
         revolution_offsets: Floats | None = None,
     ) -> Floats:
-        """Return the outputs of `evaluate` at samples of designs, from their sizes.
+        """Return quantities of designs at samples of the inputs, from their sizes.
 
-        A design is a mechanism with values for its sizes. `evaluate` takes all arguments in
-        one array, among them numbers that `prepare` computes from the sizes. This method
-        computes these numbers and puts the array together.
+        A design is a mechanism with values for its sizes. `evaluate` needs all arguments in
+        one array, with numbers that `prepare` computes from the sizes. This method puts the
+        array together.
 
         Parameters
         ----------
@@ -201,18 +201,21 @@ class DesignKernel:
             (3 inputs + 1, n) inputs (rad), their rates (rad/s) and accelerations (rad/s2),
             and the time (s).
         position_arguments
-            (w, n) numbers that determine the positions of the links at given inputs: the
-            sign of each dyad in closed form, otherwise the variables of all pairs (rad). A
-            dyad is two links with three R pairs, which can be assembled in two ways.
+            (w, n) numbers that determine the positions of the links at each sample. In
+            closed form they are the signs of the dyads (two links with three revolute
+            pairs, which can be assembled in two ways). Otherwise they are the variables of
+            all pairs (rad).
         sizes
             (sizes, n) sizes of the design of each sample, or (sizes, 1) if all samples
             belong to one design.
         profile_columns
-            (9 * profiles, n) for each contact profile its tangent (3), point (3), curvature
-            and the first two derivatives of the curvature. None if profiles are circles.
+            (9 * profiles, n) geometry of the contact profiles at their contact points:
+            tangent (3), point (3), curvature and its first two derivatives. None if
+            profiles are circles.
         revolution_offsets
-            (unwrapped pairs, n) angles of whole revolutions (rad) of pairs on which loads
-            depend. They are added to angles in (-pi, pi]; by default zero.
+            (unwrapped pairs, n) multiples of 2 pi (rad). They are added to the angles, in
+            (-pi, pi], of pairs for which loads depend on whole revolutions. By default
+            zero.
 
         Returns
         -------
@@ -268,21 +271,29 @@ class RedundantKernel:
     def __init__(
         self, expressions: Sequence[DesignExpressions], columns: Sequence[str]
     ) -> None:
-        """Make one kernel for each choice of independent equations.
+        """Create functions (kernels) for a design with redundant constraints.
 
-        The loops of the mechanism give more equations for the rates than are independent.
-        Each of `expressions` solves those that were independent at one configuration. If
-        several of them solve the same equations, they have one kernel.
+        The loops of links then give more equations for the rates than are independent. Each
+        kernel solves another choice of independent equations.
+
+        Parameters
+        ----------
+        expressions
+            The quantities as expressions. Each solves the equations that were independent
+            at one configuration. Several may have the same choice of equations, and then
+            share a kernel.
+        columns
+            Names of the quantities to compute.
         """
-        # (columns,) flags. `evaluate` takes the columns that follow from rates only from
-        # kernels whose rates fulfil all equations of the loops.
+        # (columns,) whether the quantity follows from rates. `evaluate` takes such a
+        # quantity from a kernel whose rates satisfy all equations.
         self._follows_from_rates = _find_rate_columns(expressions[0], columns)
-        # The kernels serve one design only. Compiling them would take longer than it saves.
+        # For a single design, compiling would take longer than it saves.
         self._kernels = [
             DesignKernel(chosen, columns, compiled=False, with_loop_residual=True)
             for chosen in _select_distinct_choices(expressions)
         ]
-        # All sizes are constants, so the parts that depend on sizes alone are computed now.
+        # Numbers that depend on sizes alone. There are no variable sizes here.
         no_sizes = np.empty((0, 1))
         self._prepared = [kernel.prepare(no_sizes) for kernel in self._kernels]
 
@@ -307,30 +318,30 @@ class RedundantKernel:
         return np.empty((0, sizes.shape[1]))
 
     def evaluate(self, rows: Floats) -> Floats:
-        """Return the columns of one design at n configurations.
+        """Return the columns (quantities) of one design at n configurations.
 
-        A kernel computes the rates from a choice of independent equations of the loops. At
-        some configurations the chosen equations depend on each other, and the rates then
-        violate the equations that were not chosen. Each configuration therefore takes the
-        kernel whose rates violate the equations of all loops least.
+        With redundant constraints, the equations for the rates are not all independent.
+        Each kernel (compiled function) solves one choice of them. At some configurations a
+        choice becomes dependent, and its rates violate the other equations. So each
+        configuration takes the kernel with the smallest violation.
 
         Parameters
         ----------
         rows
-            (arguments, n) inputs with their rates, accelerations and the time, variables of
-            the pairs (rad), and the multiples of 2 pi that make angles in loads continuous.
+            (arguments, n) inputs with their rates, accelerations and the time; pair
+            variables (rad); and multiples of 2 pi that make angles in loads continuous.
 
         Returns
         -------
-        (columns, n) columns. Those that follow from rates are NaN where every kernel
-        violates the equations of some loop by more than `MAX_LOOP_RESIDUAL`.
+        (columns, n) quantities. Those that follow from rates are NaN where no kernel
+        satisfies the equations of all loops to `MAX_LOOP_RESIDUAL`.
         """
         outputs_of_kernels = [
             self._evaluate_kernel(kernel, prepared, rows)
             for kernel, prepared in zip(self._kernels, self._prepared, strict=True)
         ]
         columns = np.full((len(self._follows_from_rates), rows.shape[1]), np.nan)
-        # Columns that do not follow from rates are right in every kernel.
+        # Columns that follow from positions alone are the same in every kernel.
         is_independent = ~self._follows_from_rates
         columns[is_independent] = outputs_of_kernels[-1].columns[is_independent]
 
@@ -349,12 +360,14 @@ class RedundantKernel:
     def _evaluate_kernel(
         self, kernel: DesignKernel, prepared: Floats, rows: Floats
     ) -> KernelOutputs:
-        """Return the outputs of one kernel at n configurations.
+        """Return the quantities of one kernel (function) at n configurations.
+
+        The last output of the kernel is the residual of the equations of all loops.
 
         Parameters
         ----------
         kernel
-            One of the kernels of the design.
+            One of the kernels of the design. Each solves other equations for the rates.
         prepared
             (k, 1) arguments of this kernel that follow from the sizes alone.
         rows
@@ -367,11 +380,11 @@ class RedundantKernel:
 
 
 def _find_rate_columns(expressions: DesignExpressions, columns: Sequence[str]) -> Bools:
-    """Return which columns follow from rates of the pairs, and not from positions alone.
+    """Return which columns (quantities) follow from rates of pairs (joints).
 
-    The rates are solutions of linear equations. By Cramer's rule all of them are quotients
-    with the same denominator, the determinant of the equations. A column depends on rates
-    if its expression contains this denominator.
+    The rates solve linear equations. By Cramer's rule they are quotients with the
+    determinant of the equations as denominator. So a quantity depends on rates if its
+    expression contains this determinant.
 
     Parameters
     ----------
@@ -387,6 +400,7 @@ def _find_rate_columns(expressions: DesignExpressions, columns: Sequence[str]) -
     determinant = expressions.coordinate_rates.scale
     follows_from_rates = []
     for name in columns:
+        # All subexpressions of the quantity.
         nodes = set(iterate_nodes([expressions.quantity(name)]))
         follows_from_rates.append(determinant in nodes)
     return np.array(follows_from_rates, bool)
@@ -395,12 +409,16 @@ def _find_rate_columns(expressions: DesignExpressions, columns: Sequence[str]) -
 def _select_distinct_choices(
     expressions: Sequence[DesignExpressions],
 ) -> list[DesignExpressions]:
-    """Return the first of all expressions that solve the same equations for the rates."""
+    """Return expressions that solve different equations for the rates, without repetition.
+
+    If constraints are redundant, each of `expressions` solves some choice of independent
+    equations. Of those with the same choice the first one is returned.
+    """
     expressions_by_choice: dict[str, DesignExpressions] = {}
     for candidate in expressions:
-        # A group is a set of links that are placed together. Some variables occur in one
-        # loop of the group only, and are eliminated from it first. Of the equations that
-        # remain, independent ones are chosen.
+        # A group is a set of links whose positions are found together. Some of its
+        # variables occur in one loop only and are eliminated first. Independent equations
+        # are then chosen from the rest.
         choice = repr(
             [
                 (group.private_variables, group.chosen_equations)
@@ -412,14 +430,14 @@ def _select_distinct_choices(
 
 
 def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], ArrayFunction]:
-    """Return a function that computes the arcs of links with two axes.
+    """Return a function that computes the arcs of links from the sizes of designs.
 
-    The arc of a link is the angle between the axes of its two pairs.
+    The arc of a link with two axes is the angle between them.
 
     Parameters
     ----------
     expressions
-        The mechanism as expressions of its sizes.
+        The mechanism as symbolic expressions of its sizes.
 
     Returns
     -------
@@ -433,10 +451,10 @@ def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], Array
     # The axes (unit vectors) of each link, in axes of the link.
     axes_by_link: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
     for pair, joined_links in enumerate(mechanism.ends):
-        # `pairs.sides` has the contacts, with both of their profiles. They have no axis.
+        # `pairs.sides` lists contacts, which have profiles and no axes.
         if pair not in pairs.sides:
             for link, axis in zip(joined_links, pairs.axes(pair), strict=True):
-                # Components near 0, 1 or -1 are made exact, which simplifies products.
+                # Rounds components near 0, 1 or -1, which simplifies products.
                 axes_by_link[link].append(constants(axis))
     links = []
     arcs: list[Expr] = []

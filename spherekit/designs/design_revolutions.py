@@ -53,15 +53,15 @@ are NaN where a design does not close.
 def _follow_all_designs(
     angles_at: AngleFunction, design_count: int, q: Floats
 ) -> tuple[Floats, Floats]:
-    """Evaluate angles of all designs at successive inputs, and their changes between them.
+    """Return angles of all designs at successive inputs, and their changes in between.
 
-    The angles are those of some passive pairs, on which loads depend. The change (growth)
-    of an angle is without jumps by whole revolutions.
+    The angles are those of pairs (joints) for which loads depend on whole revolutions. The
+    change (growth) of an angle is continuous, without jumps by 2 pi.
 
     Parameters
     ----------
     angles_at
-        Function of design indices (m,) and inputs (m, inputs) that returns the angles
+        Function of design indices (m,) and inputs (m, inputs). It returns the angles
         (pairs, m) in rad.
     design_count
         Number n of designs.
@@ -80,8 +80,8 @@ def _follow_all_designs(
     designs = np.tile(np.arange(design_count), len(q))
     inputs = np.repeat(q, design_count, axis=0)
     angles = angles_at(designs, inputs)
-    # A step leads from an input to the next one, which is n places later. All places but
-    # the last n are starts of steps, all but the first n are ends.
+    # The same design at the next input is n places later in these arrays. So the starts of
+    # steps are all places except the last n, and the ends all except the first n.
     growth = _follow_growth(
         angles_at,
         designs[design_count:],
@@ -241,13 +241,12 @@ def unwrap_along_one_input(
 def _accumulate_growth(
     angles_at: AngleFunction, stations: Floats, angles: Floats, growth: Floats
 ) -> Floats:
-    """Add up the changes of angles, so that they continue over full revolutions.
+    """Add up the changes of angles, so that angles count whole revolutions.
 
-    A station is a value of the input. The angles at the first station are taken as they
-    are, and the changes are added to them. An assembly mode (way to assemble the mechanism)
-    of a design may close over a part of the stations only. After a gap no change leads from
-    the earlier angles to the later ones. Revolutions are then counted from the input at
-    which the mode closes again, where the angles are in (-pi, pi].
+    A station is a value of the input. The sums start with the angles at the first station.
+    A design may have gaps: stations at which it cannot be assembled. After a gap, counting
+    starts anew with angles in (-pi, pi] at the input where the design can be assembled
+    again.
 
     Parameters
     ----------
@@ -263,15 +262,17 @@ def _accumulate_growth(
 
     Returns
     -------
-    (pairs, k, n) angles (rad) over full revolutions, NaN where a design does not close.
+    (pairs, k, n) angles (rad) over full revolutions, NaN where a design cannot be
+        assembled.
     """
     unwrapped = np.empty_like(angles)
     unwrapped[:, 0] = _replace_minus_half_revolution(angles[:, 0])
     for k in range(1, len(stations)):
         next_angles = unwrapped[:, k - 1] + growth[:, k - 1]
-        # All pairs of a design are NaN at once, so the first pair tells.
+        # If one pair of a design is NaN, all are. So the first pair tells.
         is_continued = ~np.isnan(next_angles[0])
         closes = np.isfinite(angles[0, k])
+        # Designs that can be assembled here, but not at the station before.
         designs = np.flatnonzero(closes & ~is_continued)
         if len(designs):
             next_angles[:, designs] = _unwrap_from_mode_end(
@@ -302,13 +303,12 @@ def _unwrap_from_mode_end(
     closed_input: float,
     closed_angles: Floats,
 ) -> Floats:
-    """Return the angles of assembly modes that start between two inputs.
+    """Return angles at an input for assembly modes that begin shortly before it.
 
-    A mode starts at the first input at which the mechanism can be assembled in it. This
-    input is found by bisection. The angles are in (-pi, pi] at the start. They are followed
-    from there to the second input, where they may be outside of (-pi, pi].
-
-    Angles that cannot be followed are in (-pi, pi] at the second input.
+    An assembly mode is one way to assemble the mechanism. It begins at the first input at
+    which it can be assembled, which is found by bisection. There its angles are in (-pi,
+    pi]. From there they are followed to `closed_input`, where they may be outside this
+    range. Angles that cannot be followed are in (-pi, pi] at `closed_input`.
 
     Parameters
     ----------
@@ -318,9 +318,9 @@ def _unwrap_from_mode_end(
     designs
         (m,) indices of designs.
     open_input
-        Input (rad) at which no design closes.
+        Input (rad) at which none of the designs can be assembled.
     closed_input
-        Input (rad) at which all designs close.
+        Input (rad) at which all of the designs can be assembled.
     closed_angles
         (pairs, m) angles (rad) at `closed_input`, in (-pi, pi].
 
@@ -329,7 +329,8 @@ def _unwrap_from_mode_end(
     (pairs, m) angles (rad) at `closed_input`, not wrapped to (-pi, pi].
     """
     end_inputs = np.full((len(designs), 1), closed_input)
-    # The start of each mode is between `outside`, where it does not close, and `inside`.
+    # The beginning of each mode is between `outside`, where it does not exist, and
+    # `inside`, where it does.
     outside = np.full((len(designs), 1), open_input)
     inside = end_inputs
     inside_angles = closed_angles

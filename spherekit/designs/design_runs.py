@@ -48,16 +48,16 @@ MODE_COLUMNS = (ASSEMBLY, "working_mode")
 
 
 class TableMode(NamedTuple):
-    """A mode to which rows of a table belong, such as an assembly mode.
+    """The mode to which rows of a result table belong.
 
-    An assembly mode is one of the ways to assemble the mechanism.
+    An example is an assembly mode (way to assemble the mechanism).
 
     Attributes
     ----------
     column
-        Name of the column of the table that identifies the mode, one of `MODE_COLUMNS`.
+        Name of the column that tells the modes apart, one of `MODE_COLUMNS`.
     label
-        The entry of the mode in this column, as a text.
+        The value in this column for the mode, as a text.
     """
 
     column: str
@@ -75,7 +75,7 @@ NAN = float("nan")
 
 
 class RunTable(NamedTuple):
-    """A table that an analysis of one design has made.
+    """A result table from the analysis of one design (choice of sizes).
 
     Attributes
     ----------
@@ -144,14 +144,16 @@ class DesignRuns:
         tables: bool,
         kernel_evaluator: DesignEvaluator | None,
     ) -> None:
-        """Check the tables and columns of the figures of merit, and list their names.
+        """Prepare the runs of analyses for many designs, and check the figures of merit.
 
-        A figure of merit is a number by which designs are compared.
+        A design is one choice of the sizes of a mechanism. A figure of merit is a number
+        that rates it.
 
         Parameters
         ----------
         document, study
-            The mechanism file, and the study (samples, options) that each design runs.
+            The mechanism file, and the study: samples and options of the run of each
+            design.
         variables
             The numbers of the file that differ from design to design.
         merits
@@ -159,10 +161,10 @@ class DesignRuns:
         analyses
             The analyses of each run.
         tables
-            Whether the tables of the runs are wanted too.
+            Whether the caller also wants the tables of the runs.
         kernel_evaluator
-            Computes figures of merit that need no run, if there are some, for many designs
-            at once by a compiled function (kernel).
+            Computes those figures of merit that need no run, for many designs at once. None
+            if there are no such figures.
 
         Raises
         ------
@@ -229,17 +231,18 @@ class DesignRuns:
     ) -> Iterator[tuple[DesignTable, tuple[RunTable, ...]]]:
         """Run the analyses of designs, one design after the other.
 
-        A kernel is a function that computes quantities of many designs at once. If there is
-        one, it first computes figures of merit of all designs, without running analyses.
+        A design is one choice of the sizes. Some figures of merit (numbers that rate a
+        design) need no run. A kernel (function for many designs at once) computes these
+        first.
 
         Parameters
         ----------
         values
             (variables, n) values of the design variables, in the units of the file.
         is_needed
-            Function that decides whether a design is run, from its values (variables,) and
-            the rows that the kernel has computed for it. By default all designs are run. It
-            is not called without a kernel.
+            Function that decides whether a design is run. Its arguments are the values
+            (variables,) of the design and the rows from the kernel. By default all designs
+            are run. Without a kernel, this function is not called.
 
         Yields
         ------
@@ -262,7 +265,7 @@ class DesignRuns:
                 if kernel_rows is not None and np.all(kernel_rows.status == IMPOSSIBLE):
                     raise DesignError(kernel_rows.reason[0])
                 run = self.run_design(design)
-                # Rows with the figures of the kernel and those of the run.
+                # Join the figures from the kernel with those from the run.
                 table = self._join_run(kernel_rows, run)
                 if self.tables:
                     tables = _tables_of_run(run)
@@ -272,12 +275,12 @@ class DesignRuns:
             yield replace(table, design=np.full(len(table.design), number)), tables
 
     def run_design(self, values: Floats) -> RunResult:
-        """Run the analyses of one design.
+        """Run the analyses of one design (choice of sizes).
 
         Parameters
         ----------
         values
-            (variables,) values of the variables, in the units of the file.
+            (variables,) values of the design variables, in the units of the file.
 
         Returns
         -------
@@ -301,17 +304,17 @@ class DesignRuns:
     def _join_failure(
         self, kernel_rows: DesignTable | None, problem: SpherekitError
     ) -> DesignTable:
-        """Return the rows of a design whose run failed.
+        """Return the rows of a design whose run failed, with the reason.
 
-        There are two sorts of figures of merit. A kernel, a function that computes many
-        designs at once, has computed some before the run. These are kept. The others are
-        reductions of tables of the run, and are NaN here. Status and reason are those of
-        the failed run, unless the kernel has given a reason already.
+        A design is one choice of the sizes, and a figure of merit is a number that rates
+        it. Figures from the run are NaN here. Figures that a kernel (function for many
+        designs at once) has computed before the run stay. If the kernel has already stated
+        a reason for failure, this reason stays, too.
 
         Parameters
         ----------
         kernel_rows
-            The rows of this design that the kernel has computed, None without a kernel.
+            The rows of this design from the kernel, None without a kernel.
         problem
             The error that ended the run.
         """
@@ -320,10 +323,9 @@ class DesignRuns:
             return failure
         table = self._add_missing_figures(kernel_rows)
         if np.any(kernel_rows.status != OK):
-            # The kernel has found already that the design is impossible or cannot be
-            # assembled. There is one row, with this reason.
+            # The kernel found that the design is impossible or cannot be assembled.
             return table
-        # There is a row for each assembly mode. All of them get the failure of the run.
+        # All assembly modes (ways to assemble the mechanism) get the failure of the run.
         count = len(kernel_rows.design)
         status = np.repeat(failure.status, count)
         reason = np.repeat(failure.reason, count)
@@ -410,37 +412,36 @@ class DesignRuns:
     def _add_figures(
         self, rows: DesignTable, modes: Sequence[TableMode], figures: FiguresByMode
     ) -> DesignTable:
-        """Return rows with the figures of merit of a run, and the numbers of its modes.
+        """Add the figures of merit from a run to the rows of a design.
 
-        There are two sorts of figures. A kernel, which is a function that computes
-        quantities of many designs at once, gives some. The others are reductions of tables
-        that the run of the design has written.
+        A figure of merit is a number that rates a design. A kernel (function for many
+        designs at once) may have computed some figures before. The others come from tables
+        of the run.
 
         Parameters
         ----------
         rows
-            The n rows of a design. They may have figures that a kernel has computed.
+            The n rows of a design, one for each mode.
         modes
-            (n,) the mode of the run to which each row belongs, `NO_TABLE_MODE` if there is
-            none. A mode is an assembly mode (way to assemble the mechanism) or a working
-            mode (way to assemble it at a given pose of the output), as in the table.
+            (n,) the mode of the run to which each row belongs, or `NO_TABLE_MODE`. It is an
+            assembly mode (way to assemble the mechanism), or a working mode (way to
+            assemble it at a fixed pose of the output).
         figures
-            The figures of the run, by name and then by mode. A figure is NaN in a row if
-            its mode does not have it.
+            The figures of the run, by name and then by mode. A figure that a mode does not
+            have is NaN in its row.
         """
         # Rows that no kernel has computed get NaN for the figures of the kernel.
         merits = {name: nans(len(modes)) for name in self._kernel_names} | dict(rows.merits)
         # The keys of `units` are the names of all figures of the run.
         for name in self.units:
             figure_by_mode = figures.get(name, {})
-            # If the table of a figure has no column of modes, there is one figure, which
-            # applies to every mode.
+            # If the table has no column of modes, its only figure applies to every mode.
             common_figure = figure_by_mode.get(NO_TABLE_MODE, NAN)
             merits[name] = np.array(
                 [figure_by_mode.get(mode, common_figure) for mode in modes]
             )
-        # If the tables of the runs are stored too, their rows are found by the number of
-        # the assembly mode. A working mode has no such number.
+        # Rows of stored tables are later found by the number of the assembly mode. A
+        # working mode has no such number.
         if self.tables:
             merits[ASSEMBLY] = np.array(
                 [float(mode.label) if mode.column == ASSEMBLY else NAN for mode in modes]
@@ -450,22 +451,22 @@ class DesignRuns:
     def _find_kernel_row(
         self, kernel_rows: DesignTable, mode: TableMode, assembly_modes: Facts
     ) -> int | None:
-        """Return the index of the row of the evaluator with the same mode, or None.
+        """Return the index of the kernel row with the same assembly mode, or None.
 
-        The figures of merit of a design come from two sources. A run of the design numbers
-        its assembly modes. The evaluator (`kernel_evaluator`) needs no run, and labels
-        modes by the signs of their dyads (two links and three R pairs each). Modes of both
-        are compared by these signs.
+        Rows with figures of merit (numbers that rate a design) come from a run and from a
+        kernel (function for many designs at once). Both may label an assembly mode (way to
+        assemble the mechanism) differently. They are matched by the signs of dyads: each
+        group of two links and three revolute pairs can be assembled in two ways.
 
-        The answer is None if signs do not identify the mode. Working modes, which are ways
-        to assemble the mechanism at a given pose of the output, have no such signs.
+        Working modes (ways to assemble the mechanism at a fixed pose of the output) have no
+        such signs, so the result is None.
 
         Parameters
         ----------
         kernel_rows
-            Rows of a design by the evaluator.
+            Rows of the design from the kernel.
         mode
-            A mode of the run of this design.
+            A mode of the run of the same design.
         assembly_modes
             The modes of the run as in its summary, by their numbers. The entry "mode" of
             each is the text of its signs, such as "+-".
@@ -475,8 +476,8 @@ class DesignRuns:
         if evaluator is None or not evaluator.has_signs_of_runs or not is_assembly_mode:
             return None
         signs = str(assembly_modes[mode.label]["mode"])
-        # A mode is labelled by its signs if positions have a closed form. If a search had
-        # to find it, the label is its number and its signs.
+        # The kernel labels a mode by its signs, or by number and signs if a search found
+        # it.
         possible_labels = [signs, f"{mode.label} {signs}"]
         rows = np.flatnonzero(np.isin(kernel_rows.mode.astype(str), possible_labels))
         return rows[0] if len(rows) == 1 else None
@@ -486,15 +487,16 @@ class DesignRuns:
     ) -> dict[TableMode, float]:
         """Compute a figure of merit from a table of a run, for each mode in the table.
 
-        The rows of a mode have the same value in one of the `MODE_COLUMNS`, such as the
-        number of the assembly mode.
+        A figure of merit is a number that rates a design, such as the maximum of a column.
+        Rows of one mode, such as one assembly mode (way to assemble the mechanism), have
+        the same value in one of the `MODE_COLUMNS`.
 
         Returns
         -------
         The figure by mode. The only key is `NO_TABLE_MODE` if the table has no such column.
         """
         rows = run.frame(*merit.of_table)
-        # The user can select rows, such as those of one pair.
+        # Conditions of the user select rows, such as those of one pair (joint).
         for column, value in merit.only:
             rows = rows[rows[column].astype(str) == value]
         for column in MODE_COLUMNS:
@@ -511,20 +513,19 @@ class DesignRuns:
     def _reduce_rows(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> float:
         """Compute a figure of merit from the rows of one mode in a table.
 
-        The expression of the figure is evaluated in each row, and its values are reduced to
-        one number, such as their maximum. Some reductions use the inputs, which are in the
-        columns ``q`` (one input) or ``q_PAIR`` (several).
+        A figure of merit is a number that rates a design. An expression of columns is
+        evaluated in each row. Its values are reduced to one number, such as their maximum.
+        Some reductions need the inputs, such as a value at a given input.
 
         Raises
         ------
         DesignError
-            If a figure at given inputs has another number of inputs than the table.
+            If a figure states another number of inputs than the table has.
         """
         values = self._evaluate_expression(merit, rows)
         if _has_overflow(values, rows):
-            # The figure is infinite, whatever the reduction is. Ignoring the row would give
-            # a finite figure that looks correct. Figures that are computed without a run
-            # are infinite in this case, too.
+            # An overflow makes the figure infinite. Ignoring the row would give a finite
+            # figure that looks correct.
             return np.inf
         inputs = self._inputs_of_rows(rows)
         input_count = inputs.shape[1]
@@ -634,28 +635,27 @@ def _tables_of_run(run: RunResult) -> tuple[RunTable, ...]:
 
 
 def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
-    """Return the units of the columns of numbers in the table of a figure of merit.
+    """Return the units of all numeric columns in the table that a figure of merit uses.
 
-    A figure of merit such as ``max(workspace.areas part=whole: size)`` names an analysis, a
-    table of it, a condition by which rows are selected (``only``), and an expression in the
-    columns of the table.
+    A figure of merit (number that rates a design) is a text such as ``max(workspace.areas
+    part=whole: size)``. It names an analysis and one of its tables. Then come conditions
+    that select rows (``only``), and an expression in the columns of the table.
 
     Raises
     ------
     DesignError
         If there is no such table, or if it lacks a column by which the figure selects rows.
     """
-    # Names of the analysis, and of its table.
     analysis, table = merit.of_table
-    # Every run writes a table "motion", which belongs to no analysis. A figure uses its
-    # quantities without naming a table, as in ``max(theta_41)``.
+    # The table "motion" belongs to no analysis. Its quantities are used without naming a
+    # table, as in ``max(theta_41)``.
     if analysis == MOTION:
         raise DesignError(
             f"{merit.name}: {analysis}.{table}: {analysis} is not an analysis; write "
             "ANALYSIS.TABLE, or, for quantities of the motion, the expression alone"
         )
     (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
-    # The columns of a table can depend on the inputs of the mechanism: one for each input.
+    # The columns depend on the mechanism, such as one column for each input.
     tables = {
         candidate.name: candidate.of(study.mechanism)
         for candidate in chosen.requested_tables()

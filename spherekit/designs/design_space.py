@@ -43,7 +43,7 @@ class Variation:
     values
         The possible values; None if all numbers from `low` to `high` are possible.
     has_angle_unit
-        Whether the user has stated a unit of angles, so that the number must be an angle.
+        Whether the user wrote a unit of angles. The number must then be an angle.
     """
 
     key: str
@@ -56,14 +56,14 @@ class Variation:
 def parse_variation(
     key: str, values: str | Sequence[float], angle_unit: AngleUnit
 ) -> Variation:
-    """Create a variation from numbers or from a text.
+    """Read the possible values of a number of a mechanism file that is varied.
 
     Parameters
     ----------
     key
         Key of the number in the mechanism file.
     values
-        A list of values; or one of the texts ``"10:40:31"`` (31 values from 10 to 40),
+        A list of values, or one of the texts ``"10:40:31"`` (31 values from 10 to 40),
         ``"10:40"`` (any number from 10 to 40) and ``"10,20,25"`` (three values). Angles in
         a text may have a unit, as in ``"10deg:40deg:31"``.
     angle_unit
@@ -118,9 +118,10 @@ def parse_variation(
 def range_variation(
     key: str, low: float, high: float, has_angle_unit: bool = False
 ) -> Variation:
-    """Create a variation over all numbers from `low` to `high`.
+    """Return a number of the mechanism file that varies over all values of a range.
 
-    `has_angle_unit` is whether the user has stated a unit of angles.
+    `has_angle_unit` says whether the user wrote a unit of angles. The number must then be
+    an angle.
 
     Raises
     ------
@@ -225,12 +226,15 @@ class DesignSpace:
         return DesignSpace(tuple(variations), scheme, count, seed)
 
     def compute_designs(self, start: int, stop: int) -> Floats:
-        """Return the designs with the numbers `start` to `stop` - 1.
+        """Return the values of the variables of the designs `start` to `stop` - 1.
+
+        Each design (choice of sizes) has a fixed number, so that parts of a sweep can be
+        computed separately.
 
         Returns
         -------
-        (variables, n) values of the variables, in the unit of the file. Numbers from
-        `count` on are left out.
+        (variables, n) values of the variables, in the unit of the file. Numbers of designs
+        from `count` on do not exist and are left out.
         """
         values = []
         # (variables, n) numbers from 0 to 1: the relative position in each range.
@@ -249,10 +253,11 @@ class DesignSpace:
         return np.stack(values)
 
     def _compute_unit_points(self, start: int, stop: int) -> Floats:
-        """Return the designs `start` to `stop` - 1 as points of the unit cube.
+        """Return designs as points of the unit cube: the relative position in each range.
 
-        The designs have fixed numbers, so that parts of the space can be computed
-        separately.
+        A design is one choice of the variables. Every design has a fixed number, so that
+        parts of the space can be computed separately. Only the designs `start` to `stop` -
+        1 are computed.
 
         Returns
         -------
@@ -262,7 +267,8 @@ class DesignSpace:
         """
         variable_count = len(self.variations)
         if self.scheme == "grid":
-            # All combinations of listed values; the points are in the middle of the parts.
+            # All combinations of listed values. Each value has an equal interval, and the
+            # point is in its middle.
             shape = [len(variation.values or ()) for variation in self.variations]
             indices = np.unravel_index(np.arange(start, stop), shape)
             return (np.array(indices) + 0.5) / np.reshape(shape, (-1, 1))
@@ -273,8 +279,8 @@ class DesignSpace:
             if start:
                 sobol.fast_forward(start)
             with warnings.catch_warnings():
-                # SciPy warns if the number of points is not a power of 2, because the
-                # points are then less evenly spread. This cannot be avoided for parts.
+                # SciPy warns that points are less evenly spread if their number is not a
+                # power of 2. For parts this cannot be avoided.
                 warnings.simplefilter("ignore", UserWarning)
                 points = sobol.random(stop - start)
         elif self.scheme == "latin":

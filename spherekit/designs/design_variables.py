@@ -112,14 +112,15 @@ class GeometricAngle(NamedTuple):
     Attributes
     ----------
     kind
-        "arcs" (from the first axis of a link to another axis), "angles" (at the first axis,
-        from the first arc to another arc), "zeros" (where the variable of a pair is zero),
-        "values" (of the variable in a reference pose), "longitudes" and "latitudes" of pair
-        axes, or `POINTED`.
+        "arcs": from the first axis of a link to another axis. "angles": at the first axis,
+        from the first arc to another arc. "zeros": where the variable of a pair (joint) is
+        zero. "values": of the variable in a reference pose. "longitudes" and "latitudes":
+        of pair axes. `POINTED`: of a direction of an output.
     owner
-        What has the angle: link and pair at the end of the arc for "arcs" and "angles", the
-        name of a pair, or for `POINTED` an output and 0 (longitude) or 1 (latitude). An
-        example is ``("2", "32")`` for the arc of link 2 to the axis of pair 32.
+        To what the angle belongs. For "arcs" and "angles": link, and pair at the end of the
+        arc, such as ``("2", "32")`` for the arc of link 2 to the axis of pair 32. For
+        `POINTED`: the output, and 0 (longitude) or 1 (latitude). Otherwise the name of a
+        pair.
     """
 
     kind: str
@@ -128,7 +129,7 @@ class GeometricAngle(NamedTuple):
 
 @dataclass(frozen=True)
 class DesignVariable:
-    """A number of a mechanism file that is varied.
+    """A number of a mechanism file that is varied from design to design.
 
     Attributes
     ----------
@@ -140,8 +141,8 @@ class DesignVariable:
     value
         The value in the file, in the unit of the file.
     geometric_angle
-        The angle of a link, pair or output that the number is. None for all other numbers,
-        also for angles of loads and of contact profiles.
+        Which angle of a link, pair (joint) or output the number is. None for all other
+        numbers, also for angles of loads and contact profiles.
     """
 
     key: str
@@ -161,7 +162,7 @@ class DesignVariable:
 
 
 def design_variable(document: Document, key: str) -> DesignVariable:
-    """Return the design variable of a key.
+    """Return the number of a mechanism file that a key names, to be varied in designs.
 
     Parameters
     ----------
@@ -197,7 +198,9 @@ def design_variable(document: Document, key: str) -> DesignVariable:
 
 
 def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle | None:
-    """Return the angle of a link, pair or output that a number is, or None.
+    """Return which angle of a link, pair (joint) or output a number is, or None.
+
+    Functions for many designs treat these angles as arguments.
 
     Parameters
     ----------
@@ -209,9 +212,8 @@ def _find_geometric_angle(document: Document, path: KeyPath) -> GeometricAngle |
     """
     match path:
         case ("links", str(link), "arcs" | "angles" as kind, int(k)):
-            # An arc is identified by the axis at its end, an angle by the axis at the end
-            # of its second arc. The first arc ends at the second axis of the link, and the
-            # first angle leads to the arc that ends at the third axis.
+            # Axes are numbered from 0, and all arcs start at axis 0. Arc k ends at axis k +
+            # 1. Angle k leads from the first arc to the arc that ends at axis k + 2.
             axes = document.data["links"][link]["axes"]
             end = k + 1 if kind == "arcs" else k + 2
             return GeometricAngle(kind, (link, axes[end]))
@@ -236,12 +238,12 @@ def is_angle_of_load(document: Document, key: str) -> bool:
 def make_design(
     document: Document, variables: Sequence[DesignVariable], values: Iterable[float]
 ) -> Mechanism:
-    """Return the mechanism of a design: that of the file with other numbers.
+    """Return the mechanism of a design: that of a file with other numbers.
 
     Parameters
     ----------
     document
-        The mechanism file. It must fit the file format; only the values are checked.
+        The mechanism file, whose form is correct already. Only the new values are checked.
     variables
         The numbers that are varied.
     values
@@ -250,7 +252,7 @@ def make_design(
     Raises
     ------
     FileError
-        If there is no such mechanism.
+        If a mechanism with these values is impossible.
     """
     value_by_path = dict(zip([v.path for v in variables], map(float, values), strict=True))
     changed_document = with_numbers(document, value_by_path)
@@ -271,22 +273,23 @@ def check_variables(document: Document, variables: Sequence[DesignVariable]) -> 
 
 
 def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
-    """Return the arcs and angles of links that follow from a reference pose, by key.
+    """Return the sizes of links as design variables, if the file has a reference pose.
 
-    A file gives either the sizes of the links or the axes of all pairs in a reference pose.
-    An arc is the angle between two axes of a link. An angle says by how much the plane of a
-    further arc is turned from that of the first one. The key of a size, such as
-    ``links.2.arc``, is the one under which a file with sizes would have it.
+    A file states either the sizes of links, or the axes of all pairs (joints) in a
+    reference pose. In the second case this function derives the sizes. An arc is the angle
+    between two axes of a link. An angle says how far the plane of another arc is turned
+    from that of the first arc. The key of a size, such as ``links.2.arc``, is the one in a
+    file with sizes.
 
-    The dictionary is empty if the file has sizes, or if there are contacts, because their
-    profiles are given in the axes of the pose.
+    The result is empty if the file has sizes. It is also empty if there are contacts,
+    because their profiles are stated in the axes of the pose.
     """
     if not isinstance(mechanism.geometry, PoseGeometry) or mechanism.has_contacts:
         return {}
     variables = {}
     for link in mechanism.links:
-        # Each size has a kind ("arcs" or "angles"), the pair to whose axis it leads, and a
-        # value (rad). Its derivatives, the last entry, are not used here.
+        # A size has a kind ("arcs" or "angles"), the pair to whose axis it leads, a value
+        # (rad), and derivatives.
         sizes = pose_sizes(mechanism, link)
         kinds = [kind for kind, *_ in sizes]
         for kind, pair, value, _derivatives in sizes:
@@ -340,13 +343,14 @@ def coaxial_links(geometry: SizeGeometry) -> Names:
 
 
 def default_quantities(mechanism: Mechanism) -> Names:
-    """Return the quantities whose sensitivities are computed by default.
+    """Return the quantities for which sensitivities are computed by default.
 
-    They are the first of these lists that is not empty:
+    A sensitivity is the derivative of a quantity by a size. The result is the first of
+    these lists that is not empty:
 
-    1. the angles of passive R pairs (not driven) that join the two links of an output: its
-       link and the link from which its motion is seen,
-    2. the angles of all passive R pairs,
+    1. the angles of passive (not driven) revolute pairs that join the two links of an
+       output: its link and the link from which its motion is seen,
+    2. the angles of all passive revolute pairs,
     3. the velocity coefficients of the outputs (angular velocity per rate of the input).
     """
     driven = mechanism.input_pairs
@@ -380,11 +384,11 @@ def default_quantities(mechanism: Mechanism) -> Names:
 def differentiate_by_variable(
     read_numbers: Callable[[Floats], Floats], values: Floats, k: int, steps: Floats
 ) -> Floats | None:
-    """Return derivatives of numbers by one variable, by difference quotients.
+    """Return derivatives of numbers by one variable, from difference quotients.
 
-    The quotients are of the eighth order: they are exact for polynomials up to this degree.
-    With each step the central quotient is tried first. The forward and the backward one
-    follow, which apply if the value of the variable is at a limit.
+    The quotients are exact for polynomials up to the eighth degree. With each step the
+    central quotient is tried first. Forward and backward quotients follow, because a
+    variable may be at the limit of its possible values.
 
     Parameters
     ----------
@@ -417,9 +421,10 @@ def _difference_quotient(
     step: float,
     stencil: Stencil,
 ) -> Floats | None:
-    """Return one difference quotient of numbers by a variable.
+    """Return one difference quotient of numbers by a variable, or None if it fails.
 
-    It is the weighted sum of the numbers at the values of the stencil, divided by the step.
+    It is a weighted sum of the numbers at several values of the variable, divided by the
+    step.
 
     Parameters
     ----------
@@ -430,9 +435,10 @@ def _difference_quotient(
     k
         Index of the variable.
     step
-        Step of the variable, in which the stencil counts.
+        Step of the variable.
     stencil
-        The values at which the numbers are read, and their weights.
+        The values at which the numbers are read, as multiples of the step, and their
+        weights.
 
     Returns
     -------

@@ -26,7 +26,8 @@ from spherekit.symbolic.parsed_expressions import convert_to_graph
 class FigureValues:
     """Figures of merit of a design in one assembly mode, with their derivatives.
 
-    An assembly mode is one of the ways to assemble the mechanism at given inputs.
+    A figure of merit is a number that rates a design (choice of sizes). An assembly mode is
+    one way to assemble the mechanism.
 
     Attributes
     ----------
@@ -36,7 +37,8 @@ class FigureValues:
     gradients
         (figures, variables) derivatives by the design variables in the units of the file.
     closing_fraction
-        Fraction of the samples at which the mechanism can be assembled in this mode.
+        Fraction of the samples of the inputs at which the mechanism can be assembled in
+        this mode.
     """
 
     figures: Floats
@@ -145,20 +147,20 @@ class FigureGradients:
     ) -> Floats:
         """Return the multiples of 2 pi to be added to angles on which loads depend.
 
-        Configurations give angles in (-pi, pi]. Loads such as springs may depend on angles
+        Configurations have angles in (-pi, pi]. Loads such as springs may depend on angles
         that count full revolutions. The count is zero at the inputs of the reference pose,
         or at zero inputs if there is no such pose.
 
         Parameters
         ----------
         design
-            The design.
+            The design (choice of sizes).
         position_arguments
             (numbers, samples + points) numbers that determine the positions of the links in
-            an assembly mode (way to assemble the mechanism). In closed form they are the
-            signs of its dyads (groups of two links with three R pairs). Otherwise they are
-            its pair variables (rad). The samples are followed by the points, inputs at
-            which single figures of merit are evaluated.
+            one assembly mode (way to assemble the mechanism). In closed form they are the
+            signs of the dyads (groups of two links with three revolute pairs). Otherwise
+            they are the pair variables (rad). The points are further inputs, at which
+            single figures of merit (numbers that rate a design) are evaluated.
 
         Returns
         -------
@@ -168,7 +170,8 @@ class FigureGradients:
             # No load depends on revolutions.
             return np.zeros((0, position_arguments.shape[1]))
         if self._kernel.is_closed_form:
-            # Each dyad has the same sign in all columns: at all samples and points.
+            # A dyad has the same sign everywhere in the mode, so the first column is
+            # enough.
             signs = position_arguments[:, 0].tolist()
             return self._offsets_by_signs(design, signs)
         return self._offsets_by_configurations(design, position_arguments)
@@ -188,10 +191,22 @@ class FigureGradients:
     def _offsets_by_configurations(
         self, design: DesignPoint, configurations: Floats
     ) -> Floats:
-        """Return the offsets (unwrapped pairs, samples + points) at configurations.
+        """Return multiples of 2 pi that make angles of one assembly mode continuous.
 
-        `configurations` (variables, samples + points) has the pair variables (rad) of one
-        mode.
+        Loads such as springs depend on whole revolutions. They are counted along the
+        configurations.
+
+        Parameters
+        ----------
+        design
+            The design (choice of sizes).
+        configurations
+            (variables, samples + points) pair variables (rad) in one assembly mode (way to
+            assemble the mechanism).
+
+        Returns
+        -------
+        (unwrapped pairs, samples + points) offsets (rad), for pairs on which loads depend.
         """
         solver = self.evaluator.make_solver(
             self.evaluator.make_kernel_mechanism(design.values)
