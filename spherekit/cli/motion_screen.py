@@ -467,7 +467,8 @@ def _describe_other_dyad(summary: Any) -> Lines:
     return [
         "The least transmission angle of all dyads is "
         f"{transmission_text(least['angle_rad'])} deg, at pair {least['pair']} in "
-        f"{modes_text(modes)} at {place}. It is 0 at a dead centre (type II singularity)."
+        f"{modes_text(modes)} at {place}. At a dead centre (type II singularity), a "
+        "transmission angle is 0."
     ]
 
 

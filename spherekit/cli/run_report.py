@@ -57,9 +57,9 @@ DEFAULT_ANALYSES = ["poles"]
 """The analyses of a run that are not named in its question."""
 
 TYPE_2_TEXT = (
-    "a dead centre (type II singularity: the locked input does not hold the output)"
+    "a singularity of type II (the locked input does not hold the output: a dead centre)"
 )
-"""What a dead centre is, for users who know other meanings of the word."""
+"""A singularity of type II in words: a dead centre has other meanings, too."""
 
 EVENT_TEXTS = {
     "dead_centre": "dead centre of {pair}",
@@ -73,18 +73,18 @@ EVENT_TEXTS = {
 """Words for the kinds of events of a simulation."""
 
 ERROR_TEXTS = (
-    ("largest_configuration_error_rad", "positions to {} rad"),
-    ("largest_direction_error_bound_rad", "pole axes to {} rad"),
-    ("largest_velocity_coefficient_error_bound", "velocity ratios to {}"),
+    ("largest_configuration_error_rad", "{} rad in positions"),
+    ("largest_direction_error_bound_rad", "{} rad in pole axes"),
+    ("largest_velocity_coefficient_error_bound", "{} in velocity ratios"),
 )
 """For each error bound on the screen: its key in ``errors_reached``, and its format."""
 
 TABLE_QUANTITIES = {
-    "angle": "angles to about {} deg",
-    "ratio": "velocity ratios to about {}",
-    "speed": "speeds to about {} rad/s",
-    "transmission_angle": "transmission angles to about {} deg",
-    "transmission_measure": "transmission measures to about {}",
+    "angle": "angles only to about {} deg",
+    "ratio": "velocity ratios only to about {}",
+    "speed": "speeds only to about {} rad/s",
+    "transmission_angle": "transmission angles only to about {} deg",
+    "transmission_measure": "transmission measures only to about {}",
 }
 """Quantities in the table of outputs, with the words for their accuracy."""
 
@@ -239,8 +239,9 @@ def _results(summary: Any) -> list[str | ScreenTable]:
             results.append(summary["completeness"])
             if len(summary["inputs"]) > 1 and summary["overview"]["is_path"]:
                 results.append(
-                    "These results are those of one path; --samples NxM, such as 41x21, "
-                    "gives a grid over the ranges of the inputs."
+                    "All inputs change together, along one path. Other combinations of "
+                    "inputs are not computed; --samples NxM, such as 41x21, computes a "
+                    "grid of them."
                 )
             results += _describe_meetings(summary)
             results += _describe_dead_centres(summary)
@@ -330,7 +331,7 @@ def _describe_dead_centres(summary: Any) -> Lines:
         for text, numbers in modes_by_places.items()
     ]
     if sum(map(len, modes_by_places.values())) < len(summary["assembly_modes"]):
-        lines.append("The other modes have none in this range.")
+        lines.append("The other modes have no dead centre in this range.")
     return lines
 
 
@@ -356,12 +357,12 @@ def _describe_unexpected_mobility(summary: Any) -> Lines:
     if count:
         constraints = "constraint is" if count == 1 else "constraints are"
         reason = (
-            f", because {count} {constraints} redundant: the mechanism moves only if its "
+            f", because {count} {constraints} redundant. The mechanism moves only if its "
             "geometry is exact"
         )
     return [
-        f"Over-constrained: mobility {mobility['rank']}. Counting links and pairs gives "
-        f"{mobility['graph']}{reason}."
+        f"Over-constrained: the mobility is {mobility['rank']}, while counting links and "
+        f"pairs gives {mobility['graph']}{reason}."
     ]
 
 
@@ -505,9 +506,10 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
         lines.append(f"{counted(listed_count, 'event')}: {'; '.join(texts)}.")
     if small_stop_count:
         lines.append(
-            f"{counted(small_stop_count, 'further stop')} of all links end swings of the "
-            f"input below {math.degrees(LEAST_SWING_RAD):.5f} deg; the table of events "
-            "has them."
+            f"{counted(small_stop_count, 'further stop')} of all links "
+            f"{'is' if small_stop_count == 1 else 'are'} only in the table of events: the "
+            f"input swings less than {math.degrees(LEAST_SWING_RAD):.5f} deg before "
+            f"{'it' if small_stop_count == 1 else 'each'}."
         )
     return lines
 
@@ -699,14 +701,14 @@ def _accuracy(summary: Any) -> str:
         missed = ", which was MISSED" if simulation["missed"] else ""
         texts.insert(
             0,
-            f"simulation to {simulation['achieved_error_rad']:.0e} rad (tolerance "
-            f"{simulation['tolerance']:.0e}{missed}), energy to "
-            f"{simulation['energy_imbalance_J']:.0e} of "
-            f"{simulation['energy_scale_J']:.2g} J",
+            f"{simulation['achieved_error_rad']:.0e} rad in the simulated input (tolerance "
+            f"{simulation['tolerance']:.0e}{missed}), "
+            f"{simulation['energy_imbalance_J']:.0e} J in the energy (of "
+            f"{simulation['energy_scale_J']:.2g} J)",
         )
     if not texts:
         return ""
-    line = f"at each sample: {', '.join(texts)} (error bounds)"
+    line = f"errors at each sample are at most {', '.join(texts)}"
     overview = summary["overview"]
     if summary["assembly_modes"] and overview["outputs"]:
         line = f"{_table_accuracy(overview)}; {line}"
@@ -718,7 +720,7 @@ def _table_accuracy(overview: Any) -> str:
 
     The extremes are those of the samples. Between two samples, values can be larger or
     smaller. An example of the text is "the table is accurate to the digits shown, but
-    angles to about 0.002 deg, as samples are 1 deg of 21 apart".
+    angles only to about 0.002 deg, as samples are 1 deg of 21 apart".
 
     Parameters
     ----------
@@ -752,7 +754,7 @@ def _table_accuracy(overview: Any) -> str:
         line += f", but {', '.join(exceptions)}{because}"
     modes = overview["modes"].values()
     if not all(mode["closes_everywhere"] for mode in modes):
-        line += "; where a mode ends, the table has the values of its last samples"
+        line += "; of modes that end, it has the values up to their last samples"
     elif any(mode["statuses"] for mode in modes):
         line += "; samples without a result are left out of the table"
     return line

@@ -356,8 +356,8 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
             quantity = "velocity ratio"
             if has_several_inputs:
                 quantity = (
-                    "least velocity ratio of all combinations of the inputs (smallest "
-                    "singular value of the velocity Jacobian)"
+                    "velocity ratio for the least effective combination of the inputs "
+                    "(smallest singular value of the velocity Jacobian)"
                 )
             noun = "closest configuration"
             if has_one_freedom:

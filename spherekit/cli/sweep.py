@@ -202,16 +202,16 @@ def execute(options: Namespace) -> int:
             report.files += f"; {_write_figures(result, options)}"
         elif options.output:
             words = [*options.words, "--figures"]
-            command = (shlex.join(["spherekit", *words]), "draw figures of the sweep")
+            command = (shlex.join(["spherekit", *words]), "draw diagrams of the sweep")
             report.next_steps = [command]
         else:
             words = [*options.words, "-o", "DIR", "--figures"]
-            command = (shlex.join(["spherekit", *words]), "save all rows and draw figures")
+            command = (shlex.join(["spherekit", *words]), "save all rows and draw diagrams")
             report.next_steps = [command]
         if not options.file.endswith(".study.toml"):
             name = f"new_{Path(options.file).stem}"
             words = ["spherekit", "new", "mechanism", name, "--like", options.file]
-            purpose = "a copy of the mechanism, for the numbers of the best design"
+            purpose = "copy the mechanism, to enter the dimensions of the best design"
             report.next_steps.append((shlex.join(words), purpose))
         report.print(options)
     return 0

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
+from spherekit.cli.mode_text import number_list
 from spherekit.cli.screen_report import ScreenReport
 from spherekit.conventions import Lines
 from spherekit.number_text import degree_range_text, degrees_text, number_text
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
 
 MANY_FIGURES = 2
 """Number of figures of merit beyond which only one design is printed for each extreme."""
+
+MAX_DESIGN_WORDS_LENGTH = 50
+"""Characters of the longest list of design numbers within a line."""
 
 DESIGNS_PER_EXTREME = 3
 """Number of designs with the largest and smallest values of a figure that are printed."""
@@ -75,7 +79,7 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
     report.accuracy = "; ".join(
         [
             "figures of merit are the extremes of the samples of each design"
-            f"{_sample_distance(sweep)}",
+            f"{_sample_distance(sweep)}; between samples a quantity can go beyond them",
             *result.remarks,
         ]
     )
@@ -179,10 +183,24 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
     partial_count = int((closes < 1.0).sum())
     if partial_count:
         least = number_text(100.0 * closes.min(), digits=3)
-        text += f"; {partial_count} exist at a part of the samples only (least {least} %)"
+        text += (
+            f"; {partial_count} of the rows{_design_words(frame[is_valid][closes < 1.0])} "
+            f"exist only at a part of the samples, at least at {least} % of them"
+        )
     elif len(closes):
         text += f"; {'the others' if failed_count else 'all'} exist at all samples"
     return text
+
+
+def _design_words(frame: Any) -> str:
+    """Return the numbers of the designs of some rows: `` (designs 9-12)``.
+
+    The text is empty if it would be longer than `MAX_DESIGN_WORDS_LENGTH`.
+    """
+    designs = sorted({int(design) for design in frame["design"]})
+    noun = "design" if len(designs) == 1 else "designs"
+    text = f" ({noun} {number_list(designs)})"
+    return text if len(text) <= MAX_DESIGN_WORDS_LENGTH else ""
 
 
 def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
@@ -227,7 +245,7 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
     rows = []
     for figure in figures:
         values = frame[frame[figure].notna()]
-        for title, ascending in (("largest", False), ("smallest", True)):
+        for title, ascending in (("highest", False), ("lowest", True)):
             ordered = values.sort_values(figure, ascending=ascending, kind="stable")
             printed_designs: list[int] = []
             for _, row in ordered.iterrows():
@@ -259,10 +277,10 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
         return []
     columns = (
         ScreenColumn("figure of merit"),
-        ScreenColumn("extreme"),
+        ScreenColumn("rank"),
         ScreenColumn("value", "right"),
         ScreenColumn("design", "right"),
-        ScreenColumn("assembly mode"),
+        ScreenColumn("assembly mode (signs)"),
         *([ScreenColumn("exists at", "right")] if has_partial_modes else []),
         *(
             ScreenColumn(_heading(headings[name], units.get(name)), "right")
@@ -276,9 +294,10 @@ def _best_designs(result: "SweepResult", frame: Any) -> list[str | ScreenTable]:
         return [table]
     return [
         table,
-        f"The figures of merit are the columns {', '.join(figures)} in files and in "
-        "conditions (--where). The column closes is the share of samples at which a mode "
-        "exists.",
+        f"{'This figure' if len(figures) == 1 else 'These figures'} of merit "
+        f"{'is the column' if len(figures) == 1 else 'are the columns'} "
+        f"{', '.join(figures)} in files and in conditions (--where). The column closes is "
+        "the share of samples at which a mode exists.",
     ]
 
 
@@ -308,7 +327,7 @@ def _warn_of_change_points(frame: Any) -> Lines:
     return [
         f"Change-point four-bars ({numbered('design', designs)}) have a configuration in "
         "which all axes lie in one plane and the assembly modes meet. Their largest and "
-        "smallest figures depend on how near a sample falls to it."
+        "smallest figures depend on how near a sample falls to this configuration."
     ]
 
 
