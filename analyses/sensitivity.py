@@ -202,7 +202,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                     "spread",
                     "",
                     "standard deviation of the quantity due to the tolerances of all "
-                    "dimensions, to first order",
+                    "dimensions, to first order; in the unit of the quantity",
                 ),
                 Column(
                     "worst",

@@ -193,7 +193,11 @@ PAIRS = Table(
         POSE_NUMBER,
         WORKING_MODE,
         Column("pair", "", "name of the pair", "text"),
-        Column("value", "rad", "angle of the pair; arc length for a contact"),
+        Column(
+            "value",
+            "rad",
+            "angle of the pair, or the arc length along a profile of a contact",
+        ),
     ),
 )
 

@@ -68,8 +68,9 @@ SINGULARITIES = Table(
         Column(
             "theta",
             "rad",
-            "angle of the passive pair, which is not driven; arc length for a contact",
+            "angle of the passive pair (not driven)",
             per_passive=True,
+            contact_meaning="arc length along a profile of the contact at the passive pair",
         ),
         Column(
             "curve",

@@ -81,8 +81,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="NAME",
         help=(
-            "for source code and latex: quantities to compute, as names or patterns "
-            "such as theta_* (default: angles, velocity coefficients of links, "
+            "for the kinds source code and latex: quantities to compute, as names or "
+            "patterns such as theta_* (default: angles, velocity coefficients of links, "
             "transmission angles, inertia and driving torque)"
         ),
     )
@@ -117,8 +117,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="POLE",
         help=(
-            "for model and coupling: poles to include, such as 3/1 for the pole of "
-            "links 3 and 1 (default: all for a model with one input, otherwise none)"
+            "for the kinds model and coupling: poles to include, such as 3/1 for the "
+            "pole of links 3 and 1 (default: all for a model with one input, otherwise "
+            "none)"
         ),
     )
     pairs_argument = parser.add_argument(
@@ -126,7 +127,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         metavar="PAIR",
         help=(
-            "for coupling: passive pairs (pairs that are not inputs) to include "
+            "for the kind coupling: passive pairs (pairs that are not inputs) to include "
             "(default: all)"
         ),
     )
@@ -136,8 +137,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="N[xM...]",
         type=sample_counts,
         help=(
-            "for coupling: number of values of each input in the table (default: as "
-            "many as --tol needs)"
+            "for the kind coupling: number of values of each input in the table "
+            "(default: as many as --tol needs)"
         ),
     )
     parser.add_argument(
@@ -145,17 +146,17 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="T",
         type=number,
         help=(
-            "for model: largest error of every function, relative to its largest value "
-            "(default: 1e-13; with several inputs 1e-11); for coupling: largest error "
-            "of angles, in rad (default: 1e-6)"
+            "for the kind model: largest error of every function, relative to its largest "
+            "value (default: 1e-13; with several inputs 1e-11); for the kind coupling: "
+            "largest error of angles, in rad (default: 1e-6)"
         ),
     )
     parser.add_argument(
         "--at",
         metavar="Q[,Q...]",
         help=(
-            "for mjcf: values of the inputs at which the model is posed, such as 30deg "
-            "(default: the first ones in their ranges at which it can be assembled); "
+            "for the kind mjcf: values of the inputs at which the model is posed, such as "
+            "30deg (default: the first ones in their ranges at which it can be assembled); "
             f"{UNIT_RULE}"
         ),
     )

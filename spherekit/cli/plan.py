@@ -61,8 +61,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="+",
         metavar="POLE",
         help=(
-            "plan the construction of these poles only, and of the poles that it needs; "
-            "3/1 is the pole of link 3 relative to link 1"
+            "plan only the construction of these poles, and of the other poles that are "
+            "needed for it; 3/1 is the pole of link 3 relative to link 1"
         ),
     )
     exclusive = parser.add_mutually_exclusive_group()

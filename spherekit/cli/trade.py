@@ -78,7 +78,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--save",
         metavar="X.rrd",
         type=Path,
-        help="write a recording of the chart to this file, for the Rerun viewer",
+        help="save the chart of time against error to this file, for the Rerun viewer",
     )
     parser.add_argument(
         "--json",

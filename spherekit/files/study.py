@@ -153,7 +153,7 @@ class Start:
             if len(numbers) != len(inputs):
                 raise ModelError(
                     f"start: {key} has {counted(len(numbers), 'number')}, expected "
-                    f"{len(inputs)}, one for each input ({', '.join(inputs)})"
+                    f"{len(inputs)}, one for each input: {', '.join(inputs)}"
                 )
             state.append(numbers)
         return state[0], state[1]

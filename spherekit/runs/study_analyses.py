@@ -16,10 +16,27 @@ from spherekit.runs.declaration_checks import check_needs
 from spherekit.runs.parameter_text import read_fields
 from spherekit.runs.registry import create_analysis, load_analysis
 from spherekit.type_descriptions import TypeWording, describe_type, read_value
-from spherekit.wording import listing
+from spherekit.wording import counted, listing
 
 DEFAULT_ANALYSIS = "poles"
 """The analysis of a study that names none."""
+
+
+def _array_words(items: Sequence[str]) -> str:
+    """Return words for an array with one given type for each item.
+
+    Examples are ``an array of 2 numbers`` and ``an array of 2 values: a number, text in
+    quotes``.
+
+    Parameters
+    ----------
+    items
+        Words for the type of each item, such as ``a number``.
+    """
+    if set(items) == {"a number"}:
+        return f"an array of {counted(len(items), 'number')}"
+    return f"an array of {counted(len(items), 'value')}: {listing(items)}"
+
 
 _FILE_WORDING = TypeWording(
     {
@@ -30,7 +47,7 @@ _FILE_WORDING = TypeWording(
         NoneType: "",
     },
     lambda choices: f"one of {listing(map(shown, choices))}",
-    lambda items: f"an array of {len(items)} values: {listing(items)}",
+    _array_words,
     lambda item: f"an array [...] in which each item is {item}",
 )
 """Words for the types of parameters in a file."""

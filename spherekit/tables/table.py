@@ -63,6 +63,8 @@ class Column:
         Whether the column stands for one column per variable of the passive pairs, called
         like the variable. In the meaning the name of the pair follows the words "the
         passive pair".
+    contact_meaning
+        With `per_passive`, the meaning for variables of contacts, which are arc lengths.
     scale
         How errors of the column are scaled. ``"absolute"``: they are not divided.
         ``"largest"``: they are divided by the largest number of the run. ``"unit"``: errors
@@ -87,6 +89,7 @@ class Column:
     kind: Kind = "number"
     per_input: bool = False
     per_passive: bool = False
+    contact_meaning: str = ""
     scale: Scale = "unit"
     turns: Turns = "no"
     on_request: str = ""
@@ -154,6 +157,7 @@ class Table:
                 strict=True,
             )
         )
+        angle_names = {mechanism.variable_names[i] for i in mechanism.angles.values()}
         columns: list[Column] = []
         for column in self.columns:
             # Names of the columns that replace this one, each with its pair. By default the
@@ -167,16 +171,19 @@ class Table:
                 }
             elif column.per_input and len(driven_pairs) > 1:
                 pair_by_name = {f"{column.name}_{pair}": pair for pair in driven_pairs}
-            columns += [
-                replace(
-                    column,
-                    name=name,
-                    meaning=_name_pair(column.meaning, pair),
-                    per_input=False,
-                    per_passive=False,
+            for name, pair in pair_by_name.items():
+                meaning = column.meaning
+                if column.per_passive and name not in angle_names:
+                    meaning = column.contact_meaning
+                columns.append(
+                    replace(
+                        column,
+                        name=name,
+                        meaning=_name_pair(meaning, pair),
+                        per_input=False,
+                        per_passive=False,
+                    )
                 )
-                for name, pair in pair_by_name.items()
-            ]
         return replace(self, columns=tuple(columns))
 
     def units(self, degrees: bool) -> dict[str, str]:
