@@ -21,10 +21,10 @@ whole registers and a remainder.
 
 @cache
 def processor_identity() -> dict[str, str]:
-    """Identify the numerical kernels that this process uses.
+    """Identify the numerical kernels (code variants for processors) that this process uses.
 
-    Two processes with equal identities and equal versions of all libraries are expected to
-    compute results that are equal bit by bit.
+    The last bits of results depend on them. Two processes with equal identities and equal
+    library versions are expected to compute results that are equal bit by bit.
 
     Returns
     -------
@@ -47,21 +47,19 @@ def processor_identity() -> dict[str, str]:
 
 
 def _hash_results() -> str:
-    """Compute test results with NumPy, and return the SHA-256 checksum of their bits.
+    """Compute test results with NumPy, and return a checksum of their bits.
 
-    NumPy and its linear algebra library choose, by the type of the processor, among several
-    implementations (kernels) of each operation, which round differently. Two processes with
-    the same checksum are expected to use the same kernels, and therefore to compute results
-    that are equal bit by bit. The test results are those of elementary functions, complex
-    numbers, sums, matrix products and decompositions. The checksum is a hexadecimal text.
+    NumPy and its linear algebra library have several variants (kernels) of each operation.
+    They choose by the type of the processor, and the variants round differently. Processes
+    with equal checksums are expected to use the same variants, and so to compute equal
+    bits. The checksum is SHA-256, as a hexadecimal text.
     """
-    # The numbers have no meaning. Most of them are not exact in binary, so that each
-    # operation rounds.
+    # The numbers have no meaning. Most are not exact in binary, so each operation rounds.
     x = np.arange(1, VECTOR_SIZE + 1) / 7.0
     z = x + 1j * x[::-1]
     matrix = np.sin(np.outer(x, x[::-1] + 0.3))
-    # 19 columns are no multiple of the block size of a kernel. Some kernels have other code
-    # for the columns after the last whole block.
+    # 19 columns are not a multiple of the block size of a kernel. So the code for the
+    # remaining columns is tested, too.
     rectangular_matrix = matrix[:, : VECTOR_SIZE - 5]
     results = [
         *(

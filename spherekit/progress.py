@@ -21,7 +21,7 @@ LARGEST_TIME_IN_SMALLER_UNIT = 2.0
 
 @dataclass(frozen=True)
 class ProgressReport:
-    """How far a computation is.
+    """How far a long computation is; this is what a listener receives.
 
     Attributes
     ----------
@@ -108,14 +108,16 @@ class ProgressReporter:
         done: float | None = None,
         total: float | None = None,
     ) -> bool:
-        """Report the progress if the last report is old enough.
+        """Report the progress to the listener, if the last report is old enough.
+
+        It can be called often, since most calls do nothing.
 
         Parameters
         ----------
         how_far
             Function that returns the progress in words. It is called only for a report.
         done
-            Finished amount of work, in any unit; None if no number is known.
+            Finished amount of work, in any unit. None if it cannot be stated as a number.
         total
             Whole amount of work in the same unit; None if it is not known.
 
@@ -125,7 +127,8 @@ class ProgressReporter:
         """
         now = time.monotonic()
         if done is not None and (self._first_numbers is None or total != self._total):
-            # The first numbers, or those of another stage of the same computation.
+            # The remaining time is estimated from these numbers. Another total means
+            # another stage of the computation, so the estimate begins again.
             self._first_numbers = (now, done)
             self._total = total
         if now - self._last_report < REPORT_INTERVAL_S:
@@ -143,12 +146,14 @@ class ProgressReporter:
     ) -> float | None:
         """Return the time (s) that the rest will take, or None if it cannot be estimated.
 
+        The rate of work since the first report is assumed to continue.
+
         Parameters
         ----------
         now
             Present time (s).
         done, total
-            Finished and whole amount of work, or None.
+            Finished and whole amount of work in the same unit, or None.
         """
         if done is None or total is None or self._first_numbers is None:
             return None

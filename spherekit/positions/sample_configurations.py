@@ -73,9 +73,10 @@ Further rows are reported as incomplete."""
 
 @dataclass(frozen=True)
 class SampleConfigurations:
-    """Configurations of a mechanism at n samples of its inputs.
+    """All configurations of a mechanism at n samples (values) of its inputs, in one table.
 
-    They are sorted by sample. The order within a sample is reproducible.
+    At a sample the mechanism can be assembled in several ways, so it can have several
+    configurations. They are sorted by sample.
 
     Attributes
     ----------
@@ -84,10 +85,10 @@ class SampleConfigurations:
     values
         (k, variables) variables (rad) of the mechanism.
     is_complete
-        (n,) whether no real configuration of the sample can be missing.
+        (n,) whether all real configurations of the sample are certainly in the table.
     problem
-        Why configurations may be missing at a sample that is not complete; empty if no
-        reason was recorded.
+        Why configurations may be missing at samples that are not complete. Empty if no
+        reason is known.
     """
 
     sample: Indices
@@ -98,10 +99,10 @@ class SampleConfigurations:
 
 @dataclass(frozen=True)
 class GroupConfigurations:
-    """Configurations of one group at n rows.
+    """Configurations of one group of links at n rows, in one table.
 
-    A row is a position of the links on which the group is placed: one configuration of the
-    earlier groups at one sample of the inputs. A sample can have several rows.
+    Groups are placed one after the other. A row is one configuration of all earlier groups
+    at one sample of the inputs. At each row the group can have several configurations.
 
     Attributes
     ----------
@@ -110,10 +111,11 @@ class GroupConfigurations:
     values
         (k, pairs) variables (rad) of the pairs of the group.
     is_complete
-        (n,) whether no real configuration of the row can be missing.
+        (n,) whether all real configurations of the group at the row are certainly in the
+        table.
     problem
-        Why configurations may be missing at a row that is not complete; empty if no reason
-        was recorded.
+        Why configurations may be missing at rows that are not complete. Empty if no reason
+        is known.
     """
 
     row: Indices
@@ -124,20 +126,24 @@ class GroupConfigurations:
 
 @dataclass(frozen=True)
 class GroupPlacement:
-    """Placed bodies after a group was placed in all its configurations at n rows.
+    """The placed bodies, after one more group of links was placed in all possible ways.
+
+    Before, there were n old rows. A row is one configuration of all groups placed so far,
+    at one sample of the inputs. Each old row leads to a new row for each configuration of
+    the group.
 
     Attributes
     ----------
     state
-        The bodies in k new rows, one for each configuration of the group at each old row.
-        There is none for an old row at which the group cannot be closed.
+        The bodies in the k new rows. An old row has no new row if the group cannot be
+        closed.
     parent
-        (k,) old row from which each new row comes, rising.
+        (k,) old row from which each new row comes, in rising order.
     is_complete
-        (n,) whether no real configuration of the group at the old row can be missing.
+        (n,) whether all real configurations of the group at the old row are in the result.
     problem
-        Why configurations may be missing at a row that is not complete; empty if no reason
-        was recorded.
+        Why configurations may be missing at rows that are not complete. Empty if no reason
+        is known.
     """
 
     state: AssemblyState
@@ -157,26 +163,29 @@ def can_enumerate(solver: PositionSolver) -> bool:
 def enumerate_configurations(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     """Return all configurations of a mechanism at many samples of its inputs.
 
+    At a sample the mechanism can be assembled in several ways. Many samples are computed
+    together, which is faster.
+
     Parameters
     ----------
     solver
-        The mechanism. Each of its groups must be a dyad, a train of wheels, or a group
-        whose equations can be solved by elimination (see `can_enumerate`).
+        The mechanism. Each of its groups of links must be a dyad, a train of wheels, or
+        have equations that elimination solves (see `can_enumerate`).
     q
         (n, inputs) values of the inputs (rad) at each sample.
 
     Returns
     -------
-    The configurations. For each sample they also state whether some may be missing
-    (`is_complete`), and for one of these samples why (`problem`). The order within a sample
-    is that of `spherekit.positions.assembly_enumeration.enumerate_assemblies`.
+    The configurations. `is_complete` says for each sample whether all were found, and
+    `problem` why some may be missing. The order within a sample is that of
+    `spherekit.positions.assembly_enumeration.enumerate_assemblies`.
     """
     batches = []
     for first in range(0, len(q), SAMPLES_AT_ONCE):
         batch = _enumerate_batch(solver, q[first : first + SAMPLES_AT_ONCE])
         batches.append((first, batch))
     problems = [batch.problem for _, batch in batches if batch.problem]
-    # One more Newton step of all loops together removes most of the remaining error.
+    # One more Newton step for all loops removes most of the remaining error.
     values = _polish(solver, np.concatenate([batch.values for _, batch in batches]))
     return SampleConfigurations(
         sample=np.concatenate([first + batch.sample for first, batch in batches]),
@@ -189,21 +198,20 @@ def enumerate_configurations(solver: PositionSolver, q: Floats) -> SampleConfigu
 def _polish(solver: PositionSolver, values: Floats) -> Floats:
     """Return closed configurations after one more Newton step of all their loops.
 
-    The loops count as closed at a residual below 1e-15 rad. The error of the variables is
-    this residual times the inverse of the Jacobian, about 1e-14 rad. Rounding accounts for
-    a tenth of this error only. The step removes the rest.
+    Before, the loops are closed to 1e-15 rad, which leaves errors of about 1e-14 rad in the
+    variables. Nine tenths of this error are removed by the step; the rest is rounding.
 
     Parameters
     ----------
     solver
-        The mechanism, whose inputs are kept.
+        The mechanism. Its inputs stay constant.
     values
         (k, variables) closed configurations (rad).
 
     Returns
     -------
-    (k, variables) corrected configurations (rad). A configuration is unchanged if its step
-    exceeds `LARGEST_POLISHING_STEP_RAD`, which is far larger than these errors.
+    (k, variables) corrected configurations (rad). Configurations stay unchanged if the step
+    is larger than `LARGEST_POLISHING_STEP_RAD`, because such a step is not a correction.
     """
     linearisation = solver.closure.linearise(values)
     passive = np.delete(np.arange(values.shape[1]), solver.driven)
@@ -211,7 +219,7 @@ def _polish(solver: PositionSolver, values: Floats) -> Floats:
     step[:, passive] = solve_least_norm(
         linearisation.jacobian[:, :, passive], -linearisation.residual
     )
-    # Next to a singular configuration a step can be of any size.
+    # Next to a singular configuration the step is meaningless and can be large.
     is_small = max_abs(step, axis=1) < LARGEST_POLISHING_STEP_RAD
     return np.where(is_small[:, None], values + step, values)
 
@@ -219,13 +227,12 @@ def _polish(solver: PositionSolver, values: Floats) -> Floats:
 def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     """Return all configurations at one batch of inputs q (n, inputs), in rad.
 
-    A group is a set of links that are placed together, such as a dyad, on links that the
-    inputs or earlier groups have placed. The groups are solved one after the other, so the
-    errors of earlier groups remain in the configurations. The caller removes them by a
-    Newton step of all loops together.
+    A group is a set of links that are placed together, such as a dyad (two links). Groups
+    are placed one after the other. Each partial configuration is continued in all ways to
+    place the next group. The errors of the groups add up; the caller reduces them.
     """
-    # A row is a partial configuration of one sample, in which the groups up to the current
-    # one are placed. `sample` has the sample of each row, and `state` the placed bodies.
+    # A row is one partial configuration of one sample. `sample` has the sample of each row,
+    # and `state` the bodies that are placed in it.
     is_complete = np.ones(len(q), dtype=bool)
     sample = np.arange(len(q))
     problem = ""
@@ -239,6 +246,8 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
             else:
                 placement = _place_by_elimination(state, group, sample)
             is_complete[sample[~placement.is_complete]] = False
+            # The rows of the next group: one for each way to place this group at each old
+            # row.
             problem = problem or placement.problem
             state = placement.state
             sample = sample[placement.parent]
@@ -248,29 +257,32 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
 
 
 def _place_both_modes(state: AssemblyState, group: Group) -> GroupPlacement:
-    """Place a dyad in both of its modes, which are known in closed form.
+    """Place a dyad (two links joined by a pair) in both ways in which it closes.
 
-    Modes of the same old row follow each other, the mode of sign 1 first.
+    A formula gives both ways, told apart by a sign. A row is one configuration of the
+    earlier groups. Results of the same old row follow each other, sign 1 first.
 
     Parameters
     ----------
     state
-        The bodies at n rows, before the dyad is placed. It is not changed.
+        The bodies at n rows, before the dyad is placed. This object is not changed.
     group
         The dyad.
 
     Returns
     -------
-    New rows for the modes in which the dyad closes.
+    New rows, one for each way in which the dyad closes at an old row.
     """
     states = []
     parents = []
     for sign in (1, -1):
         placed = state.copy()
-        # The sine is zero at the dead centre, where the axes of the dyad are in one plane.
+        # The sine of a dyad is zero at the dead centre, where its three axes are in one
+        # plane.
         sine = place_dyad(placed, group, sign)
         closes = ~placed.is_open
-        # Both signs give the same configuration of a flat dyad. Sign 1 has it already.
+        # In a flat dyad both signs give the same configuration; it is counted for sign 1
+        # only.
         is_flat = sine < SINGULAR_DYAD_SINE
         if sign < 0:
             closes &= ~is_flat
@@ -290,6 +302,8 @@ def _place_wheel_train(
 ) -> GroupPlacement:
     """Place a train of wheels, which has a single configuration at given inputs.
 
+    Gear ratios determine it. A row is one configuration of the earlier groups of links.
+
     Parameters
     ----------
     solver
@@ -297,7 +311,7 @@ def _place_wheel_train(
     position
         Position of the train among the groups, in solving order.
     state
-        The bodies at n rows. The train is placed in this object itself.
+        The bodies at n rows. This object is changed: the train is placed in it.
     q
         (n, inputs) values of the inputs (rad) at the rows.
 
@@ -317,20 +331,24 @@ def _place_wheel_train(
 def _place_by_elimination(
     state: AssemblyState, group: Group, sample: Indices
 ) -> GroupPlacement:
-    """Place a group in all configurations that elimination finds.
+    """Place a group of links in all configurations that elimination finds.
+
+    A row is one configuration of the groups placed before. Elimination reduces the
+    equations of the group to a polynomial in one angle.
 
     Parameters
     ----------
     state
-        The bodies at n rows, before the group is placed. It is not changed.
+        The bodies at n rows, before the group is placed. This object is not changed.
     group
-        A group of R pairs whose equations elimination reduces to a polynomial in one angle.
+        A group of revolute pairs only.
     sample
-        (n,) sample of each row, rising.
+        (n,) index of the sample of the inputs of each row, rising.
     """
     closure = group_closure(state, group)
     configurations = _eliminate_distinct_rows(group, closure, sample)
     parent = configurations.row
+    # Continue each row with each of its configurations of the group.
     closed_loops = closure.select_rows(parent).linearise(configurations.values)
     new_state = state.rows(parent)
     new_state.merge(group, closed_loops.rotations)
@@ -347,17 +365,16 @@ def _place_by_elimination(
 def _eliminate_distinct_rows(
     group: Group, closure: Closure, sample: Indices
 ) -> GroupConfigurations:
-    """Return the configurations of one group at all rows, and solve equal rows once.
+    """Return the configurations of one group of links at all rows; solve equal rows once.
 
-    A row is one configuration of the groups that are placed before this one, so a sample
-    can have several rows. If the position of this group does not depend on those groups,
-    its equations are the same in all rows of a sample, and are solved only once for each
-    sample.
+    A row is one configuration of the groups that are placed before, so a sample of the
+    inputs can have several rows. If this group does not depend on the earlier groups, its
+    equations are equal in all rows of a sample. Then they are solved once for each sample.
 
     Parameters
     ----------
     group
-        A group of R pairs whose equations elimination reduces to a polynomial in one angle.
+        A group of revolute pairs. Elimination reduces its equations to a polynomial.
     closure
         The loop equations of the group at n rows.
     sample
@@ -368,28 +385,28 @@ def _eliminate_distinct_rows(
     solved = _eliminate_rows(group, closure.select_rows(solved_rows))
     if len(solved_rows) == len(sample):
         return solved
-    # `solved` counts rows by their positions in `solved_rows`.
+    # In `solved`, rows are numbered by their position in `solved_rows`.
     return _repeat_configurations(solved, np.searchsorted(solved_rows, representative))
 
 
 def _find_representative_rows(closure: Closure, sample: Indices) -> Indices:
-    """Return for each row (n,) a row of the same sample at which the equations are equal.
+    """Return for each row (n,) the number of a row with equal equations.
 
-    This is the first row of the sample if its equations are equal, otherwise the row
-    itself.
+    It serves to solve equal equations once. A row is one configuration of earlier groups at
+    a sample of the inputs. The result is the first row of the same sample if the equations
+    are equal there, otherwise the row itself.
 
     Parameters
     ----------
     closure
-        The loop equations of a group at n rows.
+        The loop equations of a group of links at n rows.
     sample
         (n,) index of the sample of each row, rising.
     """
-    # The index at which a sample occurs first in the sorted array.
+    # The first row of the sample of each row (`sample` is sorted).
     first_row = np.searchsorted(sample, sample)
-    # The equations depend on rotations from links to bodies. (A body is a set of links that
-    # do not move relative to each other.) The rotations are compared for the first and the
-    # second links of all pairs.
+    # The equations differ only by the orientations of links in their bodies (sets of links
+    # that are rigid relative to each other). They are compared for both links of all pairs.
     assert closure.body_from_links is not None
     first_links, second_links = closure.body_from_links
     first_difference = max_abs(first_links - first_links[first_row], axis=(1, 2, 3))
@@ -404,19 +421,21 @@ def _repeat_configurations(
 ) -> GroupConfigurations:
     """Copy the configurations of solved rows to all rows with the same equations.
 
+    A row is one configuration of earlier groups of links. Equal equations were solved once.
+
     Parameters
     ----------
     solved
-        Configurations at m solved rows, which are numbered from 0.
+        Configurations of a group at m solved rows, which are numbered from 0.
     solved_row
-        (n,) number of the solved row that has the equations of each row.
+        (n,) for each row the number of the solved row with the same equations.
 
     Returns
     -------
     Configurations at the n rows.
     """
-    # (m + 1,) index of the first configuration of each solved row. For example, [0, 4, 6]
-    # are configurations 0 to 3 of one solved row, and 4 to 5 of the next one.
+    # (m + 1,) where the configurations of each solved row begin. Example: [0, 4, 6] means
+    # that row 0 has the configurations 0 to 3, and row 1 has 4 and 5.
     row_count = len(solved.is_complete)
     first_configurations = np.searchsorted(solved.row, np.arange(row_count + 1))
     copied_indices = [
@@ -566,29 +585,29 @@ def _solve_batch(
 def _solve_real_roots(
     geometry: GroupGeometry, order: EliminationOrder
 ) -> tuple[Floats, Bools]:
-    """Return the real solutions of the equations of a group, from real roots only.
+    """Return the real solutions of the equations of a group, by real roots only.
 
-    A group is a set of bodies that are placed together. Without t of its links it is a tree
-    of bodies that t pairs join. The angles of these pairs are the unknowns. Each link that
-    was left out gives an equation: the arc between its axes is known. All unknowns but one
-    are eliminated. The roots of the remaining polynomial are values of exp(i angle), so a
-    real angle belongs to a root on the unit circle.
+    This is faster than computing all complex roots. A group is a set of bodies that are
+    placed together. Without t of its links it is a tree, and the angles of t pairs are the
+    unknowns. Each of these links gives an equation: the arc between its axes is known. All
+    unknowns but one are eliminated. A root of the remaining polynomial is exp(i angle), so
+    real angles belong to roots on the unit circle.
 
     Parameters
     ----------
     geometry
-        The group at n rows.
+        The geometry of the group at n rows (configurations of earlier groups).
     order
         The t unknown angles and the equations, in an order that can be solved.
 
     Returns
     -------
     tree_angles
-        (n, m, t) real solutions (rad), as starts of Newton's method; NaN if a row has
-        fewer than m.
+        (n, m, t) real solutions (rad), as starts of Newton's method. Rows with fewer than m
+        solutions are filled with NaN.
     is_clear
-        (n,) whether there is one solution for each root on the unit circle, and every other
-        root is clearly off the circle.
+        (n,) whether the result is reliable: one solution for each root on the unit circle,
+        and all other roots clearly off the circle.
     """
     # `incidence` (t, t) says which equation contains which unknown.
     return estimate_real_angles(geometry.form_equations(order), order.incidence)
@@ -599,14 +618,14 @@ def _solve_all_roots(
 ) -> tuple[Floats, Bools]:
     """Return the real solutions of the equations of a group, from all complex ones.
 
-    A group is a set of bodies that are placed together. Without t of its links it is a tree
-    of bodies that t pairs join. The angles of these pairs are the unknowns. Each link that
-    was left out gives an equation: the arc between its axes is known.
+    A group is a set of bodies that are placed together. Without t of its links it is a
+    tree, and the angles of t pairs are the unknowns. Each of these links gives an equation:
+    the arc between its axes is known.
 
     Parameters
     ----------
     geometry
-        The group at n rows.
+        The geometry of the group at n rows (configurations of earlier groups).
     order
         The t unknown angles and the equations, in an order that can be solved.
 
@@ -614,9 +633,8 @@ def _solve_all_roots(
     -------
     tree_angles
         (n, m, t) solutions (rad), NaN for those that are not real.
-    is_clear
-        (n,) whether all complex solutions were computed, and each is clearly real or
-        clearly complex.
+    (n,) whether the result is reliable: all complex solutions were computed, and each is
+    clearly real or clearly complex.
     """
     tree_angles, _ = geometry.solve_equations(order)
     imaginary_part = max_abs(tree_angles.imag, axis=2)
@@ -629,24 +647,25 @@ def _solve_all_roots(
 def _examine_rows(
     group: Group, closure: Closure, rows: Indices
 ) -> Iterator[tuple[int, Floats, str]]:
-    """Compute the configurations of a group at some rows, one by one.
+    """Compute the configurations of a group of links at some rows, one by one.
 
-    This takes longer than solving all rows together, but it checks each row: whether
-    a solution was lost, and whether solutions that nearly coincide are different.
+    A row is one configuration of the groups placed before. This is slower than solving all
+    rows together. But for each row it checks whether solutions were lost, and whether
+    nearly equal solutions are different.
 
     Parameters
     ----------
     group
-        A group of R pairs whose equations elimination reduces to a polynomial in one angle.
+        A group of revolute pairs. Elimination reduces its equations to a polynomial.
     closure
-        The loop equations of the group.
+        The loop equations of the group at all rows.
     rows
         (m,) rows of the closure to examine.
 
     Yields
     ------
-    The row, its configurations (k, pairs) in rad, and why some may be missing. The
-    reason is empty if none is missing.
+    The row, its configurations (k, pairs) in rad, and why some may be missing (empty if
+    none is).
     """
     for row in rows.tolist():
         distinct, problem = find_distinct_by_elimination(

@@ -34,19 +34,20 @@ NODES_PER_BLOCK = 1024
 
 
 class ModeSpline(NamedTuple):
-    """A spline through successive nodes of one assembly mode.
+    """A spline through successive nodes of one assembly mode (one way to assemble).
 
-    Every n-th sample is solved and is called a node. The spline interpolates the samples
-    between the nodes.
+    A node is a sample of the inputs that is solved exactly, every n-th one. The spline
+    predicts the samples between the nodes, which saves time.
 
     Attributes
     ----------
     mode
-        Position of the assembly mode in `PositionAnalysis.assembly_modes`.
+        Index of the assembly mode in `PositionAnalysis.assembly_modes`.
     first, last
         Numbers of the samples that are the first and the last node.
     evaluate
-        Returns the passive variables (n, passive) rad at sample numbers (n,).
+        Function that returns the passive variables (n, passive) rad, which are not inputs,
+        at sample numbers (n,).
     """
 
     mode: int
@@ -98,21 +99,23 @@ def make_sample_predictor(
         return list(splines)
 
     def predict_samples(start: int, stop: int, out: Floats) -> None:
-        """Write the samples from start up to stop into out (variables, modes, samples).
+        """Write the predicted samples from start up to stop into `out`.
 
-        The inputs q of the samples are the driven variables. The passive variables are
-        predicted by splines between samples that are solved (nodes).
+        `out` (variables, modes, samples) has one index for each pair variable, assembly
+        mode (way to assemble) and sample, in rad. Inputs are copied from the samples. The
+        other (passive) variables come from splines through solved samples; they are NaN
+        where there is no spline.
         """
         out[:] = np.nan
         out[driven] = q[start:stop].T[:, None]
         for spline in get_splines():
-            # The part of the samples that the spline covers.
+            # The samples that both the spline and the request contain.
             low = max(start, spline.first)
             high = min(stop, spline.last + 1)
             if low < high:
                 values = spline.evaluate(np.arange(low, high, dtype=float)).T
-                # Only the few angles outside (-pi, pi) are reduced, which saves time. By
-                # `<` an angle of -pi is among them, and becomes pi.
+                # Reduce angles to (-pi, pi]. Only the few outside are computed, which saves
+                # time.
                 angles = values[is_angle]
                 is_outside = ~(np.abs(angles) < np.pi)
                 angles[is_outside] -= TURN * np.ceil((angles[is_outside] - np.pi) / TURN)
@@ -128,18 +131,18 @@ def _fit_splines(
     passive: Indices,
     is_angle: Bools,
 ) -> Iterator[ModeSpline]:
-    """Solve the nodes, and yield splines that predict the samples between them.
+    """Solve some samples, and yield splines that predict the samples between them.
 
-    A node is a sample that is solved: all variables are computed. A mode has one spline for
-    each run of successive nodes with the status OK. Runs of too few nodes for a spline have
-    none, so their samples are not predicted.
+    A solved sample is called a node. An assembly mode (one way to assemble) can have gaps,
+    where it has no configuration. So each run of successive nodes with the status OK has
+    its own spline. Runs with too few nodes for a spline are left out.
 
     Parameters
     ----------
     position_analysis
-        The samples and the modes.
+        The samples of the inputs, and the assembly modes.
     samples_per_node
-        Number of samples from one node to the next. The last sample is a node too.
+        Number of samples from one node to the next. The last sample is a node, too.
     passive
         Numbers of the variables that are not inputs.
     is_angle
@@ -147,7 +150,8 @@ def _fit_splines(
     """
     from scipy.interpolate import make_interp_spline
 
-    # Solve the nodes in blocks. The rows of a motion are mode after mode.
+    # Solve the nodes in blocks. The results have all nodes of a mode, then of the next
+    # mode.
     last_sample = len(position_analysis.input_grid) - 1
     mode_count = len(position_analysis.assembly_modes)
     nodes = np.append(np.arange(0, last_sample, samples_per_node), last_sample)
@@ -160,8 +164,8 @@ def _fit_splines(
         values[:, block] = passive_values.reshape(mode_count, -1, len(passive))
         is_ok[:, block] = (motion.status == Status.OK).reshape(mode_count, -1)
     for mode in range(mode_count):
-        # Positions of the first node of a run with the status OK, and of the first node
-        # after the run, alternately.
+        # Where runs with the status OK begin and end: first node, and first node after the
+        # run.
         borders = np.flatnonzero(np.diff(is_ok[mode], prepend=False, append=False))
         for first, stop in borders.reshape(-1, 2):
             if stop - first <= PREDICTION_SPLINE_DEGREE:

@@ -13,7 +13,9 @@ from spherekit.numerics.array_rows import ArrayRows
 
 @dataclass(frozen=True)
 class Timing(ArrayRows):
-    """Times, input rates and input accelerations, in rows as in the motion.
+    """Times, input rates and input accelerations of the n rows of a motion.
+
+    A row is one configuration. The rows of one assembly mode follow those of another.
 
     Attributes
     ----------
@@ -28,27 +30,27 @@ class Timing(ArrayRows):
     ddq: Floats
 
     def repeated(self, count: int) -> "Timing":
-        """Return all rows `count` times, one block after another."""
+        """Return all rows `count` times, one block after another, as for `count` modes."""
         return self.rows(np.tile(np.arange(len(self.ddq)), count))
 
 
 def evaluate_time_laws(
     inputs: Sequence[str], laws: Mapping[str, TimeLaw], t: Floats
 ) -> tuple[Floats, Timing]:
-    """Return the inputs that follow time laws, and their rates.
+    """Return the values, rates and accelerations of inputs that follow laws of time.
 
     Parameters
     ----------
     inputs
         Names of the driven pairs.
     laws
-        The law of each, by name.
+        The law of each input, by its name.
     t
         (n,) times (s).
 
     Returns
     -------
-    (n, inputs) values of the inputs (rad), and their timing.
+    (n, inputs) values of the inputs (rad), and their timing: times, rates, accelerations.
 
     Raises
     ------
@@ -63,24 +65,24 @@ def evaluate_time_laws(
 
 
 def input_extents(inputs: Floats, timing: Timing | None = None) -> list[Floats]:
-    """Return the smallest and largest inputs, and the smallest and largest rates.
+    """Return the smallest and largest values of the inputs, and those of their rates.
 
     Parameters
     ----------
     inputs
         (n, inputs) values of the inputs (rad).
     timing
-        Their rates. Without it the extents of the rates are NaN.
+        Has the rates. Without it the result for the rates is NaN.
 
     Returns
     -------
-    Two arrays (2, inputs), in rad and rad/s. Index 0 of the first axis is the smallest
-    value, index 1 the largest.
+    Two arrays (2, inputs): values (rad) and rates (rad/s). Row 0 has the smallest, row 1
+    the largest.
     """
     rates = nans(inputs.shape) if timing is None else timing.dq
     extents = []
     for quantity in (inputs, rates):
-        # Column by column this takes a tenth of the time of np.min with an axis.
+        # Separate columns take a tenth of the time of np.min along an axis.
         smallest = [np.min(column) for column in quantity.T]
         largest = [np.max(column) for column in quantity.T]
         extents.append(np.array([smallest, largest]))

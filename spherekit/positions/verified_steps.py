@@ -73,23 +73,23 @@ class Verification:
     def accepts_correction(
         self, newton_steps: NewtonSteps, length: Floats | float
     ) -> Bools:
-        """Return (n,) whether predictions were nearly right and Newton's method contracted.
+        """Return (n,) whether predictions of steps along paths needed small corrections.
 
-        A step along a path predicts a configuration, which Newton's method corrects. If the
-        correction is large, or the method converges slowly, it may have led to another
-        path.
+        A path is a curve of configurations. Each step predicts the next configuration,
+        which Newton's method corrects. After a large correction, or slow convergence, the
+        result may be on another path, and the step is not accepted.
 
         Parameters
         ----------
         newton_steps
-            The sizes of the first Newton steps, and the contraction in the second ones.
+            For each step the first Newton step (rad), and the ratio of the second to the
+            first.
         length
             (n,) lengths of the steps along the path (rad).
         """
-        # The first Newton step is the error of the prediction. It may be a small part,
-        # `correction`, of the length of the step. Rounding may add up to `slack` (rad). A
-        # first step below `settled` (rad) is only rounding. The contraction then has no
-        # meaning.
+        # The first Newton step is the error of the prediction. It may be the fraction
+        # `correction` of the step length, plus `slack` (rad) for rounding. If it is below
+        # `settled` (rad), it is only rounding, and the contraction is not tested.
         first_step = newton_steps.first_step
         is_near = first_step <= self.correction * length + self.slack
         contracts = (first_step <= self.settled) | (
@@ -115,14 +115,14 @@ class Verification:
     ) -> Bools:
         """Return (n,) whether the middles of steps are where both ends predict them.
 
-        A step leads from one point of a path to another one. The values and derivatives of
-        the path at both ends predict a point about half-way (Hermite polynomial), and
-        Newton's method has found the true one. Their distance may be at most `self.middle`
-        times the length of the step, plus rounding.
+        This test detects steps that jump to another path of configurations. The values and
+        derivatives at both ends of a step predict a point about half-way (Hermite
+        polynomial). Newton's method has found the true point. Their distance may be
+        `self.middle` times the step length, plus rounding.
 
         Parameters
         ----------
-        miss
+        (n,) distances (rad) of the true middles from the predicted ones.
             (n,) distances of the middles from their predictions (rad).
         length
             (n,) lengths of the steps (rad).
@@ -135,19 +135,19 @@ class Verification:
 def extrapolate(
     values: Floats, tangents: Floats, bends: Floats, distances: Floats
 ) -> Floats:
-    """Return Taylor polynomials of second order from points of curves.
+    """Return predicted points of curves, by Taylor polynomials of second order.
 
     Parameters
     ----------
     values, tangents, bends
         (n, variables) points (rad), with their first and second derivatives.
     distances
-        (n, k) distances from each point along its tangent.
+        (n, k) parameter differences from each point at which the curve is predicted.
 
     Returns
     -------
-    (n k, variables) predicted points (rad): those of the first curve, those of the second,
-    and so on.
+    (n k, variables) predicted points (rad): first the k points of the first curve, then
+    those of the second, and so on.
     """
     step = distances[:, :, None]
     points = values[:, None] + step * tangents[:, None] + 0.5 * step**2 * bends[:, None]

@@ -56,11 +56,11 @@ def jet_product(
     order: int,
     added: Jet | None = None,
 ) -> Jet:
-    """Return the jet of a bilinear product by the product rule.
+    """Return a product of two functions with its derivatives, by the product rule.
 
-    A jet is a mapping with an array of balls and its derivatives by the variables. A
-    missing key means 0. A ball is a number with a bound of its error. With the factors f
-    and g, and derivatives by variables as indices, the keys of the result have the values
+    A jet is a mapping with an array of balls under the key (), and its derivatives by the
+    variables j and l under (j,) and (j, l). A ball is a number with a bound of its error. A
+    missing key means 0. With the factors f and g, the result has the values
 
         ()              f g
         (j,)            f_j g + f g_j
@@ -95,26 +95,26 @@ def jet_product(
 
 @dataclass(frozen=True)
 class ClosingLinkPlacement:
-    """The constants by which a link is put on two axes U and W of links placed before.
+    """The constants by which a link is oriented when two of its axes are known in space.
 
-    The link has two pairs. Each joins it to another link, a parent, in which the pair's
-    axis is fixed. The arc between both axes is a size of the link.
+    The link has two pairs (joints). Each joins it to another link, a parent, which is
+    placed already. U and W are the axes of these pairs in the parents, in common axes. The
+    arc between both axes is a size of the link, so U and W must satisfy an equation.
 
     Attributes
     ----------
     parent_axes
-        The axes of the two pairs, each (3,) in the axes of its parent.
+        For each of the two pairs its axis (3,) in link axes of the parent.
     dual_rows
-        Three vectors (3,) a, b, n in link axes, the dual basis of the two pair axes and
-        their cross product. The orientation of the link is the matrix
-        U a^T + W b^T + (U x W) n^T. It is a rotation if the arc between U and W is that of
-        the link.
+        Three vectors (3,) a, b, n in link axes: the dual basis of the two pair axes and
+        their cross product. They give the orientation of the link, the matrix U a^T + W b^T
+        + (U x W) n^T. It is a rotation if the arc between U and W is right.
     arc_cosine
         Cosine of the arc of the link between its two axes, as a ball (a number with a bound
         of its error).
     arc_sine
-        Lower bound of the sine of this arc. It serves for upper bounds of the lengths of
-        `dual_rows`, which are at most 1 / sine.
+        Lower bound of the sine of this arc. The lengths of `dual_rows` are at most 1 /
+        sine.
     """
 
     parent_axes: list[Vector]
@@ -161,17 +161,18 @@ class ArcEquations:
     ) -> None:
         """Compute the constants by which each link is placed, in balls.
 
-        A ball is a number with a bound of its error.
+        A ball is a number with a bound of its error. The equations serve to prove
+        statements on the configurations of a mechanism.
 
         Parameters
         ----------
         decimal_mechanism
             The mechanism with its decimal sizes.
         construction
-            The order of placing its links. A link is placed in one of two ways. It rotates
-            by a variable about the axis of one pair. Or it is a closing link, which is put
-            on two axes of links placed before. This gives an equation: the angle between
-            the two axes is the arc of the link.
+            The order in which links are placed. A link is placed in one of two ways. It
+            rotates by a variable about the axis of a pair (joint). Or it is a closing link,
+            which connects two axes of links placed before. A closing link gives an
+            equation: the angle between the two axes is its arc.
         """
         self.decimal_mechanism = decimal_mechanism
         self.construction = construction
@@ -179,9 +180,9 @@ class ArcEquations:
         self.variable_count = len(construction.pairs)
         self.degrees = construction.degrees
         self.pair_frames = decimal_mechanism.pair_frames()
-        # The constant parts of angles that the input drives through toothed wheels.
+        # Constant parts of the angles that the input drives through toothed wheels.
         self.follower_offsets = _follower_offsets(decimal_mechanism, construction)
-        # By link: how it rotates across its only pair, or how it is put on two axes.
+        # By link: the rotation about its pair, or the constants of a closing link.
         self._rotation_terms = {
             step.link: self._pair_rotation_terms(step)
             for step in construction.steps
@@ -198,38 +199,40 @@ class ArcEquations:
         return self.pair_frames[pair][side]
 
     def _pair_rotation_terms(self, step: PlacementStep) -> Array:
-        """Return the rotation of a link with one parent as a function of its variable.
+        """Return the rotation of a link relative to its parent, depending on its variable.
 
-        `step` places the link. One pair joins it to its parent, a link placed before, and
-        the link rotates about the axis of this pair.
+        The parent is a link placed before. One pair (joint) joins both, and the link
+        rotates about its axis. `step` describes this placement.
 
         Returns
         -------
-        (3, 3, 3) matrices T such that T[0] + cos(x) T[1] + sin(x) T[2] rotates from link
-        axes to the axes of the parent. Here x is the angle of the pair. If toothed wheels
-        drive the pair, its angle is a multiple of the input angle plus a constant offset.
-        Then x is only the multiple, and T contains the offset.
+        (3, 3, 3) matrices T, in balls (numbers with error bounds). T[0] + cos(x) T[1] +
+        sin(x) T[2] rotates from link axes to the axes of the parent. Here x is the angle of
+        the pair. If toothed wheels drive the pair, its angle is a multiple of the input
+        angle plus an offset. Then x is the multiple, and T contains the offset.
         """
         (pair,) = step.pairs
         terms = revolute_rotation_terms(*self.pair_frames[pair])
         first_link, _second_link = self.decimal_mechanism.structure.ends[pair]
         if first_link not in step.parents:
-            # The link is the first one of the pair, and its parent the second. The rotation
-            # from the first to the second link is the transpose.
+            # The terms rotate from the second link of the pair to the first. Here the link
+            # is the first one, so the rotation is transposed.
             terms = terms.swapaxes(1, 2)
         if pair in self.follower_offsets:
             terms = _shift_angle(terms, self.follower_offsets[pair])
         return terms
 
     def _place_closing_link(self, step: PlacementStep) -> ClosingLinkPlacement:
-        """Return the constants by which a link is put on two axes of links placed before.
+        """Return the constants by which a link is oriented from two of its axes.
 
-        All numbers are balls: numbers with a bound of their error.
+        Two pairs (joints) join the link to two links placed before, its parents. All
+        numbers are balls: numbers with a bound of their error.
 
         Raises
         ------
         PlanError
-            If the arc between both axes is about 0 or 180 degrees.
+            If the arc between both axes is about 0 or 180 degrees, so that the axes do not
+            determine the orientation.
         """
         # Row 2 of a frame is the axis of its pair.
         first_axis, second_axis = (
@@ -245,8 +248,8 @@ class ArcEquations:
                 "0 or 180 deg between two pairs, about which the link could spin, so "
                 "nothing can be proven about it; change this arc"
             )
-        # Dual basis a, b, n of the two axes and their cross product: each row has the
-        # product 1 with its own vector, and 0 with the other two.
+        # Dual basis a, b, n of the two axes and their cross product: each has the product 1
+        # with its own vector, and 0 with the other two.
         dual_rows = [
             np.cross(second_axis, normal) / sine_squared,
             np.cross(normal, first_axis) / sine_squared,
@@ -265,9 +268,10 @@ class ArcEquations:
         )
 
     def evaluate(self, variables: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
-        """Return the equations and their derivatives at balls of all variables.
+        """Return the equations f and their derivatives at balls of all variables.
 
-        A ball is a number with a bound of its error.
+        Each equation states that a link has the known arc between its axes; f = 0 if it
+        holds. A ball is a number with a bound of its error.
 
         Parameters
         ----------
@@ -286,13 +290,13 @@ class ArcEquations:
             np.full(shape[: power + 1], exact_ball(0.0)) for power in range(order + 1)
         ]
         jets, _ = self._evaluate_jets(variables, order)
-        # A jet has an equation and its derivatives. Its keys are tuples with the numbers of
-        # the variables of each derivative: (), (j,) or (j, l).
+        # A jet has f and its derivatives. Keys are the numbers of the variables by which f
+        # is differentiated: (), (j,) or (j, l).
         for equation, jet in enumerate(jets):
             for key, entry in jet.items():
                 array = arrays[len(key)]
                 array[(equation, *key)] = entry
-                # Second derivatives are symmetric; a jet has only (j, l) with j <= l.
+                # Second derivatives are symmetric, and the jet has only (j, l) with j <= l.
                 array[(equation, *key[::-1])] = entry
         return arrays
 
@@ -301,8 +305,8 @@ class ArcEquations:
     ) -> dict[int, Jet]:
         """Return the orientations of all links, and their derivatives by the variables.
 
-        Variables and orientations are balls, which are numbers with bounds of their errors.
-        Orientations are relative to the root, the link that is placed first.
+        Variables and orientations are balls: numbers with bounds of their errors. The
+        orientations are relative to the root, the link that is placed first.
 
         Parameters
         ----------
@@ -313,13 +317,12 @@ class ArcEquations:
 
         Returns
         -------
-        By link the jet of its rotation matrix (3, 3) from link axes to those of the root. A
-        jet has the matrix under the key (), and its derivatives by the variables j and l
-        under (j,) and (j, l).
+        For each link the jet of its rotation matrix (3, 3) from link axes to those of the
+        root. A jet has the matrix under the key (), and its derivatives by the variables j
+        and l under (j,) and (j, l).
         """
-        # At first each orientation is relative to the link's reference, a link that is
-        # placed earlier. In the order of placing, the product with the orientation of the
-        # reference leads to the root.
+        # At first each orientation is relative to a link placed earlier, its reference. The
+        # product with the orientation of the reference leads to the root.
         _, orientations = self._evaluate_jets(variables, order)
         orientations[self.construction.root] = {(): exact_balls(np.eye(3))}
         for step in self.construction.steps:
@@ -416,19 +419,17 @@ class ArcEquations:
 
     @cached_property
     def derivative_bound(self) -> Floats:
-        """(equations,) bounds C of the derivatives of f at real angles, of any order >= 1.
+        """(equations,) bounds C of all derivatives of the equations at real angles.
 
-        An equation f is a polynomial in the cosines and sines of the variables. Its degree
-        d_j in variable j means powers up to cos(d_j angle) and sin(d_j angle). The bound
-        holds for all real angles:
+        An equation is f = 0, with a polynomial f in cosines and sines of the variables.
+        Variable j occurs up to cos(d_j angle) and sin(d_j angle); d_j is its degree. For
+        all real angles and any order k >= 1,
 
             abs(derivative of f by the variables j1 to jk) <= C d_j1 ... d_jk
 
-        The equation is f = U . W - cos(arc). The axes U and W are unit vectors, multiplied
-        by the orientations of the links along two paths. C is the product of the bounds of
-        all these orientations (`_orientation_norms`). By the product rule, a derivative of
-        f is at most this product times the degrees. The constant cos(arc) has no
-        derivatives.
+        Reason: f = U . W - cos(arc), with two axes U and W and the constant arc of a link.
+        Each axis is a unit vector, multiplied by the orientations of the links along a
+        path. C is the product of the bounds of these matrices (`_orientation_norms`).
         """
         norms = self._orientation_norms
         bounds = []
@@ -437,22 +438,22 @@ class ArcEquations:
             norm_of_U = _multiply_norms(norms, paths.first)
             norm_of_W = _multiply_norms(norms, paths.second)
             bounds.append(norm_of_U * norm_of_W)
-        # The bounds are raised by more than the rounding of the last two products.
+        # Rounding errors of the products must not make a bound too small.
         return np.array(bounds) * (1 + 64 * UNIT_ROUNDOFF)
 
     @cached_property
     def _orientation_norms(self) -> dict[int, float]:
-        """By link an upper bound of the norm of its orientation at real angles.
+        """For each link an upper bound of the norm of its orientation at real angles.
 
-        The orientation is the matrix that leads from link axes to those of its reference
-        link. The bound holds for the matrix and, times the degrees in the variables by
-        which it is differentiated, for its derivatives.
+        The matrix leads from link axes to those of another link, its reference. The
+        derivatives of the matrix have the same bound, multiplied by the degrees of the
+        variables.
         """
-        # A link placed by one pair rotates about the axis of this pair. The rotation and
-        # its derivatives by the pair angle have the norm 1.
+        # A link placed by one pair rotates about the axis of the pair. The rotation and its
+        # derivatives by the angle have the norm 1.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
-        # A closing link is put on the axes U and W, which two paths of links carry. The
-        # links on these paths are placed before it, so their norms are known.
+        # A closing link is oriented by two axes U and W, which two paths of earlier links
+        # carry. The norms of these links are known.
         for step in self.construction.equation_steps:
             paths = self.construction.parent_paths(step)
             norms[step.link] = _bound_closing_link_norm(
@@ -469,21 +470,21 @@ class ArcEquations:
 
 
 def _shift_angle(terms: Array, offset: Ball) -> Array:
-    """Return the terms of a rotation whose angle is x + offset as terms of x.
+    """Return a rotation by the angle x + offset as a function of x.
 
-    The addition theorems are cos(x + o) = cos(x) cos(o) - sin(x) sin(o) and
-    sin(x + o) = sin(x) cos(o) + cos(x) sin(o).
+    The terms follow from cos(x + o) = cos(x) cos(o) - sin(x) sin(o) and sin(x + o) = sin(x)
+    cos(o) + cos(x) sin(o).
 
     Parameters
     ----------
     terms
-        (3, 3, 3) factors of 1, cos(x + offset) and sin(x + offset).
+        (3, 3, 3) matrices that multiply 1, cos(x + offset) and sin(x + offset).
     offset
-        Constant angle (rad).
+        Constant angle (rad), a ball (number with a bound of its error).
 
     Returns
     -------
-    (3, 3, 3) factors of 1, cos(x) and sin(x).
+    (3, 3, 3) matrices that multiply 1, cos(x) and sin(x).
     """
     sine, cosine = offset.sin_cos()
     constant, cosine_term, sine_term = terms
@@ -504,12 +505,12 @@ def _follower_offsets(
 ) -> dict[int, Ball]:
     """Return the constant parts of the angles that the input drives through wheels.
 
-    A follower is a pair whose angle follows from the only input through toothed wheels: it
-    is a constant, the offset, plus a multiple of the input angle. The link that the pair
-    rotates is placed by the multiple, so its constant rotation must contain the offset.
+    A follower is a pair (joint) that the only input drives through toothed wheels. Its
+    angle is a multiple of the input angle plus a constant, the offset. The multiple is the
+    variable of the equations, so the offset must be added to the constant rotation.
 
-    There are no offsets in two cases: the mechanism has no wheels, or the angles of all
-    followers are variables of their own, whose values contain the offsets.
+    There are no offsets without wheels. There are also none if the angles of the followers
+    are variables of their own.
 
     Parameters
     ----------
@@ -520,7 +521,8 @@ def _follower_offsets(
 
     Returns
     -------
-    By number of the pair its offset (rad), a ball (a number with a bound of its error).
+    For each follower, by number of the pair, its offset (rad) as a ball (a number with a
+    bound of its error).
     """
     has_wheels = bool(decimal_mechanism.meshes)
     has_follower_variables = bool(construction.follower_pairs)
@@ -542,9 +544,9 @@ def _bound_closing_link_norm(
 ) -> float:
     """Return an upper bound of the norm of the matrix U a^T + W b^T + (U x W) n^T.
 
-    The matrix is the orientation of a link that is put on two axes U and W. U x W is at
-    most as long as the product of the lengths of U and W. The constant vectors a, b and n
-    have lengths of at most 1 / sine of the arc between the two axes of the link.
+    The matrix is the orientation of a link that two of its axes, U and W, determine. The
+    lengths of the constant vectors a, b and n are at most 1 / sine of the arc between the
+    two axes.
 
     Parameters
     ----------
@@ -555,11 +557,11 @@ def _bound_closing_link_norm(
 
     Returns
     -------
-    The bound. It remains an upper bound after the caller has multiplied it by another
-    norm.
+    The bound. The caller may multiply it by another norm without further allowance for
+    rounding.
     """
-    # Six float64 operations are rounded, each by at most one unit roundoff: two products,
-    # two sums and the quotient here, and the product of the caller. 16 covers them.
+    # At most six float64 operations are rounded: five here, and the product of the caller.
+    # An allowance of 16 roundings covers them.
     rounding_allowance = 1 + 16 * UNIT_ROUNDOFF
     sum_of_norms = (
         first_norm + second_norm + first_norm * second_norm
@@ -579,9 +581,9 @@ def _rotation_jet(
 ) -> Jet:
     """Return the rotation of a link about one pair, with derivatives by its variable.
 
-    The angle x of the pair is a factor times variable number j. The factor is 1, except in
-    mechanisms with toothed wheels. The angles of several wheels are then whole multiples of
-    one variable. All numbers are balls, which are numbers with a bound of their error.
+    The angle of the pair is x = factor * variable j. Without toothed wheels the factor is
+    1. With wheels, several angles are whole multiples of one variable. All numbers are
+    balls (numbers with a bound of their error).
 
     Parameters
     ----------
@@ -589,9 +591,7 @@ def _rotation_jet(
         (3, 3, 3) matrices T of the rotation T[0] + cos(x) T[1] + sin(x) T[2].
     variables
         Values (rad) of all variables of the mechanism.
-    step
-        How the link is placed, with the factor (`angle_factor`) and the number j
-        (`variable`).
+    How the link is placed: the factor (`angle_factor`), and the number j (`variable`).
 
     Returns
     -------

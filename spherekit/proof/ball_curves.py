@@ -88,23 +88,22 @@ def evaluate_rotation(terms: Array, angles: Array) -> Array:
 def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
     """Return the curve of a profile in balls of the present precision.
 
-    A ball is a number with a bound of its error. The caller sets the number of its digits
-    (`working_precision`).
+    A profile is the rim of a link that touches another link. A ball is a number with a
+    bound of its error; the caller sets its number of digits (`working_precision`).
 
-    The curve is a function that returns at arc lengths (n,) the frames (n, 3, 3), with the
-    tangent, normal and point of the curve as columns.
+    The curve is a function of arc lengths (n,). It returns frames (n, 3, 3) with the
+    columns tangent, normal and point.
 
     Parameters
     ----------
     profile
         The profile in the axes of its link.
     backwards
-        Whether the curve is run in the opposite sense: an open one from its end, a closed
-        one from its start.
+        Whether to run the curve in the opposite sense. An open curve then starts at its
+        end.
     """
-    # The present precision is an argument because curves are stored by their arguments.
-    # `reverse_start` is the length of an open curve, and 0 for a closed one, which takes
-    # negative arc lengths too.
+    # Results are cached by precision. An open curve is reversed from its length. A closed
+    # one is reversed from 0, since it also takes negative arc lengths.
     curve, reverse_start = _make_curve(profile, precision_bits())
     if not backwards:
         return curve
@@ -121,19 +120,17 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
 def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     """Return the curve of a profile in ball arithmetic, and where its reverse starts.
 
-    The curve is a function that returns at arc lengths (n,) the frames (n, 3, 3), whose
-    columns are tangent, normal and point. All numbers are balls: a ball has a centre and a
-    radius, which bounds the distance of the true number from the centre. A float64 number
-    becomes an exact ball, of radius 0.
+    A profile is the rim of a link that touches another link. The curve is a function of arc
+    lengths (n,). It returns frames (n, 3, 3) with the columns tangent, normal and point.
+    All numbers are balls, with a centre and a radius that bounds the error of the centre.
+    The float64 numbers of the profile count as exact (radius 0).
 
     Parameters
     ----------
-    profile
-        The profile in the axes of its link: a circle, a spline through points, or a Fourier
-        sum, which gives the angle from the profile's centre at each azimuth about it.
+    The profile in the axes of its link: a circle, a spline through points, or a Fourier
+    sum. The latter gives the angle from the centre at each azimuth.
     _precision_bits
-        Present number of bits of ball centres. The number is only a key of the cache,
-        because results differ from precision to precision.
+        Present number of bits. It is only a key of the cache, since results depend on it.
 
     Returns
     -------
@@ -167,9 +164,10 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
 
 
 def _make_circle(axes: Array, sine: Ball, cosine: Ball) -> Curve:
-    """Return the curve of a circle about the axis z, with the angular radius r.
+    """Return the curve of a circle on the unit sphere, with centre z and angular radius r.
 
-    Let a be the azimuth, which is the arc length over sin(r). The frame at a is
+    All numbers are balls (numbers with a bound of their error). The azimuth about z is a =
+    (arc length) / sin(r). The frame at a is
 
         tangent = y cos(a) - x sin(a),
         normal  = z sin(r) - (x cos(a) + y sin(a)) cos(r),
@@ -178,7 +176,7 @@ def _make_circle(axes: Array, sine: Ball, cosine: Ball) -> Curve:
     Parameters
     ----------
     axes
-        (3, 3) rows: x and y, the directions of azimuth 0 and 90 degrees, and z.
+        (3, 3) rows x, y and z: the directions of azimuth 0 and 90 degrees, and the centre.
     sine, cosine
         Sine and cosine of the angular radius r.
     """
@@ -305,23 +303,26 @@ def _enclose_pieces(
 ) -> Array:
     """Return balls that contain the values of a piecewise function on whole balls.
 
-    A ball can contain an end of a piece. The result then contains the values of all pieces
-    that the ball reaches.
+    A ball is a number with a bound of its error, that is an interval. If the interval
+    contains ends of pieces, the result contains the values of all pieces that it meets.
 
     Parameters
     ----------
     evaluate
-        Returns values (n, ...) at parameters (n,) by the pieces of given numbers (n,).
+        Function that returns values (n, ...) at parameters (n,) by the pieces of given
+        numbers (n,).
     parameters
-        (n,) balls, or power series of balls, whose constant coefficient counts.
+        (n,) balls, or power series of balls. In a series the constant term decides the
+        piece.
     find_pieces
-        Returns the numbers (n,) of the pieces at float64 parameters (n,), rising with them.
+        Function that returns the numbers (n,) of the pieces at float64 parameters (n,).
+        Larger parameters have larger numbers.
     """
     low, high = ball_ends(series_coefficient(parameters, 0))
     pieces = find_pieces(low)
     last_pieces = find_pieces(high)
     values = evaluate(parameters, pieces)
-    # Nearly all balls are in one piece.
+    # Most balls are in one piece. For the others, the next pieces are added one by one.
     while np.any(pieces < last_pieces):
         pieces = np.minimum(pieces + 1, last_pieces)
         values = enclose_both(values, evaluate(parameters, pieces))
@@ -329,16 +330,16 @@ def _enclose_pieces(
 
 
 def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
-    """Return the distance from its centre up to which a power series has all digits.
+    """Return how far from its centre a power series has all digits.
 
-    It is estimated from the last coefficients c_n. The term c_n x^n is below the last bit
-    if abs(c_n) x^n is at most 2^-bits, that is for
+    The distance is estimated from the last coefficients c_n. The term c_n x^n is below the
+    last bit if abs(c_n) x^n <= 2^-bits, that is for
 
         ln x <= -(bits ln 2 + ln abs(c_n)) / n.
 
-    The distance x is the largest one for which this applies to the last four terms. There
-    are several, because a single coefficient can be zero by chance, and then allows any x.
-    The factor `CONVERGENCE_MARGIN` makes x smaller, because the estimate is not a bound.
+    The result is the largest x for which this holds for the last four terms. A single one
+    could be zero by chance. It is not an exact bound, so it is reduced by
+    `CONVERGENCE_MARGIN`.
 
     Parameters
     ----------
@@ -357,30 +358,30 @@ def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
 
 
 def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
-    """Return the path of a profile that is given by a Fourier sum.
+    """Return the path on the sphere of a profile that a Fourier sum describes.
 
-    The colatitude r (angle from the centre) is a function of the azimuth a:
-    r(a) = sum over k of cosines[k] cos(k a) + sines[k] sin(k a).
+    The angle from the centre, r, is a function of the azimuth a about the centre: r(a) =
+    sum over k of cosines[k] cos(k a) + sines[k] sin(k a).
 
     Parameters
     ----------
     axes
-        (3, 3) rows: the directions of azimuth 0 and 90 degrees, and the centre.
+        (3, 3) rows: the directions of azimuth 0 and 90 degrees, and of the centre.
     cosines, sines
-        Coefficients (rad) of the harmonics 0, 1, 2, ... of the colatitude.
+        Coefficients (rad) for k = 0, 1, 2, ...
     """
     x, y, z = axes
 
     def path(azimuth: Array) -> tuple[Array, Array]:
         """Return points (n, 3) at azimuths (n,) rad, and their derivatives by azimuth.
 
-        The azimuths are balls (intervals with a centre and a radius), or power series with
-        such coefficients. The results are of the same kind.
+        Azimuths and results are balls (numbers with error bounds), or power series of
+        balls.
         """
         colatitude, slope = _evaluate_colatitude(azimuth, cosines, sines)
-        # With the colatitude r the point is cos(r) z + sin(r) outward. The unit vector
-        # `outward` is perpendicular to z, at the azimuth from x. `along` is its derivative
-        # by the azimuth.
+        # The point is cos(r) z + sin(r) outward, with the angle r from the centre. The unit
+        # vector `outward` is perpendicular to z, at the azimuth from x; `along` is its
+        # derivative.
         azimuth_sine, azimuth_cosine = (part[:, None] for part in sine_cosine(azimuth))
         outward = azimuth_cosine * x + azimuth_sine * y
         along = azimuth_cosine * y - azimuth_sine * x
@@ -395,21 +396,23 @@ def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
 def _evaluate_colatitude(
     azimuth: Array, cosines: Array, sines: Array
 ) -> tuple[Array, Array]:
-    """Return the colatitude of a Fourier profile and its derivative by the azimuth.
+    """Return the angle from the centre of a Fourier profile, and its derivative by azimuth.
 
     Parameters
     ----------
     azimuth
-        (n,) azimuths a (rad), as balls or power series.
+        (n,) azimuths a (rad), as balls (numbers with error bounds), or power series of
+        balls.
     cosines, sines
-        Coefficients (rad): the colatitude is the sum of cosines[k] cos(k a) + sines[k]
-        sin(k a). One list can be shorter than the other.
+        Coefficients (rad): the angle is the sum of cosines[k] cos(k a) + sines[k] sin(k a).
+        One list can be shorter than the other.
 
     Returns
     -------
-    Colatitudes (n,) rad and their derivatives (n,), of the kind of the azimuths.
+    Angles (n,) rad from the centre and their derivatives (n,), as balls or series like
+    `azimuth`.
     """
-    # Multiples of the azimuth have its kind, zeros too.
+    # Zeros of the kind of the azimuth: balls or series.
     colatitude = 0 * azimuth
     slope = 0 * azimuth
     coefficients = zip_longest(cosines, sines, fillvalue=0)
@@ -421,14 +424,13 @@ def _evaluate_colatitude(
 
 
 class _SphericalSpline:
-    """The radial projection of a quintic spline in space onto the sphere, in balls.
+    """A quintic spline in space, projected from the centre onto the unit sphere, in balls.
 
-    A ball has a centre and a radius, which bounds its error. The float64 knots and control
-    points of the spline count as exact.
+    It is the profile (rim) of a link. A ball is a number with a bound of its error. The
+    float64 knots and control points of the spline count as exact.
 
-    Between two knots, in an interval, the spline is a polynomial. If a ball contains a
-    knot, the result contains the values of the polynomials on both sides. They differ by a
-    multiple of (u - u_k)^5 at a knot u_k, because derivatives up to the fourth agree there.
+    The spline is one polynomial between two knots. If a ball contains a knot, the result
+    contains the values of the polynomials on both sides.
     """
 
     def __init__(self, spline_path: SplinePath) -> None:
@@ -440,8 +442,8 @@ class _SphericalSpline:
     def evaluate(self, parameter: Array) -> tuple[Array, Array]:
         """Return points (n, 3) on the unit sphere and their derivatives by the parameter.
 
-        The parameter (n,) is an array of balls, or of power series with balls as
-        coefficients, which also give derivatives. The results are of the same kind.
+        The parameters (n,) are balls, or power series of balls; the results are of the same
+        kind. Series also give derivatives.
         """
         points_and_rates = _enclose_pieces(
             self._evaluate_intervals, parameter, self._find_intervals
@@ -450,19 +452,19 @@ class _SphericalSpline:
 
     def _find_intervals(self, parameter_floats: Floats) -> Indices:
         """Return the number of the interval between knots of each parameter (n,)."""
-        # The first and the last degree + 1 knots are the ends of the spline.
+        # The first and the last degree + 1 knots are equal: the ends of the spline.
         inner_knots = self._knots[self._degree + 1 : len(self._control_points)]
         return np.searchsorted(inner_knots, parameter_floats, side="right")
 
     def _evaluate_intervals(self, parameter: Array, interval: Indices) -> Array:
-        """Return projected points and their derivatives (n, 2, 3) in given intervals.
+        """Return projected points and their derivatives (n, 2, 3) at n parameters.
 
-        The polynomial of the interval (n,) of each parameter (n,) is evaluated, and
-        projected onto the sphere.
+        Each parameter is evaluated with the polynomial of its `interval` (n,) between
+        knots.
         """
-        # In interval i the spline depends on the control points i to i + degree and on the
-        # knots i + 1 to i + 2 degree. The first axis counts these points and knots, the
-        # second the parameters: the shapes are (degree + 1, n, 3) and (2 degree, n).
+        # The polynomial of interval i depends on control points i to i + degree, and on
+        # knots i + 1 to i + 2 degree. The arrays have shapes (degree + 1, n, 3) and (2
+        # degree, n).
         point_numbers = interval + np.arange(self._degree + 1)[:, None]
         knot_numbers = interval + np.arange(1, 2 * self._degree + 1)[:, None]
         spline_point, derivative = _evaluate_de_boor(
@@ -478,17 +480,15 @@ def _evaluate_de_boor(
 ) -> tuple[Array, Array]:
     """Return a spline in space and its derivative at n parameters, by de Boor's algorithm.
 
-    All numbers are balls, which are numbers with a bound of their error, or power series.
+    All numbers are balls (numbers with a bound of their error), or power series of balls.
 
     Parameters
     ----------
     control_points
         (degree + 1, n, 3) the control points on which the spline depends at each parameter.
-    knots
+    (2 degree, n) the knots on which the spline depends at each parameter, in rising order.
         (2 degree, n) the knots on which it depends there, in rising order.
-    parameter
-        (n,) parameters. The polynomial is that of the interval between the knots number
-        degree - 1 and degree.
+    (n,) parameters. Each is between the knots number degree - 1 and degree.
 
     Returns
     -------
@@ -497,18 +497,19 @@ def _evaluate_de_boor(
     degree = len(control_points) - 1
     points = list(control_points)
     u = parameter[:, None]
-    # Each level replaces the points by interpolations between neighbours. There is one
-    # point less on each level. The last level, which leaves one point, comes below.
+    # Each level replaces the points by interpolations between neighbours, so one point less
+    # remains. The last level comes below, because its slope is the derivative.
     for level in range(degree - 1):
         interpolated_points = []
         for k in range(degree - level):
-            # The line with point k at the knot `low` and point k + 1 at the knot `high`.
+            # Interpolate between point k (at the knot `low`) and point k + 1 (at the knot
+            # `high`).
             low = knots[k + level][:, None]
             high = knots[k + degree][:, None]
             slope = (points[k + 1] - points[k]) / (high - low)
             interpolated_points.append(points[k] + (u - low) * slope)
         points = interpolated_points
-    # The line between the last two points, at the ends of the interval of the parameter.
+    # The last two points belong to the knots on both sides of the parameter.
     first_point, last_point = points
     low = knots[degree - 1][:, None]
     high = knots[degree][:, None]
@@ -518,9 +519,9 @@ def _evaluate_de_boor(
 
 
 def _project_to_sphere(space_point: Array, space_rate: Array) -> Array:
-    """Return points of a curve in space, projected onto the unit sphere from its centre.
+    """Project points of a curve in space from the centre onto the unit sphere.
 
-    All numbers are balls, which are numbers with a bound of their error, or power series.
+    All numbers are balls (numbers with a bound of their error), or power series of balls.
 
     Parameters
     ----------
@@ -533,7 +534,7 @@ def _project_to_sphere(space_point: Array, space_rate: Array) -> Array:
     """
     radius = vector_lengths(space_point)[:, None]
     point = space_point / radius
-    # The projected point moves by the part of the rate across the radius, over the radius.
+    # Derivative of the projected point: the rate across the radius, divided by the radius.
     radial_rate = np.sum(point * space_rate, axis=1, keepdims=True)
     rate = (space_rate - radial_rate * point) / radius
     return np.stack([point, rate], axis=1)

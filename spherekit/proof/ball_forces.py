@@ -10,11 +10,12 @@ from spherekit.proof.reference_rows import ExactRows
 
 
 def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
-    """Return the equivalent inertia and its derivative by the only input that moves.
+    """Return the equivalent inertia, and its derivative by the only input that moves.
 
-    The equivalent inertia is twice the kinetic energy at unit rate of the input (Di
-    Gregorio 2024, eqs. (14), (15)). It is computed in balls: numbers with a bound of their
-    error. The inertia tensors of the file are taken as exact.
+    The equivalent inertia is the moment of inertia that the input seems to have: twice the
+    kinetic energy at unit rate of the input (Di Gregorio 2024, eqs. (14), (15)). It is
+    computed in balls: numbers with a bound of their error. The inertia tensors count as
+    exact.
 
     Parameters
     ----------
@@ -31,10 +32,10 @@ def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
     Raises
     ------
     ValueError
-        If the rows were computed with order 1, without derivatives.
+        If the rows have no derivatives (order 1).
     """
-    # `slopes` are the derivatives of the angular velocities w by the input. Reading them
-    # raises the ValueError.
+    # `slopes` are the derivatives of the angular velocities by the input. Reading them
+    # raises the ValueError if they are missing.
     with rows.arithmetic.within():
         return equivalent_inertia(rows.mechanism, rows.rotations, rows.w, rows.slopes)
 
@@ -42,12 +43,13 @@ def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
 def equivalent_inertia(
     mechanism: Mechanism, rotations: Array, w: Array, dw: Array
 ) -> tuple[Array, Array]:
-    """Return the equivalent inertia B of a coordinate and its derivative, in balls.
+    """Return the equivalent inertia B of a coordinate, and its derivative, in balls.
 
-    A ball is a number with a bound of its error: a centre and a radius. With the angular
-    velocity w_j at unit rate of the coordinate and the inertia tensor I_j about the centre
-    of the sphere, B is the sum of w_j . I_j w_j over all links j with mass. Its derivative
-    is twice the sum of w_j' . I_j w_j; the terms from the rotation of I_j cancel.
+    B is twice the kinetic energy at unit rate of the coordinate: the sum of w_j . I_j w_j
+    over all links j with mass. Here w_j is the angular velocity at unit rate, and I_j the
+    inertia tensor about the centre of the sphere. The derivative of B is twice the sum of
+    w_j' . I_j w_j; the rotation of I_j adds nothing. A ball is a number with a bound of its
+    error.
 
     Parameters
     ----------
@@ -82,10 +84,9 @@ def equivalent_inertia(
 def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array:
     """Return the torque of a table, continued along one of its straight lines.
 
-    A table is piecewise linear in time, with a kink at each listed time. Here all times are
-    evaluated on the straight line that is valid at `time_inside`, so that the result has no
-    kink. A periodic table repeats before and after its listed times. Balls are numbers with
-    a bound of their error.
+    The table is piecewise linear in time, with a kink at each listed time. For smooth
+    results, the line that is valid at `time_inside` is used for all times. A periodic table
+    repeats its listed times. Balls are numbers with a bound of their error.
 
     Parameters
     ----------
@@ -94,23 +95,23 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
     t
         (n,) balls of times (s).
     time_inside
-        A time (s) between two neighbouring kinks of the table.
+        Listed times (s) and torques (N m).
 
     Returns
     -------
-    (n,) balls of torques (N m).
+    A time (s) between two neighbouring kinks, which selects the line.
     """
     times = exact_balls(table.times)
     torques = exact_balls(table.torques)
     period = times[-1] - times[0]
-    # The line belongs to the first period, shifted by whole periods. Which line it is, is
-    # decided in float64; the torque on it is computed in balls.
+    # The line is one of the first period, shifted by whole periods. It is selected in
+    # float64; the torque on it is computed in balls.
     if table.periodic:
         periods_passed = np.floor((time_inside - table.times[0]) / float(period))
     else:
         periods_passed = 0
     time_in_first_period = time_inside - periods_passed * float(period)
-    # Number of the table's time at which the line ends.
+    # The line ends at this number of the listed times.
     end = 1 + np.searchsorted(table.times[1:-1], time_in_first_period)
     slope = (torques[end] - torques[end - 1]) / (times[end] - times[end - 1])
     time_on_line = t - periods_passed * period - times[end - 1]
