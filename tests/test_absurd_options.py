@@ -104,8 +104,9 @@ def options_of(command):
 def cases():
     """Yield a test case (command, option, value) for every option of every command.
 
-    The value is None for a flag, which is then given twice. Quick values of quick commands
-    are tried by default; the others are marked as slow or long.
+    The values are the absurd ones of `ABSURD`. For a flag, which takes no value, the value
+    is None, and the test repeats the flag. Few cases run by default; the others are marked
+    as slow or long.
     """
     for command in COMMANDS:
         for action in options_of(command):
@@ -137,9 +138,10 @@ def cases():
 
 
 def run_command(words):
-    """Return the exit status of a command, and what it printed to stderr.
+    """Run a command; return its exit status and what it printed to stderr.
 
-    Runtime warnings of libraries are enabled, so that they would be printed too.
+    Runtime warnings of libraries are enabled, so that they would be printed too. The parser
+    of the command line ends by `SystemExit`, which has the status.
     """
     output = io.StringIO()
     errors = io.StringIO()
@@ -198,13 +200,12 @@ def test_absurd_options_are_refused_in_a_sentence(
 ):
     """A command with an absurd value of an option ends without traceback or warning.
 
-    It is refused in a sentence that begins with "spherekit", unless `allowed_statuses`
-    says that the value may be accepted.
+    It is refused in a sentence that begins with "spherekit", unless `allowed_statuses` says
+    that the value may be accepted. `words_of_option` puts option and value together.
     """
     if option == "--traceback" and command in ("view", "synthesize"):
         pytest.skip("shows the trace of an error, as it says")
-    # Two of the absurd values are the names of a folder and of a file that no command can
-    # read, so these exist.
+    # Two of the values name a folder, and a file that no command can read. Both exist.
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     (tmp_path / "rubbish.toml").write_bytes(bytes(range(256)))
@@ -250,9 +251,10 @@ def test_every_command_has_a_line_to_start_from():
 def test_a_repeated_warning_of_numpy_is_printed_once_in_one_sentence(
     expression, words, shows_source, monkeypatch
 ):
-    """A command that evaluates an expression three times prints its warning once.
+    """A command in which NumPy warns three times prints the warning once, in one sentence.
 
-    Only with the option --traceback it names the file in which the warning arose. This is a
+    Instead of listing mechanisms, the command evaluates `expression` three times. The
+    sentence names the file where the warning arose only with the option --traceback: a
     Python file of NumPy, or "<string>" for operations that `eval` itself does.
     """
     import numpy as np

@@ -64,9 +64,9 @@ class AnyAttributes:
 def allowed(hint):
     """Return some value that a type hint allows.
 
-    The value need not make sense: it only has to pass the check of types. Kinds of hints
-    are tried in turn. Arrays come before unions, because the hint of an array (`ArrayLike`)
-    is a union of many types, and functions need an array for it.
+    Tests call functions with it. The value need not make sense: it only has to pass the
+    check of types. Kinds of hints are tried in turn. Arrays come before unions, because the
+    hint `ArrayLike` is a union of many types.
     """
     origin = get_origin(hint)
     arguments = get_args(hint)
@@ -113,15 +113,16 @@ def allowed(hint):
 def public_methods(cls):
     """Yield the public methods of a class as plain functions, with their first arguments.
 
+    Abstract methods are left out: plugins define them, and only spherekit calls them.
+
     Yields
     ------
     name, function
-        Name and plain function of a method. Abstract methods are left out: plugins define
-        them, and spherekit calls them.
+        Name and plain function of a method.
     bound
         Tuple with the argument that Python passes first: the class for a class method, an
-        object for a method (``self``), nothing for a static method. The object is a valid
-        one only for the classes of `OBJECT_BY_CLASS`.
+        object for a method (``self``), nothing for a static method. Only for the classes of
+        `OBJECT_BY_CLASS` the object is a valid one.
     """
     for name in dir(cls):
         if name.startswith("_") and name != "__call__":
@@ -177,10 +178,11 @@ def callables():
 
 
 def test_every_public_callable_refuses_a_wrong_type_by_the_name_of_the_argument():
-    """Each argument in turn is an object that no annotated type allows.
+    """Every public function refuses an argument of a wrong type, and names the argument.
 
-    All other required arguments have values that their types allow. The call must raise a
-    `SpherekitError` whose message names the wrong argument.
+    Each argument in turn is an object that its type hint does not allow. All other required
+    arguments have values that their hints allow (`allowed`). The call must raise a
+    `SpherekitError`. `callables` lists all public functions, constructors and methods.
     """
     count = 0
     missed = []
@@ -192,6 +194,7 @@ def test_every_public_callable_refuses_a_wrong_type_by_the_name_of_the_argument(
             p for p in parameters if p.default is p.empty and p.kind is not p.VAR_POSITIONAL
         ]
         for wrong in parameters:
+            # This argument may be anything, so it has no wrong type.
             if has_type(WRONG_OBJECT, hints[wrong.name]):
                 continue
             count += 1
@@ -225,8 +228,10 @@ def test_messages_say_where_what_and_what_to_try(call, tmp_path, monkeypatch):
 
 
 def test_checked_functions_accept_numpy_numbers_and_lists_and_refuse_other_types():
-    """NumPy's numbers pass as numbers, lists as tuples; a hint that is not defined is
-    ignored.
+    """The decorator `checked` accepts NumPy's numbers as numbers and lists as tuples.
+
+    It refuses other types, and missing, misspelt or too many arguments. A type hint that is
+    not defined (`NoSuchType`) is ignored.
     """
 
     @checked(SpherekitError)

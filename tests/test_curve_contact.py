@@ -29,11 +29,11 @@ class RotatedCurve:
 
 
 def random_curve(random, kind):
-    """Return a random profile curve of one of `KINDS`, about a random axis.
+    """Return a random profile curve on the sphere, of one of `KINDS`, about a random axis.
 
-    Circles have radii of 0.05 to 2.5 rad. The others have a radius with random waves; those
-    through points have 12 to 29 of them, and open ones half as many. Curves that the
-    package refuses are drawn again.
+    Circles have radii of 0.05 to 2.5 rad. Fourier curves and curves through points have a
+    radius with random waves. The latter run through 12 to 29 points, open ones through half
+    of them. Curves that spherekit refuses are drawn again.
     """
     axis = random.normal(size=3)
     axis /= np.linalg.norm(axis)
@@ -64,13 +64,13 @@ def random_curve(random, kind):
 
 
 def touching_at(random, first, second):
-    """Return the second curve rotated so that it touches the first, and where they do.
+    """Return the second curve rotated so that it touches the first, and where they touch.
 
     Returns
     -------
     curve, places
-        `RotatedCurve`, and the arc lengths of the contact on both curves. There the frames
-        (tangent, normal, point) of both curves are equal.
+        `RotatedCurve`, and the arc lengths of the contact on both curves, which are random.
+        There the frames (tangent, normal, point) of both curves are equal.
     """
     first_place = random.uniform(0.0, first.length)
     second_place = random.uniform(0.0, second.length)
@@ -86,17 +86,17 @@ LONG = pytest.param(3450, 3, marks=pytest.mark.long)
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "seed"), [(50, 1), LONG])
 def test_a_contact_of_two_profiles_is_found(count, seed):
-    """Random profiles of all kinds are rotated so that they touch at a known point.
+    """The contact of random profiles that touch at a known point is found.
 
-    Two curves touch if their frames (tangent, normal, point) are equal at a point. The
-    second curve is reversed if the bodies of the profiles are on opposite sides of the
-    common tangent. In every other pair it is not reversed, and the first body is within the
-    second one. Such a pair is used only if the first profile is more curved at the contact;
-    otherwise it would not fit there.
+    `touching_at` rotates the second curve so that the frames (tangent, normal, point) of
+    both curves are equal at one point. The second curve is reversed if the bodies of the
+    profiles are on opposite sides of the common tangent. In every other example the first
+    body is inside the second one; then the first profile must be more curved at the
+    contact.
 
     `nearest_frames` returns the arc lengths on both curves at which the frames differ by
-    the smallest angle. The curves may touch at other points as well, so that these arc
-    lengths are not compared with the known ones. The frames have to be equal there.
+    the smallest angle. The frames must be equal there. The curves may also touch elsewhere,
+    so these arc lengths need not be the known ones.
     """
     random = np.random.default_rng(seed)
     for number in range(count):

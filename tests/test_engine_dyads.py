@@ -36,14 +36,12 @@ def tilt_axis(random, axis, angle):
 def relative_digit_loss(mechanism):
     """Return the error of link rates in units of roundoff times the condition number.
 
-    The reference pose is evaluated, in which the input angle is 0. The rates are the
-    angular velocities of all moving links per unit rate of the input, by the closed-form
-    expressions of the dyads in float64. A dyad is two links and three pairs; its sign
-    distinguishes the two ways to assemble it. The rates are compared with rates in 50
-    digits, which solve the velocity equations.
+    A result of about 1 means that no more digits are lost than the problem itself demands.
+    The rates are the angular velocities of all links per unit rate of the input, in the
+    reference pose. They are computed in float64 by the closed-form expressions of dyads
+    (two links joined by a pair). The reference solves the velocity equations in 50 digits.
     """
-    # Without a search there is one assembly mode, that of the reference pose. The number of
-    # samples has no effect here.
+    # Without a search there is one assembly mode, that of the reference pose.
     position_analysis = PositionAnalysis(mechanism, search=False, samples=3)
     motion = position_analysis.at(np.zeros(1))
     (driven,) = motion.assembly.inputs
@@ -59,7 +57,8 @@ def relative_digit_loss(mechanism):
         for link in moving_links
         for axis in "xyz"
     ]
-    # The arguments are the input angle (zero) and the signs of the dyads.
+    # The arguments are the input angle (0 in this pose) and the sign of each dyad, which
+    # distinguishes the two ways to assemble it.
     arguments = [*expressions.sample_symbols[:1], *expressions.configuration_symbols]
     evaluate_columns = array_function(columns, arguments)
     signs = np.array(position_analysis.assembly_modes[0].signs, dtype=float)

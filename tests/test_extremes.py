@@ -82,12 +82,10 @@ def test_the_reference_converts_floats_exactly():
 
 
 def test_the_reference_of_a_four_bar_agrees_with_closed_forms():
-    """Rocker angle and velocity coefficient are those of Di Gregorio's formulas.
+    """The rocker angle and velocity in 90 digits are those of Di Gregorio's formulas.
 
-    The reference has 90 digits, the formulas are evaluated in float64 at the same crank
-    angle. The formulas measure the rocker angle from the opposite side, so pi is added.
-    They have two assembly modes, one of which must agree. The rocker rotates about the z
-    axis.
+    The reference of the benchmark (`truth`) has 90 digits; the formulas are evaluated in
+    float64 at the same crank angle. They have two assembly modes, one of which must agree.
     """
     crank_angle = 0.7
     arcs = np.radians([60.0, 20.0, 70.0, 40.0])
@@ -106,11 +104,13 @@ def test_the_reference_of_a_four_bar_agrees_with_closed_forms():
     differences = []
     for mode in (0, 1):
         closed_form_angle = four_bar_angles(inputs, tuple(arcs), mode)[0]
+        # The formulas measure the rocker angle from the opposite side, so pi is added.
         half_difference = 0.5 * (rocker_angle + np.pi - closed_form_angle)
         differences.append(abs(np.sin(half_difference)))
     mode = int(np.argmin(differences))
     assert differences[mode] < 1e-14
     _, coefficient = four_bar_coefficients(inputs, tuple(arcs), mode)
+    # The rocker rotates about the z axis.
     assert abs(rocker_velocity[2] - coefficient[0]) < 1e-13
 
 

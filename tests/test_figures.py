@@ -68,7 +68,12 @@ def legend_of(figure):
 
 @pytest.mark.slow
 def test_curves_of_velocity_coefficients_are_columns_of_the_table(four_bar):
-    """Each panel shows one pole; its curves have the numbers of the table of poles."""
+    """Each panel of a figure shows one pole, with the numbers of the table of poles.
+
+    A pole is the axis of the relative rotation of two links. `four_bar` is a run of the
+    four-bar. `curves_by_mode` reads the points of the curves of each assembly mode. A title
+    such as ω31/ω21 names the links 3 and 1 of the pole; the input turns link 2.
+    """
     figure = four_bar.plot("poles/velocity coefficients")
     frame = four_bar.frame("poles")
     panels = {panel.get_title(): panel for panel in figure.axes}
@@ -98,17 +103,22 @@ def test_angles_are_in_radians_where_asked(four_bar):
 
 
 def test_a_mode_has_one_colour_in_all_figures(four_bar):
-    """Each mode has one colour in figures and legends, except in charts of one mode."""
+    """Each assembly mode has the same colour in all figures and legends.
+
+    `four_bar` is a run of the four-bar, which has two modes (ways to assemble it). Curves
+    of modes have the group ids "mode 0" and "mode 1". `legend_of` returns the colours of a
+    legend by text.
+    """
     colours_by_mode = {}
     for name, figure in four_bar.plot().items():
+        # A chart shows one mode only, with other meanings of its colours.
         if name.endswith("gnomonic chart"):  # of one mode
             continue
         for panel in figure.axes:
             for line in panel.lines:
                 if line.get_gid():
                     colours_by_mode.setdefault(line.get_gid(), set()).add(line.get_color())
-        # A legend has the number of a mode, the sign of its dyad, and the name that the
-        # file gives the mode.
+        # An entry has the number of a mode, and its name in the file.
         legend_colours = legend_of(figure)
         both = {legend_colours["mode 0 (p1)"], legend_colours["mode 1 (p0)"]}
         assert both == set(style.MODE_COLOURS[:2])
@@ -120,16 +130,17 @@ def test_a_mode_has_one_colour_in_all_figures(four_bar):
 
 @pytest.mark.slow
 def test_singularities_are_marked_in_all_plots_over_the_input(four_bar):
-    """Triangles mark singularities on the curve of an assembly mode, at the right inputs.
+    """Triangles mark singularities on the curves of the modes, at the right inputs.
 
-    The inputs are those of the table of singularities. The fixture `four_bar` is a run over
-    the range of the input. The second run has the path of inputs from 360 to 0 degrees.
+    The expected inputs are those of the table of singularities. `four_bar` is a run over
+    the whole range of the input. The second run goes through the inputs from 360 to 0
+    degrees.
     """
     expected_inputs = np.degrees(np.sort(four_bar.frame("singularities")["q"].to_numpy()))
     backwards = np.linspace(2.0 * np.pi, 0.0, 73)[:, None]
     runs = [four_bar, sk.run("four_bar", ["poles", "singularities"], path=backwards)]
-    # "angles, form i" are transmission angle and angles to both types of singularities.
-    # Form i is the first of two relations of input and output by Di Gregorio.
+    # The figure "angles, form i" shows the transmission angle and two other angles. Form i
+    # is one of two relations of input and output by Di Gregorio.
     for run, name in product(runs, ("velocity coefficients", "angles, form i")):
         for panel in run.plot(name).axes:
             marks = [x.get_xydata()[0] for x in panel.lines if x.get_marker() == "v"]
@@ -181,11 +192,11 @@ def test_the_lambert_map_keeps_the_area_of_a_cap(pole):
 
 @pytest.mark.parametrize("pole", POLES)
 def test_the_stereographic_map_keeps_angles(pole):
-    """The angle between two tangents of the sphere at a point is the same on paper.
+    """The angle between two tangents at a point of the sphere is the same on paper.
 
-    It also has the same sign. On paper it is positive counterclockwise, on the sphere it is
-    so for an observer outside. The map is centred on the ground axis nearest to the point,
-    not on the point itself, where also maps of other kinds would keep angles.
+    It also has the same sign: positive is counterclockwise on paper, and for an observer
+    outside the sphere. The map is centred on the ground axis nearest to the point. At the
+    centre, maps of other kinds would keep angles too.
     """
     view = SphereView(frame_about(pole[None]), STEREOGRAPHIC, np.pi)
     point = pole / np.linalg.norm(pole)
@@ -280,8 +291,8 @@ def test_a_pole_of_a_curve_is_a_gap_and_leaves_the_frame():
 def test_a_grid_of_inputs_is_a_map_with_its_zeros():
     """Values over a grid of two inputs are drawn as a map with a line at zero.
 
-    The function a - 0.3 of the inputs a (horizontal) and b (vertical, both rad) is zero on
-    the vertical line a = 0.3.
+    The values are a - 0.3 for the inputs a (horizontal) and b (vertical), both in rad. They
+    are zero on the vertical line a = 0.3.
     """
     a, b = np.meshgrid(np.linspace(0.0, 1.0, 6), np.linspace(1.0, 3.0, 5), indexing="ij")
     over = (Axis("left", "rad", a.ravel()), Axis("right", "rad", b.ravel()))
@@ -291,7 +302,8 @@ def test_a_grid_of_inputs_is_a_map_with_its_zeros():
     meshes = [x for x in panel.collections if x.get_array() is not None]
     mesh = meshes[0]
     assert np.asarray(mesh.get_array()).reshape(5, 6) == pytest.approx((a - 0.3).T)
-    assert mesh.norm.vmin == -mesh.norm.vmax  # so that zero has the colour between
+    # The scale is symmetric, so that zero has the colour in its middle.
+    assert mesh.norm.vmin == -mesh.norm.vmax
     assert panel.get_xlabel() == "left, deg"
     assert panel.figure.get_supylabel() == "right, deg"  # shared by all panels of a figure
     # The first collection is the mesh, the others are lines.
@@ -311,15 +323,16 @@ def test_inputs_that_are_no_grid_are_drawn_as_a_path():
 
 
 def test_labels_of_crowded_points_do_not_cover_each_other():
-    """Labels of 12 random points in 5 frames keep apart and near their points.
+    """Labels of 12 random points keep apart and near their points, in each of 5 pictures.
 
-    A label "ab" of height 6 is about 4 wide. Points that are NaN have no label, and each
-    frame is placed independently of the others.
+    With the letter size 6, a label "ab" is about 4 wide and 6 high. A point that is NaN has
+    no label. A picture is placed as if it were the only one.
     """
     points = np.random.default_rng(3).uniform(0.0, 100.0, (5, 12, 2))
     points[2, 4] = np.nan
     labels = ["ab"] * 12
     places = place_labels(labels, points, 6.0)
+    # (pictures, points, points, 2)
     gaps = np.abs(places[:, :, None] - places[:, None])
     is_apart = (gaps[..., 0] > 4.0) | (gaps[..., 1] > 5.9) | np.isnan(gaps[..., 0])
     assert np.all(is_apart | np.eye(12, dtype=bool))
@@ -331,16 +344,17 @@ def test_labels_of_crowded_points_do_not_cover_each_other():
 @pytest.mark.many
 @pytest.mark.parametrize("pair", ["21", "41"])
 def test_axodes_touch_at_the_pole(pair):
-    """At the first configuration the fixed and the moving axode meet in the figure.
+    """At the first configuration the fixed and the moving axode meet at the pole.
 
-    Axodes are the cones of the pole of two links, seen from either. Each is drawn as a
-    curve on two panels, one for each hemisphere.
+    Axodes are the cones that the axis of relative rotation of two links describes in either
+    link. A figure shows each as a curve on two panels, one for each hemisphere.
+    `run_with_axodes` runs the four-bar with the given input pair.
     """
     result = run_with_axodes(pair)
     # Driven at pair 41, the mechanism has no configuration at the first samples.
     first = np.argmax(np.isfinite(result.frame("poles")["ux"].to_numpy()))
-    # The file names the assembly modes p0 and p1 for the input 21. With another input,
-    # modes have numbers and signs only.
+    # The file names the modes p0 and p1 for the input 21. With another input, a mode has
+    # only a number and a sign.
     mode_names = ("0 (p1)", "1 (p0)") if pair == "21" else ("0 (+)", "1 (\u2212)")
     for mode_name in mode_names:
         figure = result.plot(f"axodes, mode {mode_name}")
@@ -364,7 +378,11 @@ def test_axodes_touch_at_the_pole(pair):
 @pytest.mark.many
 @pytest.mark.parametrize("pair", ["21", "41"])
 def test_the_gnomonic_chart_has_the_poles_of_the_table(pair):
-    """A gnomonic chart shows the ratios of the components of the pole, such as ux / uz."""
+    """A gnomonic chart shows ratios of the components of the pole, such as ux / uz.
+
+    The pole is the axis of the relative rotation of links 3 and 1; the reference is the
+    table of poles. `run_with_axodes` runs the four-bar with the given input pair.
+    """
     result = run_with_axodes(pair)
     frame = result.frame().query("assembly_mode == 0 and link == '3'")
     poles = frame[["ux", "uy", "uz"]].to_numpy()
@@ -441,10 +459,11 @@ def test_a_path_on_another_one_is_dashed_so_that_both_are_visible(four_bar):
 
 
 def test_paths_coincide_as_sets_of_points_up_to_gaps_and_parts():
-    """A path is compared with the segments of others: samples and direction differ.
+    """Paths that cover each other are recognized, so that all but one are drawn dashed.
 
-    `position` is the position of a path among the paths that coincide with it. Their number
-    is `curve_count`, with the path itself.
+    A path may have a gap, other samples, the opposite direction, or only a part of the
+    other path. `position` counts a path within its group of coinciding paths; `curve_count`
+    is the size of the group.
     """
     steps = np.linspace(0.0, 1.0, 40)[:, None]
     line = np.hstack([steps, steps])
@@ -562,7 +581,11 @@ def luminance(colour):
 
 
 def test_two_columns_of_a_table_are_drawn_with_a_curve_for_each_mode(four_bar):
-    """`plot(x, y)` draws the numbers of the frame, with names and units on the axes."""
+    """`plot(x, y)` draws two columns of a table, with names and units on the axes.
+
+    `four_bar` is a run of the four-bar. Each assembly mode (way to assemble the links) has
+    a curve with the numbers of the table, and an entry in the legend.
+    """
     figure = four_bar.plot("q", "theta_41")
     frame = four_bar.frame("motion", degrees=True)
     (panel,) = figure.axes
@@ -609,7 +632,11 @@ def test_rows_that_do_not_follow_each_other_are_points(four_bar):
 
 
 def test_an_angle_that_jumps_by_a_turn_interrupts_its_curve():
-    """No line leads back across the figure where an angle on the axis x jumps by a turn."""
+    """A curve is interrupted where its angle on the axis x jumps by a turn.
+
+    Otherwise a line would lead back across the figure. Here the azimuth jumps from 175 to
+    -180 deg, so NaN comes before the third point; the other steps are 5 deg.
+    """
     columns = (SAMPLE, ASSEMBLY_MODE, Column("azimuth", "rad", "an angle"), INPUT)
     azimuths = [170.0, 175.0, -180.0, -175.0]
     data = {"sample": range(4), "assembly_mode": 0, "azimuth": azimuths, "q": azimuths}
@@ -688,11 +715,15 @@ def elements_of(text):
 
 
 def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
-    """In notebooks plans, mechanisms and results are shown as tables of their content."""
+    """In notebooks, plans, mechanisms and results are shown as tables in HTML.
+
+    `four_bar` is a run of the four-bar; `elements_of` returns the tags and texts of a page.
+    The plan says how the pole (axis of relative rotation) of each two links is found.
+    """
     mechanism = sk.load("four_bar")
-    # The plan is a table of 4 x 4 links with the pole axis of each two links twice: 4 axes
-    # of pairs ("x"), and 2 poles that the first pass of the Aronhold-Kennedy theorem gives
-    # ("I"). On the diagonal a link meets itself ("■").
+    # The table has 4 x 4 links, so each pole is in two cells. x: the 4 axes of pairs. I:
+    # the 2 poles found in the first pass, as intersections of great circles. ■: the
+    # diagonal.
     marks = [
         text for tag, text in elements_of(sk.plan(mechanism)._repr_html_()) if tag == "td"
     ]
@@ -721,7 +752,7 @@ def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
     row = f"{frame['velocity_coefficient'].iloc[1]:.6g}"
     assert ("td", row) in cells
     # Findings are list items. In each of the two modes the output rests at both ends of its
-    # motion, which makes four singularities of type I.
+    # motion: four singularities of type I.
     assert any(tag == "li" and "4 of type I" in text for tag, text in cells)
 
 

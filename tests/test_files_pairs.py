@@ -63,10 +63,11 @@ def steps_of_second_gear(text):
 def test_cones_roll_by_the_ratio_of_the_sines_of_their_half_angles(
     shaft_angle, contact, stated, expected
 ):
-    """One or both half angles (deg) are stated; the shaft angle says the second one.
+    """Bevel gears that are stated by half angles of their pitch cones roll without slip.
 
-    Cones turn in opposite senses in external contact and in the same in internal contact.
-    Each step of the first gear is 60 deg.
+    The file states one or both half angles (deg). The second one follows from the shaft
+    angle. The reference ratio of the speeds is the ratio of the sines. It is negative for
+    external contact. The first gear turns by 60 deg in each step.
     """
     # The file has a shaft angle of 75 deg and the half angles 30 and 45 deg.
     text = replace_passages(CONES, "75.0", f"{shaft_angle}.0", "[30.0, 45.0]", stated)
@@ -147,15 +148,17 @@ def test_a_roller_that_turns_on_a_pin_moves_its_arm_like_a_welded_roller():
 
 
 def test_the_pin_of_a_slider_stays_on_its_arc():
-    """A slider on an arc is a revolute pair about the pole of the arc.
+    """A slider on an arc of a great circle is a revolute pair about the pole of the circle.
 
-    The pin stays 90 deg from this pole and 60 deg (the rod) from the tip of the crank. The
-    fourth variable is the angle of the slider along its arc.
+    The pin of the slider must stay 90 deg from this pole, and 60 deg (the length of the
+    rod) from the tip of the crank. The fourth pair variable is the angle of the slider
+    along its arc.
     """
     mechanism = loads(SLIDER)
     assert mechanism.pair("guide").type == "R"
     motion = sk.trace(mechanism, samples=37)
     assert np.all(motion.status == sk.Status.OK)
+    # Pair axes of the four pairs; the first is the axis of the crank.
     _, tip, pin, pole = np.moveaxis(motion.axes, 1, 0)  # each (samples, 3)
     assert np.max(np.abs(np.sum(pin * pole, axis=1))) < 1e-14
     cosine_of_rod = np.sum(tip * pin, axis=1)
@@ -180,9 +183,10 @@ def test_the_pole_of_an_arc_through_two_directions_is_their_cross_product():
 
 
 def test_the_pole_of_an_arc_is_perpendicular_to_both_of_its_directions():
-    """Random directions by longitude and latitude (deg), in right-handed order.
+    """The pole of an arc through two directions is perpendicular to both, right-handed.
 
-    The error of a pole grows with the reciprocal sine of the arc.
+    The 50 random pairs of directions are stated by longitude and latitude (deg). For short
+    arcs, rounding has a greater effect on the pole: the tolerance is divided by the sine.
     """
     random = np.random.default_rng(5)
     arcs = random.uniform((-180, -90), (180, 90), (50, 2, 2))
@@ -260,9 +264,10 @@ def test_a_profile_that_is_no_simple_curve_is_refused_by_its_name(points, words)
 
 @pytest.mark.slow
 def test_a_run_has_the_status_curvature_where_a_roller_is_too_large_for_its_cam():
-    """The cam has a waist whose concave radius is below that of a roller of 30 deg.
+    """A roller that does not fit into the concave waist of its cam gives a status.
 
-    A roller of 2 deg has fewer such rows. Rows with this status have no angles.
+    The waist has a smaller radius than the roller of 30 deg. A roller of 2 deg must have
+    fewer rows with the status CURVATURE. Rows with this status have no angles.
     """
     waist = 'kind = "fourier"\ncentre_xyz = [0.0, 0.0, 1.0]\ncosines = [25.0, 0.0, 9.0]\n'
     text = cam_with_profile(waist)

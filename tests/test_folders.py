@@ -28,10 +28,11 @@ def bytes_of_files(folder):
 
 
 def make_files(base, entries):
-    """Make files, folders and links in a folder, as `folders.toml` states them.
+    """Create files, folders and links in the folder `base`, as test data lists them.
 
-    An entry is `PATH: TEXT` for a file, `PATH/` for a folder or `PATH -> TARGET` for a
-    link. In texts, BASE stands for the folder and VERSION for that of spherekit.
+    Each of the `entries` is a line of `folders.toml`: `PATH: TEXT` for a file, `PATH/` for
+    a folder or `PATH -> TARGET` for a symbolic link. In texts, BASE stands for the folder
+    and VERSION for the version of spherekit.
     """
     for entry in entries:
         link_path, arrow, target = entry.partition(" -> ")
@@ -76,9 +77,11 @@ def test_a_run_replaces_what_a_run_has_made(tmp_path):
 def test_a_run_interrupted_while_it_moves_its_results_can_be_restarted(
     tmp_path, monkeypatch
 ):
-    """After Ctrl-C at the fifth file that is moved into place, --restart tidies up.
+    """After Ctrl-C while results are moved into place, `--restart` tidies up.
 
-    Exit status 130 means interrupted. A file of the user stays.
+    A run writes its files elsewhere and then moves them into the folder of results. Here
+    the fifth move is interrupted, which ends with exit status 130. The next run must remove
+    what the interrupted run has left. A file of the user stays.
     """
     out = tmp_path / "out"
     assert main([*RUN, "-o", str(out)]) == 0
@@ -149,7 +152,8 @@ def test_changed_results_are_not_overwritten(prepare, tmp_path, capsys):
 def test_a_linked_folder_is_used_and_hard_links_keep_the_old_results(tmp_path):
     """Results go into the folder behind a symbolic link, as new files.
 
-    A hard link to an old result keeps the old content.
+    A second run replaces the results. Hard links to the old files keep the old content,
+    which shows that the run does not write into existing files.
     """
     (tmp_path / "target").mkdir()
     out = tmp_path / "out"
@@ -290,10 +294,11 @@ def coupling(folder):
     "stored", [table_of_a_run, part_of_a_sweep, stored_functions, coupling]
 )
 def test_a_flipped_bit_is_noticed_or_changes_no_number(stored, tmp_path):
-    """A stored file with one flipped bit gives the same numbers or an error.
+    """A stored file with one flipped bit gives the same numbers, or an error.
 
-    Bits are flipped at 30 random bytes and in names of columns. More than half of the
-    random ones must have been noticed.
+    `stored` is a function that writes one kind of file; it returns the path and a function
+    that reads the file. Bits are flipped at 30 random bytes and in names of columns. More
+    than half of the random ones must be noticed.
     """
     path, read = stored(tmp_path)
     data = path.read_bytes()

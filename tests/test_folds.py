@@ -30,11 +30,14 @@ def half_tangents(angles):
 
 
 def test_half_tangents_of_a_flat_foldable_vertex_have_constant_ratios():
-    """Both modes agree with the closed form for vertices with Kawasaki's condition.
+    """The half tangents of the fold angles of a flat-foldable vertex have constant ratios.
 
-    With the sectors s1 (between c1 and c2) and s2 (between c2 and c3), opposite creases
-    have equal magnitudes. If c1 = c3, then tan(c2/2) = -cos((s1 + s2)/2) / cos((s1 - s2)/2)
-    tan(c1/2), and if c1 = -c3, then it is sin((s1 + s2)/2) / sin((s1 - s2)/2) tan(c1/2).
+    Reference: the closed form for vertices of four creases c1 to c4 with Kawasaki's
+    condition. With the sector angles s1 (between c1 and c2) and s2 (between c2 and c3),
+    opposite creases have equal magnitudes. In the mode with c1 = c3, tan(c2/2) is -cos((s1
+    + s2)/2) / cos((s1 - s2)/2) times tan(c1/2). In the mode with c1 = -c3 the factor is
+    sin((s1 + s2)/2) / sin((s1 - s2)/2). `fold_angles` returns the angles of a run by
+    crease.
     """
     result = sk.run("flat_foldable_vertex", samples=13)
     names = [mode["name"] for mode in result.summary["assembly_modes"]]
@@ -52,10 +55,11 @@ def test_half_tangents_of_a_flat_foldable_vertex_have_constant_ratios():
 
 
 def test_the_miura_unit_folds_as_one_by_its_closed_form():
-    """The mode of the file's pose is the Miura fold: tan(h/2) = cos(60 deg) tan(z/2).
+    """The first mode of `miura_unit` is the Miura fold: tan(h/2) = cos(60 deg) tan(z/2).
 
-    z is the fold angle of the zigzag lines and h that of the straight lines. One constraint
-    is redundant, because the mechanism moves although the count of links and pairs gives 0.
+    z is the fold angle of the zigzag lines and h that of the straight lines. `fold_angles`
+    returns the angles of a run by crease. The count of links and pairs gives mobility 0,
+    but the sheet moves, because one constraint is redundant.
     """
     result = sk.run("miura_unit", samples=9)
     mode = next(m for m in result.summary["assembly_modes"] if m.get("name") == "miura")
@@ -197,11 +201,13 @@ VERTICES = {
 
 @pytest.mark.parametrize("sectors", VERTICES.values(), ids=VERTICES)
 def test_a_new_vertex_closes_in_its_whole_range_in_both_modes(sectors, tmp_path):
-    """The sectors have the given angles, and the product of rotations closes.
+    """The file that the command writes for a new folded vertex closes at all its inputs.
 
-    Walking around the vertex, each sector turns the frame about x by its angle and each
-    crease about z by its fold angle. After one round this is the identity. The middle one
-    of the last three creases is a valley in mode 0 (+) and a mountain in mode 1 (-).
+    Walking around the vertex, each sector turns a frame about x by its angle and each
+    crease about z by its fold angle. After one round the product of these rotations must be
+    the identity. `write_vertex` writes the file and `fold_angles` reads the angles of a
+    run. The middle of the last three creases is a valley in mode 0 (+) and a mountain in
+    mode 1 (-).
     """
     path = write_vertex(tmp_path, sectors)
     sector_angles = np.radians([float(angle) for angle in sectors.split(",")])
@@ -212,6 +218,7 @@ def test_a_new_vertex_closes_in_its_whole_range_in_both_modes(sectors, tmp_path)
     assert [mode["mode"] for mode in result.summary["assembly_modes"]] == ["+", "-"]
     for mode, sign in ((0, 1.0), (1, -1.0)):
         angles = fold_angles(result, mode)
+        # The range of a new file leaves out fold angles below 5 deg.
         assert np.all(sign * angles[f"c{n - 1}"] > np.radians(4.99))
         for sample in range(7):
             frame = np.eye(3)
@@ -222,7 +229,12 @@ def test_a_new_vertex_closes_in_its_whole_range_in_both_modes(sectors, tmp_path)
 
 @pytest.mark.parametrize("crease_count", range(4, 10))
 def test_the_output_of_a_new_vertex_moves_with_every_driven_crease(crease_count, tmp_path):
-    """Each driven crease is turned alone by a small angle, and the output must move."""
+    """The output of a new folded vertex depends on every driven crease.
+
+    Each driven crease is turned alone by 1e-3 rad from the middle of its range, and the
+    output must move. The output is a direction in a link, or the orientation of the link.
+    `write_vertex` writes the file with the command.
+    """
     sectors = np.resize([50.0, 40.0, 60.0], crease_count)
     path = write_vertex(tmp_path, ",".join(f"{angle:g}" for angle in sectors))
     mechanism = sk.load(path)
@@ -251,10 +263,11 @@ def about_z(angle):
 
 
 def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
-    """One degree beyond the range, the middle crease comes closer than 5 deg to 0 or 180.
+    """The input range of a new folded vertex cannot be extended by one degree.
 
-    The fold angle c3 follows from c1 by the cosine rule of the two
-    triangles that the arc between c2 and c4 cuts off.
+    One degree beyond the range, the middle crease (c3) is closer than 5 deg to a flat (0)
+    or closed (180) fold. c3 follows from the input c1 by the spherical cosine rule. The
+    rule is applied to both triangles that the arc between c2 and c4 cuts off.
     """
     text = write_vertex(tmp_path, "100,70,90,100").read_text("utf-8")
     mechanism = loads(text)

@@ -24,9 +24,9 @@ def test_random_command_lines_end_with_a_documented_exit_status(
 ):
     """No command prints a traceback or a warning, whatever its words and files are.
 
-    `words` are a command line in which DAMAGED, DAMAGED.study.toml and OUT stand for
-    paths. `text` is a mechanism or study file with random damage. Only words outside the
-    grammar of the command line (and --help) leave by SystemExit.
+    hypothesis draws `words`, a command line in which DAMAGED, DAMAGED.study.toml and OUT
+    stand for paths, and `text`, a mechanism or study file with random damage. The parser of
+    the command line raises SystemExit, for words that it does not know (2) or --help (0).
     """
     folder = tmp_path_factory.getbasetemp()
     for name in ("damaged.toml", "damaged.study.toml"):

@@ -83,10 +83,12 @@ def names_by_identifier(rules, names=NAMES):
 
 @pytest.mark.skipif(not GCC, reason="there is no gcc")
 def test_sources_of_c_compile_beside_every_header(tmp_path):
-    """Sources of mechanisms with troublesome names compile beside standard headers.
+    """Exported C of mechanisms with troublesome names compiles beside all standard headers.
 
-    ISO C and POSIX come first, in the GNU dialect, which knows the most functions. A
-    renamed mechanism is named in the comment; harmless names are kept.
+    All sources are in one file, after the headers of ISO C and POSIX, in the GNU dialect,
+    which knows the most functions. A comment says how a mechanism is renamed; the names in
+    `KEPT_NAMES` must not be changed. `renamed_formulas` returns formulas of a mechanism
+    with another name.
     """
     texts = []
     for safe, name in names_by_identifier(identifiers.C_NAME_RULES).items():
@@ -109,15 +111,17 @@ def words_of(comment):
 @pytest.mark.slow
 @pytest.mark.skipif(not GPP, reason="there is no g++")
 def test_sources_of_cpp_compile_with_each_name(tmp_path):
-    """C++ sources of mechanisms with troublesome names compile in one file.
+    """Exported C++ of mechanisms with troublesome names compiles, all in one file.
 
-    The main program calls the function of each mechanism, so that none can be left out. The
-    formulas have no sizes, so any array will do for that argument.
+    The main program calls the function of each mechanism, so that the compiler leaves out
+    none. The names in `KEPT_NAMES` must not be changed. `renamed_formulas` returns formulas
+    of a mechanism with another name.
     """
     texts, calls = [], []
     for safe, name in names_by_identifier(identifiers.CPP_NAME_RULES).items():
         texts.append(source(renamed_formulas(name), "cpp"))
-        # The arguments are inputs, signs of the mode, sizes and results.
+        # The arguments are inputs, signs of the mode, sizes and results. There are no sizes
+        # here, so any array will do.
         calls.append(f"    {safe}_formulas::{safe}(input, mode, input, result);")
         assert safe == name or name not in KEPT_NAMES, name
     path = tmp_path / "x.cpp"
@@ -162,9 +166,11 @@ def test_every_function_and_macro_that_the_compiler_knows_is_renamed(tmp_path):
 
 @pytest.mark.skipif(not NODE, reason="there is no node")
 def test_modules_of_javascript_run_with_each_name(tmp_path):
-    """JavaScript modules of mechanisms with troublesome names give the angle.
+    """JavaScript modules of mechanisms with troublesome names give the right angle.
 
-    The interpreter lists its global names itself; no mechanism may keep one of them.
+    The interpreter lists its own global names; no exported function may have one of them.
+    `renamed_formulas` returns formulas of a mechanism with another name, and
+    `expected_angle` the angle by spherekit.
     """
     list_globals = (
         "const {runInNewContext} = require('vm');"
@@ -238,11 +244,12 @@ def test_functions_of_casadi_have_names_that_casadi_allows():
     ["shaped_cam", pytest.param("double_butterfly", marks=pytest.mark.slow)],
 )
 def test_sources_of_newtons_method_and_tables_take_any_name(mechanism, language, tmp_path):
-    """Sources with a step function or tables of profiles work with any name.
+    """Exported sources with helper functions work whatever the mechanism is called.
 
     Such a source has functions for the results, for a step of Newton's method and for a
-    table. They call each other by names made from that of the mechanism. The mechanism gets
-    names that the language or the source itself uses.
+    table of a profile. Their names are derived from that of the mechanism. Here the
+    mechanism gets names that the language or the source itself uses. Python runs the
+    source, other languages check that it compiles.
     """
     names_by_language = {
         "c": ("int", "sign_of"),
@@ -361,12 +368,12 @@ last = {{ kind = "spring", pair = "last", stiffness = 1.0 }}
 
 @pytest.mark.parametrize("ground, coupler", [("1", "world"), ("world", "3")])
 def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
-    """A link "world" and equal names of outputs, loads and inputs get names of their own in
-    MJCF.
+    """A model of MuJoCo has different names where those of a mechanism are equal.
 
-    `ground` and `coupler` are the names of two links. In MuJoCo "world" is the ground, so
-    another link with this name becomes "world_2". The model that is imported again has the
-    same links, with this new name.
+    In MuJoCo "world" is the ground, so another link with this name becomes "world_2". The
+    file also has an output, loads and an input of equal names. `ground` and `coupler` are
+    the names of two links. A model that is imported again has the same links, but for this
+    name.
     """
     mujoco = pytest.importorskip("mujoco", reason="it reads the model")
     file, path = tmp_path / "x.toml", tmp_path / "x.xml"
@@ -374,8 +381,8 @@ def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
     assert main(["export", str(file), "--to", "mjcf", "-o", str(path), "--quiet"]) == 0
     model = mujoco.MjModel.from_xml_path(str(path))
     mechanism = sk.load(file)
-    # MuJoCo raises an error for a name that does not exist. Objects of a kind are numbered
-    # from 0; a renamed one is not the first of its kind.
+    # MuJoCo raises an error for a name that does not exist, and numbers objects of a kind
+    # from 0. A renamed object is not the first of its kind.
     assert model.body("world_2").id > 0
     assert model.actuator("crank_2").id > 0
     assert model.site("out_2").id > 0
@@ -388,10 +395,11 @@ def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
 
 @pytest.mark.slow
 def test_pages_of_reserved_names_move(browser, tmp_path):
-    """Pages of mechanisms named like JavaScript's own objects move without a message.
+    """Pages of mechanisms named like JavaScript's own objects move without an error.
 
-    `timing.pictures` counts how often a page was drawn. It is drawn again after the input
-    has changed. `KERNELS` is a name that pages themselves use.
+    `browser` is a browser that the test controls. After the input has changed, the page
+    must be drawn again, which `timing.pictures` counts. No message may appear in its
+    console.
     """
     messages = []
     tab = browser.new_page()

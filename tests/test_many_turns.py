@@ -35,10 +35,11 @@ def restoring_torque(angle):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("turns", [1, -100, 10_000, 10_000_000])
 def test_a_simulation_from_an_input_many_turns_away_runs_alike(four_bar, engine, turns):
-    """Start and torque are shifted by whole turns; only the last digits of q change.
+    """A simulation that starts many whole turns away has the same motion.
 
-    The torque is proportional to the distance of the input from an angle, which is shifted
-    too.
+    The start and the torque are shifted by the same number of turns. `restoring_torque` is
+    proportional to the distance of the input from an angle, so it is sensitive to turns.
+    Only the last digits of the angle may change.
     """
     shift = turns * TURN
     settings = {"engine": engine, "tolerance": 1e-9}
@@ -50,9 +51,8 @@ def test_a_simulation_from_an_input_many_turns_away_runs_alike(four_bar, engine,
     )
     reference = reference_simulation.at(TIMES_S)
     shifted = shifted_simulation.at(TIMES_S)
-    # Floats near the shift are `rounding` apart: 7e-9 rad after ten million turns. Angles
-    # may differ by 20 of these steps, and by the tolerance of integration. Rates may
-    # differ by ten times as much.
+    # Distance of neighbouring floats: 7e-9 rad after ten million turns. Angles may differ
+    # by 20 such steps and the tolerance of integration, rates by ten times as much.
     rounding = np.spacing(abs(shift))
     tolerance = 20.0 * rounding + 1e-9
     assert np.max(np.abs(shifted.q - shift - reference.q)) < tolerance
@@ -64,7 +64,11 @@ def test_a_simulation_from_an_input_many_turns_away_runs_alike(four_bar, engine,
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("turns", [(1, 1, 1, 1), (10_000, -20_000, 0, 30_000)])
 def test_a_simulation_from_a_pose_many_turns_away_runs_alike(four_bar, engine, turns):
-    """Each of the four angles of the start pose is shifted by whole turns of its own."""
+    """A simulation is the same if each angle of its start pose is turned by whole turns.
+
+    The start pose has the four pair angles of a four-bar. Each is shifted by its own number
+    of turns. The reference is the simulation without shifts.
+    """
     start = simulate(four_bar, Start(0.3, 1.0), 0.1, engine="numpy")
     values = start.at([0.0]).values[0]
     shift = TURN * np.array(turns)
@@ -83,9 +87,9 @@ def test_a_simulation_from_a_pose_many_turns_away_runs_alike(four_bar, engine, t
 def test_a_start_many_turns_away_is_moved_into_the_range_of_the_input():
     """A simulation of an eight-bar may start 50 turns beyond the range of its input.
 
-    The eight-bar has no closed form: all its moving links are closed together. Its assembly
-    modes are searched in the range of the input only, here from 5.0 to 5.6 rad. The start
-    at 5.3 rad plus 50 turns is therefore shifted into this range.
+    Assembly modes of this eight-bar are searched numerically, in the range of the input
+    only (here 5.0 to 5.6 rad). So the start at 5.3 rad plus 50 turns must be moved into
+    this range. The reference is the simulation without the turns.
     """
     mechanism = sk.load("eight_bar_01")
     input_range = Input(mechanism.inputs[0].pair, 5.0, 5.6)

@@ -29,7 +29,18 @@ def load_model(text):
 
 
 def close_loops(mechanism, values, inputs):
-    """Close the loops at other inputs by Newton's method, from given joint angles.
+    """Close the loops of a mechanism at some inputs by Newton's method.
+
+    Tests compare the result with the pose of MuJoCo.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    values
+        (variables,) joint angles (rad) from which the method starts.
+    inputs
+        Angles (rad) of the input joints.
 
     Returns
     -------
@@ -65,11 +76,13 @@ def largest_rotation_gap(mechanism, data, rotations):
     ],
 )
 def test_a_model_has_the_pose_of_the_mechanism_and_motors_at_its_inputs(name, inputs):
-    """Rotations of all links at `inputs` (rad) are equal, and MuJoCo's loops are closed.
+    """An exported MuJoCo model has the pose of the mechanism, and motors at its inputs.
 
-    Every link has a geometry that can be seen; motors are at the inputs alone.
+    At `inputs` (rad), the rotations of all links are equal and MuJoCo's loops are closed.
+    Every link has a visible geometry. `find_pose` closes the mechanism and returns its
+    joint angles.
     """
-    # `values` are the pair angles (rad) of the pose. Loads have no influence on it.
+    # Loads have no influence on the pose.
     mechanism, values = find_pose(replace(sk.load(name), loads=()), inputs=inputs)
     model, data = load_model(MujocoModel(mechanism, values).text)
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
@@ -96,10 +109,12 @@ def with_prescribed_inputs(text, inputs):
     "name", ["four_bar", "stephenson", "five_bar", "bevel_differential"]
 )
 def test_a_motion_of_the_inputs_moves_all_links_as_in_spherekit(name):
-    """While the inputs follow a law, MuJoCo's links have the rotations of spherekit.
+    """While the inputs follow a law of time, MuJoCo's links move as those of spherekit.
 
-    Loops of MuJoCo are soft constraints, which leaves differences below 1e-7. The loops of
-    spherekit are closed at every 60th step.
+    MuJoCo closes loops by soft constraints, which leaves differences below 1e-7.
+    `with_prescribed_inputs` adds constraints that move the inputs. At every 60th step,
+    `close_loops` computes the rotations by spherekit for the inputs that MuJoCo has
+    reached.
     """
     mechanism, values = find_pose(replace(sk.load(name), loads=()))
     inputs = [item.pair for item in mechanism.inputs]
@@ -118,6 +133,7 @@ def test_a_motion_of_the_inputs_moves_all_links_as_in_spherekit(name):
             values, rotations = close_loops(mechanism, values, q)
             gap = largest_rotation_gap(mechanism, data, rotations)
             largest_gap = max(largest_gap, gap)
+    # The joints must have moved, or equal poses would say nothing.
     assert np.ptp(data.qpos - model.qpos0) > 0.1
     assert largest_gap < 1e-7
 
@@ -135,12 +151,12 @@ LOADS = (
 
 
 def test_loads_have_the_power_that_they_say():
-    """MuJoCo's power of all loads is that of their laws, at a random state.
+    """The power of all loads in an exported MuJoCo model is that of their formulas.
 
     Power is torque times joint rate, force times velocity of the point, or moment times
-    angular velocity. The laws below have the numbers of `LOADS`, one term for each load.
-    Loads act at all three passive pairs. One of these is 41, which closes the loop.
-    MuJoCo's bodies form a tree, so 41 is the hinge of a second body of its link.
+    angular velocity. The formulas below have the numbers of `LOADS`. The state is random,
+    and its angles even open the loop, because loads depend on angles and rates only. One
+    load acts at pair 41, which closes the loop of MuJoCo's tree of bodies.
     """
     loaded = replace(sk.load("four_bar"), loads=LOADS)
     mujoco_model = MujocoModel(*find_pose(loaded, inputs=0.7))
@@ -213,9 +229,10 @@ MASSES = {
 
 
 def largest_difference(mechanism, seconds, timestep):
-    """Return how far (rad) MuJoCo's pairs are from a simulation from rest, and the notes.
+    """Return how far (rad) MuJoCo ends from a simulation, and the notes of the export.
 
-    `seconds` is the duration, `timestep` that of MuJoCo (s).
+    Both start from rest in the same pose. `seconds` is the duration, `timestep` the step of
+    MuJoCo (s). The difference is the largest of all joint angles.
     """
     mechanism, values = find_pose(mechanism)
     mujoco_model = MujocoModel(mechanism, values, timestep=timestep)
@@ -225,6 +242,7 @@ def largest_difference(mechanism, seconds, timestep):
     start = sk.Start(q=q, dq=(0.0,) * len(q))
     result = sk.simulate(mechanism, start, seconds, assembly_mode=0)
     end = result.at([seconds])
+    # The mechanism must have moved, or a small difference would say nothing.
     assert abs(end.inputs[0][0] - q[0]) > 0.05
     joints = {model.joint(k).name for k in range(model.njnt)}
     differences = []
@@ -277,9 +295,8 @@ def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
 
     They are a torque ``motor`` that depends on time, a table ``profile`` of torques over
     time, a torque ``cross`` that depends on the angle of another pair, and a nonlinear
-    torque ``swing``. The friction ``bearing`` at pair 32 (0.2 N m, viscous 0.3 N m s/rad)
-    and the joint limits of pair 41 (-90 and 90 deg) become MuJoCo's own, which are noted as
-    different.
+    torque ``swing``. The friction ``bearing`` at pair 32 and the joint limits of pair 41
+    become MuJoCo's own, which the messages call different.
     """
     path = tmp_path / "held.toml"
     path.write_text(dumps(replace(sk.load("four_bar"), loads=())) + HELD)

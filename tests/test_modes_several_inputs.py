@@ -82,8 +82,8 @@ def with_symmetric_ranges(name, half_width_deg=150.0):
 def random_platform(random):
     """Return a 3-RRR platform (three legs of three revolute pairs) of random size.
 
-    The arcs of base, platform, cranks and couplers (deg) and the ranges of the three
-    inputs (rad) are drawn; everything else is that of `rrr_wide.toml`.
+    The text of `rrr_wide.toml` is changed: the arcs of base, platform, cranks and couplers
+    (deg) and the ranges of the three inputs (rad) are drawn at random.
     """
     text = (FILES / "rrr_wide.toml").read_text()
     for base_or_platform_arcs in ("70.0, 80.0", "60.0, 75.0"):
@@ -116,8 +116,8 @@ def count_platform_configurations(position_analysis):
     """
     solver = position_analysis.solver
     mechanism = position_analysis.mechanism
-    # The state in which only the inputs are placed. The base and the three cranks are then
-    # one rigid body. `body_from_link` has the rotations of links to the axes of this body.
+    # With all inputs placed, base and cranks are one rigid body. `body_from_link` has the
+    # rotations of links to the axes of this body.
     state = solver.start(position_analysis.input_grid.q)
 
     def axis(pair, side):
@@ -130,8 +130,8 @@ def count_platform_configurations(position_analysis):
         crank = mechanism.link_number[f"crank{leg}"]
         crank_ends.append(state.body_from_link[crank] @ axis(f"b{leg}", 0))
     base_rotation = state.body_from_link[mechanism.link_number["base"]]
-    # From the axes of the body to the frame of the base, by the transposed rotation:
-    # n are samples, k legs, i and j components. The shape is (samples, 3 legs, 3).
+    # From the axes of the body to those of the base, by the transposed rotation. n:
+    # samples, k: legs, i and j: components. The result is (samples, 3 legs, 3).
     crank_ends = np.einsum("nji,nkj->nki", base_rotation, np.stack(crank_ends, axis=1))
     coupler_arcs = [np.arccos(axis(f"b{leg}", 1) @ axis(f"c{leg}", 0)) for leg in (1, 2, 3)]
     platform_axes = np.stack([axis(f"c{leg}", 1) for leg in (1, 2, 3)])
@@ -154,15 +154,16 @@ def count_one_by_one(position_analysis):
 
 
 def run_command(folder, *arguments):
-    """Run the command `spherekit run` with results in a folder.
+    """Run the command `spherekit run` with results in a folder, and read them.
 
     Returns
     -------
     summary
         Content of `summary.json`.
     configurations
-        For each sample number the valid rows of `motion.csv`, each as the complex numbers
-        `exp(i theta)` of all pair angles.
+        For each sample number a list of configurations, one for each valid row of
+        `motion.csv`. A configuration is the complex numbers `exp(i theta)` of all pair
+        angles.
     """
     assert main(["run", *map(str, arguments), "--out", str(folder)]) == 0
     configurations = {}
@@ -196,8 +197,9 @@ def test_a_run_writes_every_configuration_of_a_sample_once(
 ):
     """`motion.csv` has as many rows of a sample as an independent count, none twice.
 
-    The independent count solves the polynomial equations of the 3-RRR at the same samples.
-    It is -1 at samples where it is in doubt, which are left out. At least 80 % remain.
+    `count_platform_configurations` solves the polynomial equations of the 3-RRR platform at
+    the same samples. It is -1 where in doubt; at least 80 % of the samples must remain.
+    `run_command` runs the command and reads its rows.
 
     Parameters
     ----------
@@ -239,10 +241,11 @@ def test_a_run_writes_every_configuration_of_a_sample_once(
     ],
 )
 def test_many_inputs_at_once_have_the_configurations_of_each_alone(name, count, seed):
-    """`evaluate` of random inputs finds for each the rotations that it finds for it alone.
+    """`evaluate` of many random inputs finds for each the same rotations as for it alone.
 
-    `count` inputs are drawn within plus and minus 150 degrees. No configuration occurs
-    twice at one sample. The sentence on the search of modes names the number of samples.
+    `count` inputs are drawn within plus and minus 150 degrees. No configuration may occur
+    twice at one sample (`count_repeats`). The sentence on the search of modes names the
+    number of samples.
     """
     mechanism = with_symmetric_ranges(name)
     low, high = np.array([(item.start, item.stop) for item in mechanism.inputs]).T
@@ -267,7 +270,8 @@ def test_many_inputs_at_once_have_the_configurations_of_each_alone(name, count, 
 def test_an_input_out_of_reach_has_a_row_with_that_status():
     """An input at which no configuration closes is reported, also if it is the only one.
 
-    One of 20 random inputs (rad) of the 3-RRR is out of reach.
+    One of 20 random inputs (rad) of the 3-RRR platform is out of reach. A second example is
+    the first input in a grid of the five-bar at which it does not close.
     """
     platform = with_symmetric_ranges("three_rrr")
     inputs = np.random.default_rng(1).uniform(-2.6, 2.6, (20, 3))
@@ -317,8 +321,9 @@ def test_six_modes_are_found_with_any_number_of_samples(samples):
 def test_samples_many_turns_apart_have_all_their_configurations(name, backwards):
     """Each sample of a path has as many configurations as if it were the only sample.
 
-    Successive samples are 200 rad apart. No configuration occurs twice at one sample. Whole
-    turns added to the inputs change no number.
+    Successive samples are 200 rad apart. No configuration may occur twice at one sample
+    (`count_repeats`). Whole turns added to the inputs must change no number of
+    configurations, which `count_rows` counts by sample.
     """
     mechanism = sk.load(name)
     input_count = len(mechanism.inputs)
@@ -338,10 +343,11 @@ def test_samples_many_turns_apart_have_all_their_configurations(name, backwards)
 def test_small_newton_steps_join_the_rows_of_a_mode():
     """Successive rows of one assembly mode belong to one continuous motion.
 
-    Independent of the search for modes: the inputs are moved from one sample to the next
-    in 150 steps, the loops are closed by Newton's method after each, and the determinant
-    of the Jacobian by the passive variables keeps its sign, so that no singularity is
-    passed.
+    An assembly mode is one way to assemble the links. The check is independent of the
+    search for modes. The inputs move from one sample to the next in 150 steps, and Newton's
+    method closes the loops after each. The determinant of the Jacobian by the passive
+    variables must not change its sign, so that no singularity is passed. The end must be
+    the next row.
     """
     position_analysis = PositionAnalysis(with_symmetric_ranges("three_rrr"), samples=40)
     motion = position_analysis.motion()
@@ -375,8 +381,9 @@ def test_small_newton_steps_join_the_rows_of_a_mode():
 def test_a_grid_has_the_configurations_of_each_sample_alone(size):
     """Modes that close at few samples of a grid are found, however many samples there are.
 
-    Random nine-bars with two inputs and closed forms (chains of dyads) are sampled at
-    `size` times `size` inputs. At random samples the count equals that of the sample alone.
+    Random nine-bars with two inputs, solved in closed form, are sampled at `size` times
+    `size` inputs. At random samples, the number of configurations must be that of a
+    solution (`enumerate_assemblies`) of this sample alone.
     """
     tested_mechanisms = 0
     for seed in range(14):
@@ -405,12 +412,12 @@ def test_a_grid_has_the_configurations_of_each_sample_alone(size):
 
 
 def test_a_lost_configuration_is_noticed(monkeypatch):
-    """A sample at which one configuration is missing is reported, and the mode is kept.
+    """A sample at which one configuration is missing is reported, and all modes stay.
 
     The determinant of the closure equations with locked inputs has a sign in each
     configuration. Modes appear and vanish in pairs with opposite signs, so the signs of all
     configurations of a sample add up to zero. A single missing one is therefore noticed.
-    Row 9 of the enumeration, an arbitrary one, is removed here.
+    `lose_one` removes row 9, an arbitrary one, from what the search finds.
     """
     from spherekit.positions import modes_over_samples
 
@@ -441,8 +448,8 @@ def test_a_lost_configuration_is_noticed(monkeypatch):
 def graph_of(name, shape):
     """Return a configuration graph without nodes, and the configurations for its nodes.
 
-    The nodes of the graph are configurations at the samples of a grid of inputs. Edges are
-    paths of the inputs between neighbouring samples. Tests add nodes and edges themselves.
+    Nodes are configurations at the samples of a grid of inputs. Edges are motions between
+    neighbouring samples. Connected nodes form an assembly mode. Tests add nodes and edges.
 
     Parameters
     ----------
@@ -471,10 +478,11 @@ def graph_of(name, shape):
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "agile_eye", "three_rrr"])
 @pytest.mark.parametrize("distance", [0.0, 3e-13, 1e-9, 4e-7])
 def test_a_configuration_added_three_times_is_one_node(name, distance):
-    """Copies of a configuration, shifted by less than `SAME_CONFIGURATION`, share a node.
+    """Copies of a configuration that differ by rounding only are one node of the graph.
 
-    All configurations of a grid are added as they are, shifted by up to `distance` (rad) in
-    each variable, and with a whole turn added to every angle.
+    `graph_of` returns a graph without nodes, and all configurations of a grid of inputs.
+    All are added as they are, shifted by up to `distance` (rad) in each variable, and with
+    a whole turn added to every angle. Copies share the number of their node.
     """
     shape = (3,) * len(sk.load(name).inputs)
     graph, configurations = graph_of(name, shape)
@@ -508,11 +516,11 @@ def test_a_configuration_added_three_times_is_one_node(name, distance):
     ],
 )
 def test_close_configurations_of_opposite_sign_stay_two_nodes(signs, equal):
-    """Configurations 1e-7 rad apart are equal unless their determinant signs differ.
+    """Configurations 1e-7 rad apart are the same unless their determinant signs differ.
 
-    Two modes that meet at inputs 1e-15 rad away are some 1e-7 rad apart, and the
-    determinants of their Jacobians have opposite signs. `signs` holds these signs (0 if
-    unsure), `equal` for each configuration the number of the first one equal to it.
+    Two assembly modes that meet at inputs 1e-15 rad away are also about 1e-7 rad apart, but
+    the determinants of their Jacobians have opposite signs. `signs` are these signs (0 if
+    unsure). `equal` has for each configuration the number of the first one equal to it.
     """
     graph, configurations = graph_of("five_bar", (2, 2))
     count = len(signs)
@@ -611,9 +619,10 @@ def chain_of_dyads(seed, links):
 
 @pytest.mark.slow
 def test_the_limit_of_64_modes_is_reported():
-    """A chain with more modes than are computed says so in every result.
+    """A chain with more than 64 modes, of which 64 are computed, says so in every result.
 
-    Elimination at one input proves that there are more than 64 modes.
+    `chain_of_dyads` returns a random linkage with many assembly modes.
+    `enumerate_assemblies` proves at one input that there are more than 64.
     """
     mechanism = chain_of_dyads(seed=2, links=16)
     solver = PositionSolver(mechanism, plan_assembly(mechanism))
@@ -651,7 +660,12 @@ def test_a_chain_of_26_links_has_608_modes():
 
 
 def test_the_limit_of_configurations_at_one_input_is_reported(monkeypatch):
-    """Elimination stops at MAX_CONFIGURATIONS and then claims no completeness."""
+    """The enumeration of configurations says that it is incomplete if it stops at a limit.
+
+    The limit `MAX_CONFIGURATIONS` is set to the number of configurations of a linkage at
+    one input, to one less, and to 5. In the last two cases the result must be called
+    truncated.
+    """
     mechanism = chain_of_dyads(seed=2, links=16)
     solver = PositionSolver(mechanism, plan_assembly(mechanism))
     count = len(enumerate_assemblies(solver, np.zeros(1)).signs)
@@ -670,10 +684,10 @@ def test_the_limit_of_configurations_at_one_input_is_reported(monkeypatch):
 
 
 def test_over_the_limit_the_modes_with_most_samples_remain(monkeypatch):
-    """If there are more modes than the limit, here 5, those that close most often stay.
+    """If there are more modes than the limit, here 5, those that close most often remain.
 
-    The limit is the larger one of `MAX_ASSEMBLY_MODES` and of the number of modes with
-    `MOST_MODE_ROWS` rows in total, so both are made small.
+    The limit is the larger one of `MAX_ASSEMBLY_MODES` and of the number of modes that have
+    `MOST_MODE_ROWS` rows in total. So the latter is set to 0.
     """
 
     def count_closed_samples():
@@ -701,22 +715,22 @@ def test_over_the_limit_the_modes_with_most_samples_remain(monkeypatch):
 @pytest.mark.many(slow=7)
 @pytest.mark.parametrize("seed", range(16))
 def test_random_platforms_have_the_counts_of_an_independent_formula(seed):
-    """A random 3-RRR has at every sample as many configurations as its polynomial says.
+    """A random 3-RRR platform has as many configurations as its polynomial has roots.
 
-    The counts by the polynomial are -1 at samples where they are in doubt, which are left
-    out. Counts are also compared with elimination at each sample alone.
+    `count_platform_configurations` solves the polynomial at each sample; it is -1 where in
+    doubt. The counts are also compared with a solution of each sample alone
+    (`count_one_by_one`).
     """
     random = np.random.default_rng(seed)
     mechanism = random_platform(random)
-    # A tuple is a grid with so many values of each input. A number is that of the samples
-    # on a path through the ranges of the inputs.
+    # A tuple is a grid with so many values of each input, a number is that of the samples
+    # on a path.
     samples = [(4, 4, 4), 50, (2, 3, 6), 7][seed % 4]
     try:
         position_analysis = PositionAnalysis(mechanism, samples=samples)
     except sk.SolveError:
-        # The error says that the platform closes at no sample. The polynomial must say the
-        # same. The samples are read from an analysis that does not follow modes from sample
-        # to sample, because it raises no such error.
+        # The error says that the platform closes at no sample; the polynomial must agree.
+        # With `follow=False` the samples can be read without this error.
         position_analysis = PositionAnalysis(mechanism, samples=samples, follow=False)
         assert np.max(count_platform_configurations(position_analysis)) <= 0
         return
@@ -735,11 +749,11 @@ def test_random_platforms_have_the_counts_of_an_independent_formula(seed):
 @pytest.mark.many(slow=7)
 @pytest.mark.parametrize("seed", range(24))
 def test_random_chains_have_all_modes_of_each_sample_once(seed):
-    """Random chains without closed form have each configuration of each sample once.
+    """Random linkages without closed form have each configuration of each sample once.
 
-    The chains have 6 to 11 links and 2 or 3 inputs, and contain triads and groups of up to
-    seven bodies. Two checks are independent: elimination at 16 samples one by one, and a
-    search for configurations from 400 random starts at the reference pose.
+    They have 6 to 11 links and 2 or 3 inputs. There are two independent checks: elimination
+    at 16 samples, one by one, and a search for configurations from 400 random starts at the
+    reference pose, none of which may be missing.
     """
     random = np.random.default_rng(1000 + seed)
     mechanism = None
@@ -748,7 +762,7 @@ def test_random_chains_have_all_modes_of_each_sample_once(seed):
         or PositionSolver(mechanism, plan_assembly(mechanism)).has_closed_form
     ):
         links = int(random.integers(6, 12))
-        # 3 (links - 1) minus the degrees of freedom is twice the number of R pairs.
+        # 3 (links - 1) less the freedoms is twice the number of pairs, so it must be even.
         freedoms = 3 if links % 2 == 0 else 2
         edges = random_chain(random, links, freedoms)
         chain = mechanism_from_chain(edges, random_axes(random, len(edges)))
@@ -792,8 +806,9 @@ def test_without_a_search_only_the_reference_mode_is_claimed(degrees, is_reached
     """With `search=False` only the mode of the reference pose is computed and claimed.
 
     If that mode does not reach the only sample (three input angles in degrees), all
-    configurations are searched after all. Samples are independent: they are no motion, so
-    it is no error if a mode does not reach the sample.
+    configurations are searched after all. Samples are `independent`, that is, no motion. So
+    it is no error if a mode does not reach a sample. The configurations must be among those
+    of a full search.
     """
     wrist = sk.load(FILES / "coaxial_wrist.toml")
     path = np.radians([degrees])
@@ -825,9 +840,9 @@ def test_without_a_search_only_the_reference_mode_is_claimed(degrees, is_reached
     ],
 )
 def test_evaluate_numbers_the_modes_of_a_path_as_a_trace_does(name, degrees):
-    """Equal configurations of a path have equal mode numbers in `evaluate` and a trace.
+    """`evaluate` and a trace give equal configurations of a path the same mode numbers.
 
-    `degrees` holds the inputs of each sample of the path.
+    `degrees` has the inputs (deg) of each sample of the path.
     """
     mechanism = sk.load(name)
     path = np.radians(np.array(degrees, dtype=float))

@@ -39,10 +39,11 @@ def by_systems():
 def map_of_five_bar():
     """Return a certificate of the map of both inputs of a spherical five-bar.
 
-    A map divides the ranges of two inputs into boxes. A box is regular (kind 0) if it has a
-    proven constant number of assembly modes, contains a singularity of type II (1), at
-    which the inputs do not hold the output, or is undecided (2). The singularities are a
-    curve, which crosses the ranges of this map.
+    A certificate is the file of a proof, which the checker repeats. A map divides the
+    ranges of two inputs into boxes. In a regular box (kind 0) the number of assembly modes
+    (ways to assemble the links) is proven to be constant. Other boxes contain a singularity
+    of type II (1), at which locked inputs do not hold the output, or are undecided (2). The
+    singularities form a curve, which crosses the ranges of this map.
     """
     text = wide_five_bar_text().replace("from = 40.0\nto = 140.0", "from = 78.0\nto = 96.0")
     exact_mechanism = decimal_mechanism(text)
@@ -52,7 +53,7 @@ def map_of_five_bar():
     ]
     input_map = certify_input_map(exact_mechanism, ends, cell=0.08)  # smallest boxes, rad
     assert {0, 1, 2} >= set(input_map.kind.tolist()) >= {0, 1}
-    # As it is read from its JSON file.
+    # In the form in which the checker reads it from its JSON file.
     certificate = recorded(map_certificate(input_map))
     check(certificate)
     return certificate
@@ -113,12 +114,13 @@ def test_the_checker_reads_half_angles_of_cones(contact, arc):
 
 @pytest.mark.parametrize("name", ["bevel_pair", "planetary_bevel", "bevel_differential"])
 def test_the_checker_accepts_ratios_of_wheels_and_refuses_changed_ones(name):
-    """The checker recomputes ratios from the condition of rolling, without spherekit.
+    """The independent checker accepts the speed ratios of wheels, but no changed ratios.
 
-    At the line of contact both wheels have the same velocity. The certificate has a row for
-    each pair that wheels drive: the ratios of its rate to the rates of all inputs. Four
-    copies of the certificate are changed at random: the row of a pair is removed, or one
-    ratio is changed by 1e-7 to 0.1. Each must be refused.
+    The checker computes them from the condition of rolling: both wheels have the same
+    velocity at their line of contact. The certificate (file of a proof) has a row for each
+    pair that wheels drive, with the ratios of its rate to the rates of all inputs. In each
+    of four changed copies, a row is missing or one ratio is off by 1e-7 to 0.1. `refuse`
+    fails unless the checker refuses a copy.
     """
     exact_mechanism = read_decimals(sk.load(name))
     with working_precision(80):  # decimal digits
@@ -144,15 +146,16 @@ def test_the_checker_accepts_ratios_of_wheels_and_refuses_changed_ones(name):
 def test_the_checker_refuses_a_map_with_a_wrong_count_or_a_repeated_solution():
     """The checker refuses a falsified certificate of the map of a small box of inputs.
 
-    A map states the number of assembly modes over boxes of two inputs. In this one, 16
-    modes exist over the whole range of inputs, 20 to 20.01 and 17 to 17.01 deg. The four
-    loop equations are solved two by two (`"systems"`), first two of them, then the others
-    for each solution of the first. The certificate contains all complex solutions of each
-    system at some inputs, from which the checker starts. It is accepted without changes.
+    A map states the number of assembly modes (ways to assemble the links) over boxes of two
+    inputs; here it is 16 everywhere. The four loop equations are solved two by two
+    (`"systems"`): first two of them, then the others for each solution of the first. For
+    each system the certificate lists all complex solutions at some inputs, from which the
+    checker starts. `check` accepts the true certificate; `refuse` fails unless a copy is
+    refused.
     """
     exact_mechanism = read_decimals(sk.load("two_dof_spm"))
     input_map = certify_input_map(exact_mechanism, [("20", "20.01"), ("17", "17.01")])
-    # Part of the area by number of modes.
+    # 16 modes over the whole area (share 1).
     assert input_map.mode_shares == {16: 1.0}
     # As it is read from its JSON file.
     certificate = recorded(map_certificate(input_map))
@@ -176,11 +179,17 @@ def nudged(number, random_choice):
 
 
 def tamper_with_systems(certificate, random_choice):
-    """Make one of seven false statements in a certificate of modes, in place.
+    """Falsify a certificate that counts assembly modes, in one of seven ways, in place.
 
-    `certificate` is the dictionary of its file; `random_choice` is a `random.Random`, which
-    selects the falsification and the entry. "systems" holds the systems of equations with
-    their solutions, "roots" the complex modes and "modes" the number of real ones.
+    Tests check that such a certificate is refused.
+
+    Parameters
+    ----------
+    certificate
+        Dictionary of a file of a proof: "systems" are the systems of equations with their
+        solutions, "roots" the complex modes, and "modes" is the number of real modes.
+    random_choice
+        `random.Random`, which selects the falsification and the entry.
     """
     systems = certificate["systems"]
     system = random_choice.choice(systems)
@@ -206,11 +215,19 @@ def tamper_with_systems(certificate, random_choice):
 
 
 def tamper_with_map(certificate, random_choice):
-    """Make one of seven false statements in a certificate of a map of inputs, in place.
+    """Falsify a certificate of a map of two inputs, in one of seven ways, in place.
 
-    `certificate` is the dictionary of its file; `random_choice` is a `random.Random`, which
-    selects the falsification and the box. A box has a centre and half widths (rad, one for
-    each input). It "is" regular, with a number of modes, or contains type II singularities.
+    A map divides the ranges of both inputs into boxes. A box "is" regular, with a number of
+    assembly modes, or contains singularities of type II. Tests check that such a
+    certificate is refused.
+
+    Parameters
+    ----------
+    certificate
+        Dictionary of a file of a proof. A box has a centre and half widths (rad, one for
+        each input).
+    random_choice
+        `random.Random`, which selects the falsification and the box.
     """
     boxes = certificate["boxes"]
     box = random_choice.choice(boxes)

@@ -49,11 +49,11 @@ def models(four_bar, tmp_path_factory):
 def largest_error(mechanism, model, assembly_mode, count, names):
     """Return the largest error of a stored model at random inputs within one turn.
 
-    The model stores pole directions, velocity and acceleration coefficients and pair
-    variables of one assembly mode as series in the input. They are compared with the
-    ordinary evaluation of positions and poles. Directions count absolutely, coefficients
-    relative to their largest size (absolutely if all are nearly 0), angles modulo whole
-    turns.
+    A stored model has pole directions, velocity and acceleration coefficients and pair
+    variables as series in the input, for one assembly mode (way to assemble the links). A
+    pole is the axis of the relative rotation of two links. The reference is the ordinary
+    evaluation. Errors of directions count absolutely, of coefficients relative to their
+    largest size, of angles but for whole turns.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def largest_error(mechanism, model, assembly_mode, count, names):
         Poles that are compared, such as "3/1".
     """
     position_analysis = PositionAnalysis(mechanism, assembly_mode=assembly_mode)
-    # Rising inputs, so that the directions of poles are continuous from row to row.
+    # Sorted, so that the directions of poles are continuous from row to row.
     inputs = np.sort(np.random.default_rng(5).uniform(0.0, TURN, count))
     motion = position_analysis.at(inputs)
     poles = [parse_pole(mechanism, name) for name in names]
@@ -116,9 +116,9 @@ def test_stored_inertia_and_torque_are_those_of_inverse_dynamics(
 ):
     """A stored model gives the same inertia, forces and torque as `inverse_dynamics`.
 
-    B is the equivalent inertia of the input, Q the generalised force of all loads, and tau
-    the driving torque. They are compared along a polynomial time law at 400 times, and at
-    single times (float) after the model was pickled.
+    `models` are the stored models of both assembly modes of the four-bar. B is the inertia
+    reduced to the input, Q the generalised force of all loads, and tau the driving torque.
+    They are compared along a polynomial law of time, and at single times after pickling.
     """
     model = models[assembly_mode]
     t = np.linspace(0.0, 2.0, 400)
@@ -151,13 +151,12 @@ def test_whole_turns_of_the_input_do_not_change_poles(models):
 
 
 def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
-    """No link of these arcs (deg) turns fully, so that the model cannot use the input.
+    """Without a link that turns fully, the coordinate of a model is an arc length.
 
-    On the closed configuration curve the input goes forth and back through its values. The
-    coordinate of the model (`heading.by`) is therefore the arc length s of the curve in
-    the space of all pair angles: the derivatives of the angles by s are a unit vector. The
-    velocity coefficient of the pole 2/1, the axis of the input, is the derivative of its
-    angle by s.
+    With these arcs (deg) the input goes forth and back, so it does not determine the
+    configuration. The coordinate is the arc length s in the space of all pair angles. So
+    the derivatives of the angles by s must form a unit vector. The velocity coefficient of
+    the pole 2/1 (axis of the input) must be the derivative of the input angle by s.
     """
     links = four_bar.geometry.links
     sizes = {}
@@ -198,12 +197,12 @@ def test_bad_requests_name_the_nearest_match(models, call):
 
 
 def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
-    """Wrong versions, coefficients and columns, foreign archives, and cut files.
+    """Files of stored models with a wrong version or content, or cut off, are refused.
 
-    A stored model is an archive of NumPy with a header in JSON and a checksum. The array
-    "coefficients_k" has the series of group k of functions, one function per column. Files
-    with a changed content are written with a valid checksum, so that the content itself is
-    refused. The file "no_checksum.npz" has the right content and no checksum.
+    A file is an archive of NumPy with a header in JSON and a checksum. The array
+    "coefficients_k" has the series of group k of functions, one function per column.
+    Changed files get a valid checksum (`write_changed`), so that the content itself is
+    refused.
     """
     valid_file = tmp_path / "good.npz"
     models[0].save(valid_file)
@@ -252,10 +251,11 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
 
 
 def test_a_stored_model_needs_numpy_only(models, tmp_path):
-    """A program that only loads and evaluates a stored model needs no other package.
+    """A program that only loads and evaluates a stored model imports no package but NumPy.
 
-    It does not import SciPy, pandas, NetworkX, heyoka or rerun, nor the parts of spherekit
-    for mechanisms, files and positions.
+    Packages such as SciPy and pandas, and the parts of spherekit for mechanisms, files and
+    positions, must not be imported. The torque is the same as in this process. `models` are
+    stored models of the four-bar.
     """
     models[0].save(tmp_path / "model.npz")
     # The program prints a torque and the names of all modules that are imported by then.

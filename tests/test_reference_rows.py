@@ -55,20 +55,19 @@ def traced(name, samples=5):
 
 @pytest.mark.parametrize("name", ["four_bar", "universal_joint"])
 def test_reference_rows_of_four_bars_agree_with_the_closed_form(name):
-    """The output angle and its first three derivatives by the input are those of a formula.
+    """The output angle of a four-bar and three of its derivatives are those of a formula.
 
-    A reference row is a configuration that is computed in 50 digits. The closed form is
-    that of Di Gregorio 2024. Its derivatives are Taylor coefficients, which mpmath computes
-    from differences in 60 digits. The first, second and third derivative have about 45, 30
-    and 20 correct digits.
+    `sk.exact_rows` computes rows (one sample in one assembly mode) in 50 digits. The
+    formula is that of Di Gregorio 2024. mpmath computes its derivatives by the input from
+    differences in 60 digits, so they have about 45, 30 and 20 correct digits.
 
-    The zero of the angle is different in the file and in the closed form. The difference of
-    both angles must therefore be the same in all rows, modulo whole turns.
+    File and formula measure the output angle from different zeros. So the difference of
+    both angles must be the same in all rows, but for whole turns.
     """
     motion = traced(name, 6)
     mechanism = motion.mechanism
-    # Of six samples from 0 to 360 deg the first and the last are left out. Both assembly
-    # modes have the same output rate there, by which modes are told apart below.
+    # The first and last of six samples (0 and 360 deg) are left out. There both modes have
+    # the same output rate, so the rate could not tell them apart.
     chosen = (motion.sample > 0) & (motion.sample < 5)
     exact = sk.exact_rows(
         motion, chosen, mechanism.pair_number["21"], FIFTY_DIGITS, order=3
@@ -97,13 +96,14 @@ def test_reference_rows_of_four_bars_agree_with_the_closed_form(name):
                     np.sum(vector[row, output_link] * output_axis[row])
                     for vector in (exact.w, exact.dw, exact.ddw)
                 )
-                # Taylor coefficients of both modes of the closed form; the one with the
-                # same rate is the mode of the row.
+                # Taylor coefficients of the angle; the mode of the row is the one with the
+                # same rate.
                 series_by_mode = [
                     mp.taylor(lambda x, mode=mode: angle(arcs, x, mode), q, 3)
                     for mode in (0, 1)
                 ]
                 series = min(series_by_mode, key=lambda item: abs(rate - item[1]))
+                # Derivatives are 1, 2 and 6 times the Taylor coefficients.
                 assert abs(rate - series[1]) < 1e-45
                 assert abs(rate_dq - 2 * series[2]) < 1e-30
                 assert abs(rate_ddq - 6 * series[3]) < 1e-20
@@ -120,20 +120,19 @@ CHAINS = (
 
 
 def check_arcs(mechanism, exact):
-    """Check that arcs between axes of a link are those of the file, in 50 digits.
+    """Check that the arcs between joint axes of a link are those of the file, in 50 digits.
 
     If the file gives sizes of links, these are the arcs from the first axis of a link to
-    the others. If it gives the axes of all pairs in a reference pose, the arcs between any
-    two axes of one link follow from these. The loops of the planetary gear train are
-    over-constrained: its numbers in the file are float64 numbers, with which the loops
-    close to float64 only.
+    its others. If the file gives all axes in a reference pose, arcs between any two axes of
+    one link follow from that pose.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     exact
-        Reference rows, with the axes of all pairs at some configurations.
+        Reference rows: configurations computed in 50 digits, with the axes (rows, pairs,
+        3).
     """
     links = getattr(mechanism.geometry, "links", {})
     pose_axes = getattr(mechanism.geometry, "axes", {})
@@ -146,6 +145,8 @@ def check_arcs(mechanism, exact):
                 expected = mp.cos(mp.mpf(arc))
                 assert all(abs(cosine - expected) < 1e-46 for cosine in cosines)
 
+        # The planetary train is over-constrained: its rounded numbers close only to
+        # float64.
         tolerance = 1e-14 if mechanism.name == "planetary_bevel" else 1e-46
         for first, second in product(pose_axes, repeat=2):
             first_links = set(mechanism.ends[pair_number[first]])
@@ -229,10 +230,10 @@ def test_reference_rows_satisfy_the_equations_of_every_pair(name):
 def test_a_shaped_cam_of_a_reference_row_touches_its_roller():
     """The centre of the roller is its radius away from the nearest point of the cam.
 
-    The configuration is a reference row, which is computed in 50 digits. The cam's
-    colatitude is a Fourier series of the azimuth a. The series, its arc length and the
-    nearest point are computed here in mpmath. A variable of the contact is the arc length
-    of the contact point. It may differ from that by whole lengths of the profile.
+    The configuration is computed by spherekit in 50 digits (`sk.exact_rows`). Its check is
+    written here in mpmath: the colatitude of the cam is a Fourier series of the azimuth a,
+    from which follow the nearest point and its arc length. The variable of the contact must
+    be this arc length, but for whole lengths of the profile.
     """
     motion = traced("shaped_cam", 5)
     chosen = select_good_rows(motion, 1)
@@ -273,7 +274,7 @@ def test_a_shaped_cam_of_a_reference_row_touches_its_roller():
 
         turn = 2 * mp.pi
         start = max((turn * k / 36 for k in range(36)), key=cosine_of_distance)
-        # The tolerance is that of the square of the slope.
+        # mpmath applies `tol` to the square of the function.
         nearest = mp.findroot(
             lambda a: mp.diff(cosine_of_distance, a), (start, start + 0.01), tol=1e-60
         )
@@ -289,10 +290,10 @@ def test_a_shaped_cam_of_a_reference_row_touches_its_roller():
 def test_a_failed_or_wrong_row_has_no_reference():
     """Only rows near a solution of the closure equations have a reference.
 
-    The reference of a row is this solution in many digits, with angular velocities w of the
-    links. It has to be within 1e-6 rad of the row, or within the error bound of the row.
-    Its distance from the row is stated in any case. Here row 0 has failed, row 1 is off by
-    1e-4 rad in all variables but the input, and row 2 by 1e-9 rad in one variable.
+    The reference of a row (one sample in one assembly mode) is this solution in many
+    digits. It must be within 1e-6 rad of the row, or within its error bound. The distance
+    is stated in any case. Here row 0 has failed. Row 1 is off by 1e-4 rad in all variables
+    but the input, and row 2 by 1e-9 rad in one variable.
     """
     motion = traced("four_bar", 5)
     driven = motion.assembly.inputs[0]
@@ -310,6 +311,7 @@ def test_a_failed_or_wrong_row_has_no_reference():
     assert exact.distance[1] == pytest.approx(1e-4, rel=1e-3)
     assert np.all(exact.status[2:] == Status.OK)
     assert exact.distance[2] == pytest.approx(1e-9, rel=1e-3)
+    # Rows without a reference have no angular velocities w.
     assert np.all(np.isnan(exact.w[:2].astype(float)))
 
 
@@ -323,10 +325,10 @@ def test_rows_with_exchanged_modes_have_a_reference():
 
 
 def four_bar_with_dead_centre():
-    """Return the position analysis of a four-bar, and the input (rad) at a dead centre.
+    """Return the position analysis of a four-bar, and its input (rad) at a dead centre.
 
-    It is driven by its rocker, pair 41. Bisection between 312.5 and 314.5 degrees finds the
-    last input that closes.
+    The four-bar is driven by its rocker (pair 41), which stops at a dead centre. Bisection
+    between 312.5 and 314.5 degrees finds the last input at which the loop closes.
     """
     position_analysis = PositionAnalysis(sk.load("four_bar").with_inputs("41"))
     low, high = np.radians([312.5, 314.5])
@@ -340,15 +342,14 @@ def four_bar_with_dead_centre():
 
 
 def test_near_a_dead_centre_the_reference_is_right_or_missing():
-    """Reference rows next to a dead centre of the input, at which two modes meet and end.
+    """References next to a dead centre, where two assembly modes meet and end.
 
-    The inputs are 1e-2 to 1e-14 rad before the dead centre, with a row for each of two
-    assembly modes. At most two of these ten rows may have no reference (solution in 50
-    digits). A reference is nearer to its row than a fifth of the gap between the modes. Its
-    distance from the row is at most 100 roundings times the condition number, which grows
-    towards the dead centre.
-
-    Beyond the dead centre the loops do not close, so there is no reference.
+    A reference is the solution of a row in 50 digits. The inputs are 1e-2 to 1e-14 rad
+    before the dead centre that `four_bar_with_dead_centre` finds. Each has a row in both
+    modes. At most two of these ten rows may have no reference. A reference must be nearer
+    to its row than a fifth of the gap between the modes. Its distance is at most 100
+    roundings times the condition number, which grows towards the dead centre. Beyond the
+    dead centre the loop does not close, so there is no reference.
     """
     position_analysis, dead_centre = four_bar_with_dead_centre()
     distances_rad = 10.0 ** -np.array([2.0, 5.0, 8.0, 10.0, 14.0])
@@ -368,8 +369,8 @@ def test_near_a_dead_centre_the_reference_is_right_or_missing():
     assert np.all(distance < 0.2 * mode_gap[has_reference])
     assert np.all(distance < 100 * EPS * exact.condition[has_reference])
 
-    # Inputs before the dead centre become inputs at the same distance beyond it. Rounding
-    # may leave those at 1e-14 rad on either side, so they are not asserted.
+    # The inputs are moved as far beyond the dead centre as they were before it. Rounding
+    # decides the side at 1e-14 rad, so those rows are left out.
     distances_of_rows = np.tile(distances_rad, 2)
     inputs_beyond = motion.inputs + 2.0 * distances_of_rows[:, None]
     beyond = replace(motion, inputs=inputs_beyond)
@@ -428,15 +429,13 @@ def test_wrong_arguments_of_reference_rows_are_refused():
 
 @pytest.mark.parametrize("name", ["stephenson", "two_dof_spm", "roller_cam", "shaped_cam"])
 def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name):
-    """Poles of reference rows agree with the float64 evaluation of poles.
+    """Poles computed from many digits agree with the float64 evaluation of poles.
 
-    Reference rows are computed in 20 digits and rounded. The directions of poles have the
-    signs of those in float64, and lie within their error bounds. Velocity coefficients
-    differ by at most 60 roundings times the condition number, and are NaN where float64 has
-    none. Coefficient times direction is the relative angular velocity of both links.
-
-    The configurations of the reference rows are checked for each input, and at the end
-    that the poles of a row without a reference get its status.
+    A pole is the axis of the relative rotation of two links. `exact_rows_by_input` computes
+    rows in 20 digits. Their pole directions must lie within the float64 error bounds.
+    Velocity coefficients may differ by 60 roundings times the condition number, and are NaN
+    for the same rows. Coefficient times direction is the relative angular velocity of both
+    links. At the end, the poles of a row without a reference must get its status.
     """
     motion = traced(name, 5)
     mechanism = motion.mechanism
@@ -471,8 +470,7 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
             assert np.allclose(rate[has_rate], exact_rate[has_rate], rtol=0.0, atol=1e-15)
         refined = exact_motion(motion, chosen, exact)
         assert np.max(np.abs(refined.values - motion.values[chosen])) < 1e-13
-        # Reference rows close their loops in 20 digits. Constraints of `two_dof_spm` repeat
-        # each other, and its sizes fulfil them in float64 only.
+        # `two_dof_spm` is over-constrained: its sizes are consistent in float64 only.
         if name != "two_dof_spm":
             assert np.max(refined.residual) < 1e-18
     # The poles of a reference have its status, here for the last input.
@@ -484,9 +482,9 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
 def test_inertia_and_its_derivative():
     """The inertia B of a four-bar and its derivative by the input are right in 50 digits.
 
-    Both are compared with the float64 numbers of the analysis `eksergian`. The derivative
-    is also compared with the central difference of B over inputs 2^-48 rad below and above,
-    2^-47 apart. The step is a power of 2, so that float64 has the changed inputs exactly.
+    B is the inertia of all links reduced to the input. Both are compared with the float64
+    numbers of the analysis `eksergian`. The derivative is also compared with the central
+    difference of B over inputs 2^-47 rad apart.
     """
     motion = traced("four_bar")
     chosen = select_good_rows(motion, 2)
@@ -500,6 +498,7 @@ def test_inertia_and_its_derivative():
     for numbers, name in ((B, "B"), (dB, "dB_dq")):
         of_analysis = frame[name].to_numpy()[chosen]
         assert np.max(np.abs(centre_floats(numbers) - of_analysis)) < 1e-14
+    # The step is a power of 2, so that the changed inputs are exact.
     slope = (inertia(2.0**-48)[0] - inertia(-(2.0**-48))[0]) * 2.0**47
     assert np.max(np.abs(slope - dB)) < 1e-25
 
@@ -509,13 +508,12 @@ def test_inertia_and_its_derivative():
     "seeds", [range(20), pytest.param(range(20, 1000), marks=pytest.mark.long)]
 )
 def test_errors_of_random_mechanisms_lie_within_their_bounds(seeds):
-    """Errors of configurations, directions, rates and derivatives of random mechanisms.
+    """Errors of random mechanisms are within the error bounds that spherekit states.
 
-    The errors are differences from reference rows in many digits. They must be within their
-    stated bounds, and no number with status OK may be NaN. The comparison has to have some
-    weight: more than 500 directions are compared, some error is larger than a rounding, and
-    some direction error exceeds a thousandth of its bound. Bounds that are far too wide
-    everywhere would say nothing.
+    The errors of configurations, directions, rates and derivatives are differences from a
+    computation in many digits (`compare_errors_with_bounds`). No number with the status OK
+    may be NaN. The last lines check that the comparison says something: enough directions,
+    errors above rounding, and bounds that are not far too wide everywhere.
     """
     direction_count = 0
     largest_ratio = 0.0
@@ -559,10 +557,11 @@ def test_the_reference_of_a_contact_at_rest_turns_with_its_links():
 
 
 def test_poles_found_from_a_common_axis_have_the_error_of_its_rounding():
-    """The crank axes of this mechanism are equal but for rounding, so it turns idle.
+    """Poles that only rounding determines still have errors within their bounds.
 
-    All other links rest except for 1e-16. Their poles follow from the pole of link 3, of
-    which only rounding decides where it is.
+    In this random mechanism both axes of the crank are equal but for rounding. So the crank
+    turns idle, and all other links move by 1e-16 only. Where their poles (axes of relative
+    rotation) are depends on rounding. The reference is a computation in many digits.
     """
     _, mechanism = random_mechanism(72)
     position_analysis = PositionAnalysis(

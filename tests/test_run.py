@@ -60,9 +60,10 @@ def test_a_frame_that_is_changed_does_not_change_the_result(result):
 
 
 def test_written_tables_are_read_back_bit_by_bit(result, tmp_path):
-    """Tables in CSV and Parquet, in a new folder, have the same numbers bit by bit.
+    """Tables written as CSV and Parquet are read back with the same numbers bit by bit.
 
-    No partial file stays.
+    `result` is a run of the four-bar. The folder is new. No file with the suffix .part,
+    used while writing, is left behind.
     """
     folder = tmp_path / "new" / "folder"
     paths = result.write(folder)
@@ -143,12 +144,12 @@ def test_a_folder_without_permission_to_write_is_refused(result, tmp_path):
 
 
 def test_scenes_come_block_by_block_while_the_run_goes_on():
-    """25 samples in blocks of 10: after each block the recorder has more scenes.
+    """A recorder gets the drawings of a run after each block of samples, not at the end.
 
-    At the end, every plot has all samples, and the camera looks along a unit vector
-    (`focus`). The page "Construction" has rows of its own, one for each of three steps in
-    which the poles are constructed. Titles of modes have the number, the sign of the dyad,
-    and the name of the mode in the file.
+    25 samples in blocks of 10: `SceneListener` records what it gets, and its count must
+    grow with each report of progress. At the end every drawing has all samples. The page
+    "Construction" has three rows, one for each step in which poles are constructed. `focus`
+    is the direction in which the camera looks.
     """
     listener = SceneListener()
     reports = []

@@ -95,12 +95,21 @@ LAST_DYADS = {
 def transmission_by_cosines(mechanism, pairs, samples):
     """Return the transmission angle (rad) of a dyad in each assembly mode.
 
-    It is the angle at the middle pair of the triangle whose sides are the arcs of the two
-    links and the distance of the outer axes, by the law of cosines.
+    A dyad is two links joined by a pair (joint). The angle is that at the middle joint of
+    the spherical triangle of the three joint axes, by the law of cosines.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    pairs
+        Names of the first outer joint of the dyad, its middle one, and the other outer one.
+    samples
+        Number of inputs.
 
     Returns
     -------
-    (modes, samples) angles, NaN where the mode does not close.
+    (modes, samples) angles from 0 to pi / 2, NaN where the mode does not close.
     """
     motion = sk.trace(mechanism, samples=samples)
     sides = []
@@ -132,7 +141,13 @@ def random_watt(tmp_path, seed):
 
 @pytest.mark.parametrize("name", [*LAST_DYADS, 1, 2, 3])
 def test_each_output_has_the_transmission_angle_of_the_dyad_that_places_it(name, tmp_path):
-    """The run, the analysis and its table agree with the law of cosines."""
+    """The transmission angles of a run are those of an independent law of cosines.
+
+    They belong to the dyad (two links joined by a pair) that places the output.
+    `LAST_DYADS` names its pairs, found by hand; `transmission_by_cosines` is the reference.
+    Numbers as `name` are seeds of random Watt linkages. The overview, the table and the
+    printed remark of the run are compared.
+    """
     if isinstance(name, str):
         mechanism, pairs = sk.load(name), LAST_DYADS[name]
     else:
@@ -153,7 +168,7 @@ def test_each_output_has_the_transmission_angle_of_the_dyad_that_places_it(name,
     for number, angles in enumerate(expected):
         column = relation.query(f"assembly_mode == {number}")["transmission"].to_numpy()
         assert column == pytest.approx(angles, abs=1e-7, nan_ok=True)
-    # The analysis finds the least angle between samples, which a fine grid approaches.
+    # The run searches the least angle between samples too; a fine grid comes close to it.
     fine = np.nanmin(transmission_by_cosines(mechanism, pairs, 7201))
     (remark,) = (x for x in result.summary["remarks"] if "Least transmission angle" in x)
     assert float(re.search(r": ([\d.]+) deg", remark)[1]) == pytest.approx(
@@ -162,7 +177,13 @@ def test_each_output_has_the_transmission_angle_of_the_dyad_that_places_it(name,
 
 
 def test_every_output_has_its_own_transmission_angle_on_the_screen(capsys):
-    """Link 4 of the Watt linkage is placed by the dyad at 34, and link 6 by that at 56."""
+    """Each output is printed with the transmission angle of the dyad that places it.
+
+    A dyad is two links joined by a pair. In the Watt linkage, the dyad with pair 34 places
+    link 4, and that with pair 56 places link 6. `transmission_by_cosines` computes the
+    angles at pair 56 by the law of cosines. The angle at 34 is the same in all modes, 47.9
+    deg.
+    """
     watt = sk.load("watt")
     outputs = (Output("lever", "4", "1", None), *watt.outputs)
     summary = sk.run(replace(watt, outputs=outputs), samples=361).summary
@@ -280,7 +301,13 @@ def test_a_status_has_one_line_with_its_place_cause_and_cure(capsys):
 
 
 def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
-    """Places between samples agree with the singular curves, which are computed exactly."""
+    """The places of singularities that a run of the five-bar prints are right.
+
+    The five-bar has two inputs, and its output is a direction (pointer). At a singularity
+    of type I, both inputs move the pointer in the same direction. Then the determinant of
+    both velocities and the pointing direction is zero (`pointing_determinant`, by
+    differences).
+    """
     printed = print_run(capsys, "five_bar")
     assert "No singularity of type II (locked inputs do not hold the output)" in printed
     assert (
@@ -301,8 +328,8 @@ def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
     output = next(iter(plan.mechanism.outputs))
     for number, place in enumerate(places):
         assert abs(pointing_determinant(output, number, np.radians(place))) < 2e-3
-    # There the leg of pair 51 is stretched or folded, so this input alone does not move the
-    # pointer. At samples its velocity ratio is only small.
+    # At these places the leg of pair 51 is in line, so input 51 alone does not move the
+    # pointer. Its least velocity ratio must be 0, although samples have only small values.
     for mode in sk.run("five_bar").summary["overview"]["modes"].values():
         (motion,) = mode["outputs"]
         assert motion["lowest_ratio"][1] == 0.0
@@ -310,7 +337,13 @@ def test_a_path_of_several_inputs_says_where_it_is_singular(capsys):
 
 
 def test_a_mode_is_compared_with_itself_only():
-    """Ratios grow without bound where another mode ends, beside which all seem small."""
+    """Whether a singularity is nearly met is judged by the numbers of the same mode.
+
+    The measure is the least singular value of the Jacobian (output by inputs), relative to
+    its largest value in the mode. A mode with far larger values beside it, here up to 100,
+    must not make the values of mode 0 seem small. `mode` builds the part of a summary that
+    the sentence is written from.
+    """
 
     def mode(least, largest):
         jacobian = {
@@ -336,9 +369,10 @@ def test_a_mode_is_compared_with_itself_only():
 
 
 def test_a_rate_that_jumps_at_a_singular_configuration_is_no_rest():
-    """The velocity ratio of a facet jumps from one sign to the other in the flat state.
+    """A velocity ratio that jumps from one sign to the other is not reported as a rest.
 
-    It is zero on neither side, so the facet does not come to rest there.
+    The ratio of a facet of a folded vertex jumps so in the flat state, at the middle of the
+    samples. It is zero on neither side, so the facet does not come to rest there.
     """
     vertex = sk.load("flat_foldable_vertex")
     flat_in_the_middle = replace(
@@ -428,7 +462,12 @@ def test_over_constrained_mechanisms_say_both_mobilities(capsys):
 
 
 def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
-    """The arc of the crank changes the type; many modes end at dead centres."""
+    """A sweep prints its figures in words, and warns where they depend on the samples.
+
+    The swept arc of the crank changes the type of the four-bar, and many modes end at dead
+    centres. Figures of such modes depend on which samples exist. The warnings vanish if
+    `--where` selects modes that close at all samples.
+    """
     words = ["--vary", "links.2.arc=10:60:6", "-a", "singularities", "-a", "poles"]
     assert main(["sweep", "four_bar", *words, "--samples", "91"]) == 0
     printed = capsys.readouterr().out
@@ -455,8 +494,8 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
 def test_a_simulation_says_events_end_error_and_energy(capsys):
     """The screen says what moves the mechanism, its range, its events and its accuracy.
 
-    How the motion was computed (the engine, and how many steps were expected) is printed
-    with ``--verbose`` only.
+    The four-bar moves under the loads of its file, from 0.3 rad at 1 rad/s for 2 s. Details
+    of the computation (engine, expected steps) are printed with ``--verbose`` only.
     """
     words = ["--start", "q=0.3rad,dq=1rad/s", "--duration", 2]
     printed = print_run(capsys, "four_bar", "-a", "eksergian", *words)
@@ -495,7 +534,11 @@ def test_stops_of_a_damped_motion_are_counted_but_not_listed(capsys):
 
 
 def test_a_run_says_which_joint_limits_it_does_not_apply(capsys, tmp_path):
-    """Limits of an input that contain its range need no line, as its angles are known."""
+    """A run without a simulation names the joint limits that it ignores.
+
+    Limits of the input itself that contain its range need no line: the input stays inside.
+    Only a simulation (--start) stops at joint limits.
+    """
     limits = (JointLimit("21", -0.1, 6.4), JointLimit("41", -2.0, 2.0))
     path = tmp_path / "limited.toml"
     path.write_text(dumps(replace(sk.load("four_bar"), joint_limits=limits)), "utf-8")
@@ -545,10 +588,10 @@ def test_tables_of_findings_are_checked():
 
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "roller_cam", "two_dof_spm"])
 def test_extremes_between_samples_are_exceeded_by_about_as_much_as_stated(name):
-    """A run with 40 times as many samples finds extremes within twice the estimates.
+    """Extremes between samples exceed those at samples by at most twice the estimates.
 
-    The estimates are those of a parabola, whose error is small beside it, and 1e-6 allows
-    for rounding.
+    A run with 46 samples estimates by parabolas how far extremes may lie beyond its
+    samples. A run with 1801 samples shows how far they do. 1e-6 allows for rounding.
     """
     coarse, fine = (
         sk.run(sk.load(name), "poles", samples=samples).summary["overview"]["modes"]

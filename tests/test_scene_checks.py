@@ -54,23 +54,21 @@ ONE_TRIANGLE = np.array([[0, 1, 2]])
 def unchecked(kind, *values, **values_by_name):
     """Return an instance of a dataclass without the checks of its constructor.
 
-    Tests make wrong primitives with it. A plugin can make such ones too, by a class of its
-    own without checks.
+    Tests create wrong primitives (parts of a drawing) with it. A plugin could do so too,
+    with a class of its own that checks nothing.
 
     Parameters
     ----------
     kind
-        Class of a primitive (curve, arrow, plot, ...) or of a scene.
+        Class of a primitive (curve, arrow, plot, ...) or of a scene (a drawing).
     *values, **values_by_name
-        Values of its fields, in their order or by name. Other fields get their defaults. A
-        field without a default has to be given.
+        Values of its fields, in their order or by name. Other fields get their defaults.
     """
     instance = object.__new__(kind)
     names = [field.name for field in fields(kind)]
     given = dict(zip(names, values, strict=False)) | values_by_name
     for field in fields(kind):
-        # No primitive has a default that a function makes (`default_factory`). Assignment
-        # by `object` works for frozen dataclasses too.
+        # `object.__setattr__` also assigns to frozen dataclasses.
         object.__setattr__(instance, field.name, given.get(field.name, field.default))
     return instance
 
@@ -269,9 +267,10 @@ def test_wrong_pages_and_axes_are_refused(scene, fragment):
 class AnalysisWithWrongScene(MinimalAnalysis):
     """Analysis whose only scene has one wrong primitive, such as an array of wrong shape.
 
-    A scene is what an analysis shows on a page of the results. `WRONG` has wrong primitives
-    with the messages that refuse them; `fault` is the key of one. The analysis is called
-    "crooked" on the command line. It is `rowwise`, so that it receives samples in blocks.
+    A scene is a drawing that an analysis shows on a page of the results. It consists of
+    primitives such as curves and arrows. The dictionary `WRONG` has wrong primitives and
+    the messages that refuse them; `fault` is one of its keys. The command line calls this
+    analysis "crooked". It is `rowwise`: it receives the samples in blocks.
     """
 
     name: ClassVar = "crooked"
@@ -303,10 +302,12 @@ class AnalysisWithWrongScene(MinimalAnalysis):
     "fault", ["Series as a column", "InputMarks 1-D", "SphereCurves of a plane"]
 )
 def test_a_command_with_a_wrong_scene_loses_no_other_result(fault, tmp_path, capsys):
-    """The exit status is 4, and one line names the analysis that failed, page and fault.
+    """A wrong drawing of one analysis leaves all other results of a command complete.
 
-    The analysis "crooked" is `AnalysisWithWrongScene`. The other analysis has its table and
-    figures, and recording and summary are complete.
+    The analysis "crooked" (`AnalysisWithWrongScene`) has one wrong primitive, which `fault`
+    names. The exit status is 4, and one line names the analysis, the page and the fault.
+    The second analysis, `poles`, still has its table and figures; the recording and the
+    summary are complete.
     """
     pytest.importorskip("matplotlib")
     folder = tmp_path / "out"
@@ -326,6 +327,7 @@ def test_a_command_with_a_wrong_scene_loses_no_other_result(fault, tmp_path, cap
     assert without_path_and_details in line
     assert "Traceback" not in errors
     assert recording.stat().st_size > 10_000  # bytes
+    # Files are written under this name until they are complete.
     assert not [*folder.glob("*.part")]
     assert (folder / "poles.csv").exists()
     assert [*(folder / "figures").glob("poles*.png")]
@@ -346,9 +348,9 @@ def test_conformance_says_what_is_wrong_with_a_scene(fault):
 def test_shapes_are_in_the_help_of_every_primitive():
     """The docstring of every primitive tells authors of plugins the shapes of its arrays.
 
-    `ARRAY_SHAPES` has the shapes that scenes are checked for, by class and field. Each of
-    these fields must have a line such as "points, normals : (n, 3) ..." in the docstring of
-    its class, and the class must be exported by `spherekit.plugin`.
+    A primitive is a part of a drawing, such as a curve. `ARRAY_SHAPES` has the shapes that
+    are checked, by class and field. Each such field needs a line in the docstring of its
+    class, such as "points, normals : (n, 3) ...". `spherekit.plugin` must export the class.
     """
     for kind, shapes in ARRAY_SHAPES.items():
         description_by_field = {}
@@ -368,9 +370,10 @@ def test_shapes_are_in_the_help_of_every_primitive():
 @final
 @dataclass(frozen=True, kw_only=True)
 class AnalysisWithoutSamples(MinimalAnalysis):
-    """Analysis that reads no samples, and has rows with numbers of samples all the same.
+    """Analysis that reads no samples of a motion but whose table has a column `sample`.
 
-    The second row has a status of failure.
+    It computes its rows once, whatever the samples of the run are. Tests use it to see that
+    such rows are written. Its second row has the status of a failure.
     """
 
     name: ClassVar = "constant"

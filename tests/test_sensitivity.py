@@ -103,11 +103,11 @@ def test_derivatives_agree_with_differences_in_fifty_digits(
     link_number = mechanism.link_number[link]
 
     def exact_quantities(changed):
-        """Return quantities (rows, columns) of a changed mechanism in 50 digits.
+        """Return quantities of a mechanism with a changed size in 50 digits.
 
-        They are pair angles, their rates, and the acceleration coefficient of one link at
-        the rows of the nominal motion. The loops of the changed mechanism are closed again
-        at the same inputs.
+        The result (rows, columns) has pair angles, their rates, and the acceleration
+        coefficient of one link, at the inputs of the nominal motion. Differences of them
+        are compared with derivatives. The loops are closed again with the changed size.
         """
         closure = Closure.of_mechanism(changed, make_joints(changed))
         input_variables = list(mechanism.variables_of(driven))
@@ -117,8 +117,8 @@ def test_derivatives_agree_with_differences_in_fifty_digits(
         exact = exact_rows(changed_motion, motion.sample >= 0, driven, sk.Digits(50))
         w = exact.w[:, link_number]
         dw = exact.dw[:, link_number]
-        # The velocity coefficient is |w| or -|w|, since a pole axis has two senses. Here it
-        # is |w|, whose derivative is d|w|/dq = w . dw / |w|. The caller adapts the sign.
+        # The acceleration coefficient is the derivative of the velocity coefficient |w| by
+        # the input: w . dw / |w|. The caller adapts its sign.
         acceleration = np.sum(w * dw, axis=1) / np.sum(w * w, axis=1) ** 0.5
         return np.concatenate(
             [exact.values[:, columns], exact.rates[:, columns], acceleration[:, None]],
@@ -141,10 +141,12 @@ def test_derivatives_agree_with_differences_in_fifty_digits(
 
 @pytest.mark.parametrize("distribution, factor", [("normal", 1.0), ("uniform", 3.0**-0.5)])
 def test_draws_of_small_deviations_spread_as_the_first_order_predicts(distribution, factor):
-    """4096 draws of deviations of 1e-5 rad; uniform ones have a spread smaller by sqrt(3).
+    """Random draws of deviating sizes spread as the derivatives by the sizes predict.
 
-    The spread (standard deviation) of a quantity is the root of the sum of squares of
-    derivative times spread of each size. Single draws are linear up to 1e-7.
+    4096 draws of three sizes with deviations of 1e-5 rad. The spread (standard deviation)
+    of a quantity must be the root of the sum of squares of derivative times spread of each
+    size. Uniform deviations have a spread smaller by sqrt(3). `scattered` assembles the
+    mechanism anew for each draw; the linear prediction of a single draw is right to 1e-7.
     """
     deviations = SizeDeviations(1e-5, distribution, 4096)
     assert deviations.spread == pytest.approx(factor * 1e-5)
@@ -166,13 +168,13 @@ def test_draws_of_small_deviations_spread_as_the_first_order_predicts(distributi
 
 
 def test_tolerances_of_the_analysis_follow_from_its_derivatives():
-    """The table of tolerances follows from the derivatives by the sizes.
+    """The tolerances that the analysis `sensitivity` states follow from its derivatives.
 
-    By default the standard deviation (spread) of each size is 0.1 degrees, and its largest
-    deviation is three times as much. The contribution of a size is its derivative times its
-    spread. A row of `tolerances` has the root of the sum of squared contributions, three
-    times their sum (the worst case), and the size with the largest contribution. The spread
-    of 64 random mechanisms (draws) agrees with the first of these to ten percent.
+    By default the spread (standard deviation) of a size is 0.1 degrees and its largest
+    deviation three times as much. The contribution of a size is its derivative times its
+    spread. Columns of `tolerances` are the root of the sum of squared contributions
+    (`spread`), three times their sum (`worst`), and the size that contributes most. The
+    spread of 64 random mechanisms (`drawn_spread`) agrees to ten percent.
     """
     # The analysis keeps to the rules for plugins.
     assert conformance("sensitivity:draws=16", mechanisms=["four_bar"], samples=5)
@@ -212,11 +214,12 @@ def test_nothing_matters_most_where_a_quantity_hangs_on_no_size(stated):
 
 @pytest.mark.slow
 def test_derivatives_of_transmission_angles_predict_those_of_a_sweep():
-    """The derivative by an arc predicts the transmission angle at another arc.
+    """The derivative by an arc predicts the transmission angle at a slightly larger arc.
 
-    A sweep computes transmission angles of dyads in closed form, mode by mode. The least
-    angle of each dyad is compared for the nominal arc of link 2, 15 degrees, and for one
-    that is 1e-4 degrees larger. Terms of second order are smaller than the tolerance.
+    The reference is a sweep, which computes transmission angles of dyads (two links joined
+    by a pair) in closed form. The least angle of each dyad is compared for an arc of link 2
+    of 15 degrees, and of 1e-4 degrees more. Second-order terms are smaller than the
+    tolerance.
     """
     motion = sk.trace("stephenson", samples=5)
     names = [f"transmission_angle_{pair}" for pair in ("34", "56")]
@@ -238,14 +241,12 @@ def test_derivatives_of_transmission_angles_predict_those_of_a_sweep():
 
 @pytest.mark.slow
 def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path):
-    """Values for deviating profiles are those of a mechanism that is read with them.
+    """Values computed for a deviating cam profile are those of a file with that profile.
 
-    `Sensitivity.scattered` computes quantities of mechanisms whose sizes deviate (draws).
-    In the only draw here, three Fourier coefficients of a cam profile deviate. The other
-    mechanism is read from a file in which the deviations are added to the coefficients.
-    Each drawn value must be one that the other mechanism has in one of its assembly modes
-    at the same input. Near a dead centre, Newton's method does not reach the configuration
-    of the draw at once, so the deviations have to be added gradually.
+    `Sensitivity.scattered` computes quantities of mechanisms with deviating sizes (draws).
+    Here the only draw has three deviating Fourier coefficients of a cam. The other
+    mechanism is read from a file with the changed coefficients. Each drawn value must be
+    one that the other mechanism has at the same input, in one of its assembly modes.
     """
     coefficients = "cosines = [15.0, 0.0, 3.0]"
     before, last = find("two_contacts").read_text().rsplit(coefficients, 1)
@@ -274,8 +275,7 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
     for q, value in zip(motion.q, drawn, strict=True):
         possible = other_values[np.isclose(other_motion.q, q)]
         assert np.min(np.abs(possible - value)) < 1e-9 * np.max(np.abs(possible))
-    # All drawn values differ. If Newton's method had led from two modes to the same
-    # configuration, two values would be equal.
+    # If the solver had led two modes to the same configuration, two values would be equal.
     assert len(set(np.round(drawn, 9))) == len(motion.q)
 
 
@@ -311,6 +311,9 @@ def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
 def rocker_angle(arcs, q, side):
     """Return the angle (rad) of the rocker of a four-bar by spherical triangles.
 
+    This is the independent reference of tests. The diagonal is the arc from the tip of the
+    crank to the hinge of the rocker on the base.
+
     Parameters
     ----------
     arcs
@@ -324,9 +327,9 @@ def rocker_angle(arcs, q, side):
     # The tip of the crank, with the crank's axis along z and the base arc towards y.
     tip = [-np.sin(crank) * np.sin(q), np.sin(crank) * np.cos(q), np.cos(crank)]
     diagonal = np.arccos(tip[1] * np.sin(base) + tip[2] * np.cos(base))
-    # The rocker turns about the hinge at (0, sin(base), cos(base)). The azimuth of the tip
-    # about the hinge counts from the direction to the axis of the crank, which is
-    # (0, -cos(base), sin(base)), towards x.
+    # The hinge is at (0, sin(base), cos(base)). The azimuth of the tip about the hinge
+    # counts from the direction to the axis of the crank, (0, -cos(base), sin(base)),
+    # towards x.
     tip_azimuth = np.arctan2(tip[0], tip[2] * np.sin(base) - tip[1] * np.cos(base))
     with np.errstate(invalid="ignore"):
         cosine = np.cos(coupler) - np.cos(diagonal) * np.cos(rocker)
@@ -339,11 +342,12 @@ BESIDE_A_DEAD_CENTRE = {"base": 179.9, "crank": 30.0, "coupler": 100.0, "rocker"
 
 
 def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
-    """256 draws of deviations of 0.1 degrees are compared with spherical triangles.
+    """Mechanisms with deviating arcs are assembled in the mode of the nominal one.
 
-    A draw is a set of deviations of the four arcs. The side of the diagonal to which
-    coupler and rocker bend, that is the assembly mode, is that of the nominal
-    configuration. Some draws cannot be assembled; they are NaN in both.
+    256 draws of deviations (0.1 degrees) of the four arcs are compared with spherical
+    triangles (`rocker_angle`). `side` is the side to which coupler and rocker bend, that is
+    the assembly mode; it is that of the nominal configuration. Draws that cannot be
+    assembled are NaN in both.
     """
     mechanism = crank_rocker(**BESIDE_A_DEAD_CENTRE)
     sensitivity = Sensitivity(mechanism, (), ["theta_hinge"])
@@ -394,10 +398,10 @@ def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
 
 @pytest.mark.parametrize("name", ["four_bar", "stephenson"])
 def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
-    """A mechanism given by the axes of a pose has the same derivatives as by its arcs.
+    """A mechanism stated by joint axes in a pose has the same derivatives as by its arcs.
 
-    In both cases the deviating sizes are arcs and angles of links. Deviations of the axes
-    in the pose would mean something else: the changed axes are a closed configuration too.
+    In both cases the deviating sizes are arcs and angles of links, not the axes in the
+    pose. The pose is an arbitrary configuration of the mechanism that is stated by arcs.
     """
     sized = sk.load(name)
     motion = sk.trace(sized, samples=3)
@@ -430,10 +434,10 @@ def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
 
 
 def four_bar_with_spring_and_inertia(stiffness=3.0, rest=40.0, tensor=0.4):
-    """Return a four-bar with a torsion spring and inertia.
+    """Return a four-bar with a torsion spring, and inertia of coupler and rocker.
 
     `stiffness` is in N m/rad, the rest angle `rest` of the spring in degrees, and `tensor`
-    is the moment of inertia of the rocker about its z axis.
+    is the moment of inertia (kg m^2) of the rocker about its z axis.
     """
     coil = {"kind": "spring", "pair": "hinge", "stiffness": stiffness, "rest": rest}
     return crank_rocker(
@@ -450,9 +454,9 @@ def four_bar_with_spring_and_inertia(stiffness=3.0, rest=40.0, tensor=0.4):
 def test_derivatives_by_masses_and_loads_are_those_of_differences():
     """Derivatives by a stiffness, a rest angle and an inertia are central differences.
 
-    The driving torque and the equivalent inertia B are linear functions of these numbers,
-    so that large steps give exact derivatives. The derivatives by an arc are computed
-    together with these, and once more alone. They must be the same.
+    The driving torque and the inertia B reduced to the input are linear in these numbers,
+    so that large steps give exact derivatives. The derivatives by an arc, computed together
+    with these, must be the same as alone.
     """
     # The last key is the moment of inertia about z: tensor.2.2 is row 2, column 2, from 0.
     keys = ("loads.coil.stiffness", "loads.coil.rest", "mass.rocker.tensor.2.2")
@@ -485,11 +489,11 @@ def test_derivatives_by_masses_and_loads_are_those_of_differences():
 
 @pytest.mark.slow
 def test_each_number_may_have_a_deviation_of_its_own():
-    """The spread of the torque follows from the deviation of each number.
+    """The spread of the torque follows from a different deviation of each number.
 
-    Three of four numbers have a deviation of their own. The arc of the crank has the
-    default, 0.1 degrees. The spread by the derivatives is the root of the sum of squares of
-    derivative times deviation. The spread of 512 draws agrees with it roughly.
+    Three of four numbers have a stated deviation; the arc of the crank has the default, 0.1
+    degrees. The expected spread is the root of the sum of squares of derivative times
+    deviation. The spread of 512 random draws agrees with it roughly.
     """
     keys = [
         "links.crank.arc",
@@ -534,10 +538,10 @@ ROLLED = (
 def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, tmp_path):
     """Derivatives of a cam mechanism by its sizes agree with central differences.
 
-    The mechanism is given in a reference pose, in which a cam and its follower touch. With
-    a changed size they would not touch exactly in this pose. The points of both profiles
-    that are nearest to each other there become the point of contact. Differences over one
-    and over two steps are combined, so that their errors of second order cancel.
+    The mechanism is stated in a pose in which a cam and its follower touch. With a changed
+    size they would not touch exactly in this pose. The points of both profiles that are
+    nearest there become the point of contact. Differences over one and over two steps are
+    combined, so that their errors of second order cancel.
     """
     # A sliding contact (Cs) has no link "arm", so this link is removed from the file.
     text = POSED.replace("TYPE", kind).replace("inputs.shaft", pairs + "inputs.shaft")
@@ -550,8 +554,8 @@ def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, 
     sensitivity = Sensitivity(mechanism, keys, quantities)
     motion = sk.trace(mechanism, samples=3)
     motion = motion.rows(np.flatnonzero(~motion.failed))
-    # A sample is input, rate, acceleration and time. Rate and acceleration are changed to
-    # arbitrary values other than 1 and 0, so that they matter.
+    # A sample is input, rate, acceleration and time. Rate and acceleration get arbitrary
+    # values, so that both have an effect.
     samples = sample_rows(motion) * [1.0, 1.3, 1.0, 1.0] + [0.0, 0.0, 0.7, 0.0]
     _, gradients = sensitivity.at(samples, motion.values)
     step = 2.0**-10

@@ -22,11 +22,11 @@ MuJoCo closes loops of pairs by soft constraints, and a cam by a soft contact.
 @pytest.mark.many
 @pytest.mark.parametrize("name", MUJOCO_TOLERANCE_RAD)
 def test_tables_of_forces_have_numbers_and_no_failed_rows(name):
-    """Dynamics, reactions and statics fill all their tables, without failed rows.
+    """Dynamics, reactions and statics of shipped mechanisms fill all their tables.
 
-    Loads must not vanish: the largest torque of each input exceeds 1e-3 N m. The moment
-    that a pair transmits loads its bearings with a couple of forces. The largest of these
-    forces exceeds 0.1 N in each pair with bearings.
+    The loads in the files must have an effect: the largest torque of each input exceeds
+    1e-3 N m. A pair transmits a moment to its two bearings by a couple of forces. The
+    largest of these forces exceeds 0.1 N in each pair with bearings.
     """
     run = sk.run(name, ["dynamics", "reactions", "statics"], samples=13)
     assert not run.failures
@@ -52,10 +52,11 @@ def test_tables_of_forces_have_numbers_and_no_failed_rows(name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", MUJOCO_TOLERANCE_RAD)
 def test_mujoco_moves_the_mechanism_as_a_simulation_does(name):
-    """The exported MuJoCo model moves as a simulation does, for 0.2 s from rest.
+    """The exported MuJoCo model moves as a simulation of spherekit, for 0.2 s from rest.
 
-    The inputs move by more than 0.05 rad in this time. Friction in bearings is removed from
-    both, because it depends on reactions, and MuJoCo has no such load.
+    Bearing friction is removed from both, because MuJoCo has no friction that depends on
+    reactions. `MUJOCO_TOLERANCE_RAD` allows for the soft constraints of MuJoCo. `find_pose`
+    returns the mechanism and a pose in which it closes.
     """
     mujoco = pytest.importorskip("mujoco")
     mechanism = sk.load(name)
@@ -73,6 +74,7 @@ def test_mujoco_moves_the_mechanism_as_a_simulation_does(name):
     q = tuple(float(values[mechanism.angles[pair]]) for pair in input_pairs)
     start = sk.Start(q=q, dq=(0.0,) * len(q))
     state = sk.simulate(mechanism, start, 0.2, assembly_mode=0).at([0.2])
+    # Otherwise equal inputs would only say that nothing has moved.
     assert np.max(np.abs(by_mujoco - q)) > 0.05
     error = np.max(np.abs(by_mujoco - state.inputs[0]))
     assert error < MUJOCO_TOLERANCE_RAD[name]

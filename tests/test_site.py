@@ -45,16 +45,16 @@ TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```$", re.M | re.S)
 
 
 class Page(HTMLParser):
-    """An HTML page.
+    """An HTML page, with the addresses that the tests of the site check.
 
     Attributes
     ----------
     links
         Addresses that the page links to.
     loads
-        Addresses of images, scripts, styles and frames that it loads.
+        Addresses of images, scripts, styles and frames that the page loads.
     anchors
-        Names of its places that links can jump to.
+        Names of places in the page that links can jump to.
     """
 
     def __init__(self, text):
@@ -80,9 +80,11 @@ class Page(HTMLParser):
 
 
 def pages_listed_by(page):
-    """Return the pages that a page lists as its children, in its tables of contents.
+    """Return the pages that a page of the documentation lists in its tables of contents.
 
-    Pages are named by their path below `docs`, without suffix.
+    Pages are named by their path below `docs`, without suffix. `TOCTREE` finds the tables
+    of contents; their lines are a name, "title <name>", or an option that begins with a
+    colon.
     """
     text = (ROOT / "docs" / f"{page}.md").read_text("utf-8")
     children = []
@@ -150,10 +152,12 @@ def build_site(home):
 def site(tmp_path_factory, worker_id):
     """Return the folder of the built site; fail if Sphinx warned of anything.
 
-    The first worker of pytest that needs the site builds it, and writes the warnings to a
-    file (`messages`). The others wait, then use the site and this file.
+    Several processes of pytest may need the site. The first of them builds it and writes
+    the warnings to a file (`messages`). The others wait, then use the site and this file.
     """
     temporary_folder = tmp_path_factory.getbasetemp()
+    # "master" means that pytest runs without workers. Otherwise each worker has a folder of
+    # its own in the folder of all.
     if worker_id != "master":
         temporary_folder = temporary_folder.parent  # that of all workers
     home = temporary_folder / "site"
@@ -179,7 +183,11 @@ def pages(site):
 
 @slow
 def test_every_link_within_the_site_leads_to_a_file_and_an_anchor(site, pages):
-    """Links to other sites are left out; more than 1000 remain."""
+    """Each link within the site leads to a file, and to a place in it if it names one.
+
+    `pages` has the pages of the built site by path, with their links. Links to other sites
+    are not followed. The final count guards against a test that finds no links.
+    """
     checked_count = 0
     for path, page in pages.items():
         for link in [*page.links, *page.loads]:
@@ -201,9 +209,10 @@ MOST_CLICKS = 3
 
 @slow
 def test_every_page_is_reached_in_three_clicks(site, pages):
-    """Clicks follow the links of pages, of their text and of the lists around it.
+    """Every page of the site can be reached from the first page by at most three links.
 
-    The page of search results is left out: the search box leads to it.
+    `pages` has the pages of the built site by path, with their links, also those in menus.
+    The page of search results is left out, because the search box leads to it.
     """
     reached = {site / "index.html"}
     for _ in range(MOST_CLICKS):
@@ -278,7 +287,11 @@ def test_formulas_have_their_renderer(site, pages):
 
 @slow
 def test_figures_of_code_have_a_version_for_each_theme(site):
-    """Pages of the gallery show one of two different images, by the theme of the reader."""
+    """Pages of the gallery have a light and a dark version of their figure.
+
+    The classes `only-light` and `only-dark` of an image tell the browser which to show. The
+    two files must differ. `site` is the folder of the built site.
+    """
     scripts = sorted((site / "generated" / "gallery").rglob("plot_*.html"))
     assert scripts
     for page in scripts:
@@ -300,7 +313,11 @@ def test_figures_of_code_have_a_version_for_each_theme(site):
 
 @slow
 def test_the_search_has_words_of_pages_and_all_public_names(site):
-    """Words are stored by their stem, with the numbers of the pages that have them."""
+    """The index of the search finds words in the text and titles of pages, and API names.
+
+    The index stores words by their stem ("kennedi" for Kennedy), with the numbers of the
+    pages that have them. `site` is the folder of the built site.
+    """
     text = (site / "searchindex.js").read_text("utf-8")
     index = json.loads(re.fullmatch(r"Search\.setIndex\((.*)\);?", text.strip(), re.S)[1])
     pages = index["docnames"]
@@ -370,7 +387,11 @@ def test_nothing_is_cut_off_at_the_right(site, pages, browser, width):
 
 @slow
 def test_mechanisms_move_in_their_pages(site, browser):
-    """The picture of the sphere changes as the first input is moved by 20 key presses."""
+    """The picture of the sphere changes as the first input is moved by 20 key presses.
+
+    `site` is the folder of the built site and `browser` a browser that the test controls.
+    The two pages show a moving mechanism in a frame.
+    """
     for page in ("index", "generated/mechanisms/five_bar"):
         tab = browser.new_page(viewport={"width": 1300, "height": 900})
         tab.goto((site / f"{page}.html").as_uri())
@@ -387,7 +408,11 @@ def test_mechanisms_move_in_their_pages(site, browser):
 
 
 def test_a_mechanism_of_four_inputs_has_a_page(monkeypatch):
-    """The samples of a page follow from the number of inputs, whatever it is."""
+    """The script that writes the pages of mechanisms also works with four inputs.
+
+    The number of samples on a page depends on the number of inputs. The mechanism is an
+    open chain of five links in which every pair is driven.
+    """
     monkeypatch.syspath_prepend(ROOT / "docs")
     mechanisms = importlib.import_module("site_pages.mechanisms")
     links = {"0": {"axes": ["p1"]}, "4": {"axes": ["p4"]}}

@@ -38,17 +38,17 @@ tip lies on the crank's axis or opposite to it."""
 def test_a_rocker_tip_on_the_axis_of_the_crank_is_a_singularity(arcs, folded_angle):
     """The position is undetermined where the driven rocker's tip is on the crank's axis.
 
-    Crank and coupler have equal arcs (or arcs that add up to 180 deg). With the tip on the
-    axis of the crank they can turn about it together, while the rocker rests. There the
-    status is AT_SINGULARITY, not OUT_OF_REACH. At two rocker angles beside it the loop
-    closes if crank and coupler reach the tip. The arc of the tip from the crank's axis
-    follows from the law of cosines.
+    There crank and coupler can turn together about the crank's axis while the rocker rests,
+    because their arcs are equal (or add up to 180 deg). The status must be AT_SINGULARITY,
+    not OUT_OF_REACH. At two rocker angles beside it, the loop closes exactly if crank and
+    coupler reach the tip. The arc from the crank's axis to the tip follows from the
+    spherical law of cosines. `FOLDED` has the arcs (deg) and the rocker angle (rad).
     """
     mechanism = four_bar(np.radians(arcs)).with_inputs("41")
     rocker_angle = np.array([folded_angle, folded_angle + 1e-3, folded_angle + 0.1])
     position_analysis = PositionAnalysis(mechanism)
-    # `rocker_angle` is the angle between the arcs of ground and rocker. The variable of the
-    # pair 41 is counted from the opposite side and in the opposite sense.
+    # Here the rocker angle is that between the arcs of ground and rocker. The variable of
+    # pair 41 counts from the opposite side and in the opposite sense.
     motion = position_analysis.at(np.pi - rocker_angle)
     mode_count = len(motion.assembly_modes)
     status = motion.status.reshape(mode_count, -1)
@@ -60,6 +60,7 @@ def test_a_rocker_tip_on_the_axis_of_the_crank_is_a_singularity(arcs, folded_ang
     cosine = np.cos(ground) * np.cos(rocker)
     cosine += np.sin(ground) * np.sin(rocker) * np.cos(rocker_angle)
     tip_distance = np.arccos(np.clip(cosine, -1.0, 1.0))
+    # Crank and coupler reach the tip if its distance is between `shortest` and `longest`.
     longest = min(crank + coupler, 2.0 * np.pi - crank - coupler)
     shortest = abs(crank - coupler)
     margin = np.minimum(longest - tip_distance, tip_distance - shortest)
@@ -68,18 +69,19 @@ def test_a_rocker_tip_on_the_axis_of_the_crank_is_a_singularity(arcs, folded_ang
 
 
 def axes_at_dead_centre(chain, driven, random):
-    """Return axes (pairs, 3) of a chain that is at a dead centre of the driven pair.
+    """Return joint axes (pairs, 3) of a chain that is at a dead centre of the driven pair.
 
-    At a dead centre the determinant of the loop equations without the driven pair is zero.
-    All axes are random. One of them is moved along a great circle to a random goal, if the
-    determinant changes its sign on the way, and stopped where it is zero.
+    At a dead centre the driven pair cannot move on. The determinant of the loop equations,
+    without the column of the driven pair, is zero. All axes are random. One axis is moved
+    along a great circle to a random goal, until the determinant is zero. If it does not
+    change its sign on the way, other random axes are tried.
     """
     while True:
         axes = random_axes(random, len(chain.split()))
         moved = random.integers(len(axes))
         goal = random_axes(random, 1)[0]
 
-        # Default values bind the variables of this pass of the loop, as ruff demands.
+        # The defaults bind the values of this pass of the loop, not of a later one.
         def axes_at(part, axes=axes, moved=moved, goal=goal):
             """Return the axes with the moved one some part of the way to its goal."""
             new_axes = axes.copy()
@@ -102,10 +104,11 @@ def axes_at_dead_centre(chain, driven, random):
 def test_a_reference_pose_at_a_dead_centre_is_singular_and_closes_on_one_side(
     chain, driven
 ):
-    """The input cannot move beyond a dead centre, so it closes on one side only.
+    """A reference pose at a dead centre is singular, and the loop closes on one side only.
 
-    The pose is a double root of the equations; it is found to 1e-6 rad, the square root of
-    rounding.
+    `axes_at_dead_centre` returns random joint axes at a dead centre of the driven pair. The
+    pose is a double root of the equations. So it is found to 1e-6 rad only, about the
+    square root of rounding.
     """
     random = np.random.default_rng(11)
     for _ in range(2):

@@ -105,15 +105,15 @@ def marked(names):
 
 @pytest.mark.parametrize("name", marked(VARIANTS))
 def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
-    """A sweep at the nominal value of one size gives the figures that follow from a run.
+    """A sweep over one size, at the value of the file, gives the figures of a run.
 
-    A figure is a number for each assembly mode: here the largest velocity and acceleration
-    coefficient of two links, and the root mean square of the sine of a passive angle.
-    Tables of a run give the expected figures, which agree within `RATE_TOLERANCE` relative
-    to 1 or more. With several inputs, each moves alone, and the names of coefficients end
-    in `_by_` and this input.
+    The mechanisms (`VARIANTS`) are over-constrained: some constraints repeat others. A
+    figure is a number for each assembly mode (way to assemble the links): here the largest
+    velocity and acceleration coefficient of two links, and the root mean square of the sine
+    of a joint angle. They are computed from tables of a run for comparison. With several
+    inputs, each moves alone, and names of coefficients end in `_by_` and this input.
     """
-    # Text such as "7" or "3x3" is the number of samples of each input.
+    # `samples` is text such as "7" or "2x2", the number of samples of each input.
     make_mechanism, (key, nominal_size), links, pair, samples = VARIANTS[name]
     mechanism = make_mechanism()
     if links is None:
@@ -205,19 +205,22 @@ def turned_east(axis):
 @pytest.mark.many
 @pytest.mark.parametrize("name", marked(OPEN))
 def test_a_design_whose_loops_do_not_agree_has_the_reason_of_a_run(name, tmp_path):
-    """A design with redundant constraints that contradict each other is IMPOSSIBLE.
+    """A design whose redundant constraints contradict each other is IMPOSSIBLE in a sweep.
 
-    The sweep has two designs: the nominal one, whose loops can be closed, and one with a
-    changed size, whose loops cannot. The reason of the latter is the message with which a
-    run of it is refused.
+    The sweep has two designs: that of the file, whose loops close, and one with a changed
+    size, whose loops cannot close. The reason of the second design must be the message with
+    which a run of the same mechanism is refused. `OPEN` has the mechanisms, sizes and
+    changes.
     """
-    # `change_size` makes the second design from the mechanism.
+    # `change_size` changes the mechanism in the way in which `contradictory` changes its
+    # file.
     make, (key, nominal, contradictory), change_size = OPEN[name]
     mechanism = make()
     path = tmp_path / f"{name}.toml"
     sk.export(mechanism, path)
     # The five-bar with a redundant rod.
     has_two_inputs = name == "five_bar_b"
+    # With two inputs, a coefficient is that of the input "left" moving alone.
     samples, suffix = ("2x2", "_by_left") if has_two_inputs else ("5", "")
     quantity = f"velocity_coefficient_{mechanism.links[-1]}_{mechanism.links[0]}{suffix}"
     frame = sweep_by_command(
@@ -268,13 +271,13 @@ def test_torques_are_those_of_a_run():
 
 
 def test_an_equation_that_is_only_rounding_is_not_used_for_rates():
-    """Rates of an over-constrained folding pattern do not follow from empty equations.
+    """A sweep does not compute rates from a loop equation that has only rounding errors.
 
-    In its mode number 4 a vertex stays flat, so that a loop equation has only rounding
-    errors. A sweep chooses as many independent equations as there are unknown rates, and
-    must not choose this one. In all modes the largest rates of three pairs (h11, z21, z10),
-    per unit rate of the input z00, must be those of the null space of all loop equations.
-    No equations have to be chosen for it.
+    In mode 4 of this folding pattern one vertex stays flat, and one loop equation is 0 = 0
+    but for rounding. A sweep chooses as many independent equations as there are unknown
+    rates, and must not choose this one. The reference is the null space of all loop
+    equations (`null_vector`). Compared are the largest rates of three pairs per unit rate
+    of the input z00.
     """
     motion = sk.trace(MIURA, samples=5)
     mechanism = motion.mechanism

@@ -20,14 +20,23 @@ MASSES = mechanism_text("sweeps_several_masses")
 
 
 def make_designs(name, keys, change_deg):
-    """Return two values of each number, and the mechanisms of all combinations.
+    """Return values to sweep over, and the mechanism of each combination of them.
+
+    Parameters
+    ----------
+    name
+        Name of a shipped mechanism.
+    keys
+        Numbers of its file that vary, such as "links.3.arc" (deg).
+    change_deg
+        Difference of the second value of each number from its nominal value.
 
     Returns
     -------
     vary
-        Nominal value and that plus the change, by key.
+        By key, the two values: the nominal one and the changed one.
     mechanisms
-        The mechanism of each design, in the order of a sweep.
+        One for each combination, in the order in which a sweep numbers its designs.
     """
     document = document_of(name)
     vary = {}
@@ -42,21 +51,24 @@ def make_designs(name, keys, change_deg):
 
 
 def compute_figures_by_runs(mechanism, samples, link, pair, moving_inputs):
-    """Compute the figures of a sweep from a run with poles and one of positions.
+    """Compute by ordinary runs the figures that a sweep computes by a compiled kernel.
+
+    A figure is one number for each assembly mode (one way to assemble the links).
 
     Parameters
     ----------
     link
-        Link whose pole relative to the ground is taken.
+        Link whose pole (axis of rotation) relative to the ground is taken.
     pair
-        Passive pair whose angle is taken.
+        Joint without drive whose angle is taken.
     moving_inputs
-        Two inputs: the first moves for the velocity coefficient, the second for the
-        acceleration coefficient.
+        Two inputs, of which one moves while the other is locked. The first moves for the
+        velocity coefficient, the second for the acceleration coefficient.
 
     Returns
     -------
-    (modes, 4) share of closed samples, largest coefficients, mean cosine of the angle.
+    (modes, 4) share of the samples at which the mode closes, largest velocity coefficient,
+    largest acceleration coefficient, mean cosine of the angle of the joint.
     """
     motion = sk.trace(mechanism, samples=samples)
     poles = sk.run(Study("", mechanism, samples=samples), "poles").frame("poles")
@@ -96,13 +108,13 @@ def compute_figures_by_runs(mechanism, samples, link, pair, moving_inputs):
 def test_a_sweep_with_several_inputs_has_the_figures_of_separate_runs(
     name, keys, samples, link, pair
 ):
-    """Each mode of each run is a row of the sweep, with equal figures of merit.
+    """A sweep over designs has the same figures as a separate run of each design.
 
-    A figure is a number to which a column is reduced: the largest velocity and acceleration
-    coefficient of a link while one input moves, and the mean cosine of a passive angle. A
-    sweep also has rows of modes that close nowhere, which a run does not list. The numbers
-    with the given keys have their nominal value, and that plus 3 degrees. `pair` is a
-    passive pair; None takes the first pair of the link.
+    A figure is one number for each design and assembly mode (one way to assemble the
+    links): the largest velocity and acceleration coefficient of a link, or the mean cosine
+    of a joint angle. `make_designs` varies the numbers with the keys by 3 degrees, and
+    `compute_figures_by_runs` is the reference. `pair` is a joint without drive; None takes
+    the first joint of the link.
     """
     mechanism = sk.load(name)
     if pair is None:
@@ -126,6 +138,7 @@ def test_a_sweep_with_several_inputs_has_the_figures_of_separate_runs(
         is_finite = np.all(np.isfinite(expected), axis=1)
         expected = expected[is_finite]
         assert len(expected)
+        # A sweep also has rows of modes that close nowhere; a run does not list them.
         assert len(rows) >= len(expected)
         for mode_figures in expected:
             differences = np.abs(rows.to_numpy() / mode_figures - 1.0)
@@ -133,10 +146,11 @@ def test_a_sweep_with_several_inputs_has_the_figures_of_separate_runs(
 
 
 def test_torques_of_several_inputs_in_a_sweep_are_those_of_the_dynamics(tmp_path):
-    """The largest torques in a sweep are those of the analysis `dynamics`.
+    """The largest torque of each input in a sweep is that of the analysis `dynamics`.
 
-    A five-bar moves by time laws of both inputs; the mass of link 4 varies. The sweep also
-    computes elements of the inertia matrix, which are not compared here.
+    Both inputs of a five-bar turn at constant speeds for 1 s. The sweep compares two values
+    of the mass of link 4. It also computes elements of the inertia matrix (`B_...`), which
+    are only required to be computable here.
     """
     # The shipped file ends with its masses and loads, which are replaced by `MASSES`.
     path = tmp_path / "acted.toml"
@@ -173,7 +187,11 @@ def test_figures_at_a_pose_or_at_an_extreme_name_their_inputs():
 
 
 def test_a_five_bar_is_found_again_by_its_function_of_two_inputs(tmp_path):
-    """The angle of pair 43 at four poses determines the arc of link 3."""
+    """Synthesis finds the arc of link 3 from four values of a joint angle.
+
+    The angle of pair 43 as a function of both inputs is computed with the shipped five-bar.
+    The synthesis then searches the arc of link 3 that gives the same angles.
+    """
     target = sk.load("five_bar")
     inputs_deg = [[45.0, 60.0], [50.0, 80.0], [70.0, 60.0], [80.0, 75.0]]
     poses = sk.evaluate(target, np.radians(inputs_deg))

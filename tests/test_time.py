@@ -56,7 +56,11 @@ def write_study(tmp_path):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_torques_of_a_law_are_those_of_inverse_dynamics(name, write_study):
-    """Times, inputs and their derivatives are equal, dynamic columns up to rounding."""
+    """A study with a time law of the input has the torques of `inverse_dynamics`.
+
+    `write_study` writes the text of a study to a file. Columns of time and input are equal;
+    inertia B, its derivative, load Q and torque tau are equal up to rounding.
+    """
     text = f"duration = 3\n[inputs.21.law]\n{LAWS[name]}\n[analyses.eksergian]\n"
     study = load_study(write_study(STUDY_HEAD + text))
     result = run(study)
@@ -92,9 +96,9 @@ def test_without_a_law_the_input_turns_at_1_rad_per_s(write_study):
 
 @dataclass(frozen=True)
 class LastInput(MinimalAnalysis):
-    """An analysis that reads the time, and rate and acceleration of the last input.
+    """Analysis for tests: its table has the time, and the rates of the last input.
 
-    `time` is whether it declares that need.
+    The field `time` says whether the analysis declares that it reads the time.
     """
 
     name: ClassVar[str] = "last_input"
@@ -116,8 +120,8 @@ class LastInput(MinimalAnalysis):
 def test_an_analysis_can_read_time_and_rates_of_all_inputs():
     """An analysis that reads the time needs laws of all inputs, and has to declare this.
 
-    The analysis `LastInput` makes a table of the time, and of rate and acceleration of the
-    last input.
+    The five-bar has two inputs. The analysis `LastInput` fills a table with the time, and
+    with rate and acceleration of the last input.
     """
     mechanism = sk.load("five_bar")
     first, last = mechanism.inputs
@@ -187,12 +191,12 @@ def test_events_and_errors_of_a_simulated_study_are_written(simulated_study):
 
 
 def test_a_row_at_a_dead_centre_is_singular_and_others_are_not():
-    """A row at a dead centre of the input has no torque, the rows beside it have one.
+    """A row at a dead centre of the input has no torque; the rows beside it have one.
 
-    The input of the four-bar is its rocker, pair 41. It turns back at a dead centre, where
-    it stands still for a moment while the other links move. Rates per rate of the input are
-    then infinite, except those of the rocker (link 4) relative to the ground. The middle
-    one of five samples is at that time. Directions of poles do not reverse from row to row.
+    The four-bar is driven at its rocker (pair 41). At a dead centre the rocker stands still
+    for a moment while the other links move. Rates per rate of the input are then infinite,
+    except for the rocker itself (link 4 relative to the ground). The third of five samples
+    is at that time. Pole directions must not reverse from row to row.
     """
     mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
     start = Start(2.0, 3.0)
@@ -227,7 +231,11 @@ def four_bar_with_crank_limits():
 
 
 def test_a_run_ends_where_its_simulation_reaches_a_joint_limit():
-    """Samples are 0.1 s apart; the last row is the end, at q = 1 rad."""
+    """A simulation ends at a joint limit, and its last row is that moment.
+
+    `four_bar_with_crank_limits` lets the crank turn from -1 to 1 rad. Samples are 0.1 s
+    apart. The table has the samples before the end, and one row at the end.
+    """
     result = sk.run(
         four_bar_with_crank_limits(),
         "eksergian",
@@ -238,12 +246,17 @@ def test_a_run_ends_where_its_simulation_reaches_a_joint_limit():
     end = result.summary["simulation"]["end"]
     assert end["kind"] == "joint_limit"
     motion = result.frame("motion")
+    # One row at time 0 and one at the end, besides the samples between.
     assert len(motion) == int(end["t"] / 0.1) + 2
     assert motion["t"].iloc[-1] == end["t"]
     assert motion["q"].iloc[-1] == pytest.approx(1.0, abs=1e-9)
 
 
 def test_the_command_says_that_a_simulation_reached_a_joint_limit(tmp_path, capsys):
+    """The command prints where a simulation ended and why, and writes the event to a table.
+
+    `four_bar_with_crank_limits` lets the crank turn from -1 to 1 rad only.
+    """
     path = tmp_path / "stopped.toml"
     sk.dump(four_bar_with_crank_limits(), path)
     command = [
@@ -290,7 +303,11 @@ def test_missing_starts_or_laws_of_several_inputs_are_refused(write_study):
     ],
 )
 def test_a_start_can_be_text_or_a_dictionary(name, start, spellings):
-    """The text of the command, a dictionary and a `Start` give the same simulation."""
+    """The text of the command, a dictionary and a `Start` give the same simulation.
+
+    A start has the angles q (rad) and rates dq (rad/s) of all inputs. Every link but the
+    ground gets an inertia, without which nothing could be simulated.
+    """
     mechanism = sk.load(name)
     tensor = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
     for link in mechanism.links:
@@ -369,12 +386,13 @@ def test_the_recording_of_a_simulation_has_a_timeline_of_time(simulation_recordi
 
 @pytest.mark.slow
 def test_the_phase_portrait_of_a_recording_is_drawn_to_its_scales(simulation_recording):
-    """The mark moves over input (deg) and rate (deg/s), as read from ticks of both axes.
+    """In the phase portrait of a recording, the mark is at the right input and rate.
 
-    The frame of the portrait is a box and short lines. A line whose two ends have the same
-    horizontal coordinate is a tick of the horizontal axis, and likewise for the vertical
-    one. The texts are the tick labels and the title of the horizontal axis, then those of
-    the vertical one, whose title begins with ``up:``.
+    The scales are read from the ticks of both axes, as a person would. The reference is the
+    same motion by `simulate`. The frame of the portrait is a box and short lines. A line
+    with both ends at the same horizontal coordinate is a tick of the horizontal axis, and
+    likewise for the vertical axis. The texts are first the tick labels and the title of the
+    horizontal axis, then those of the vertical one, whose title begins with ``up:``.
     """
     moving = read_recording_columns(simulation_recording)
     at_rest = read_recording_columns(simulation_recording, static=True)
@@ -418,7 +436,11 @@ def test_a_recording_without_time_has_no_phase_portrait(tmp_path):
 @pytest.mark.slow
 @pytest.mark.viewer
 def test_a_screenshot_can_show_another_tab(tmp_path):
-    """The tab "Compare" gives another picture; a misspelt tab is refused with a hint."""
+    """A screenshot of a recording can show the tab "Compare" in place of the first one.
+
+    Its picture must differ from that of the first tab. A misspelt tab is refused with a
+    hint. Without a Vulkan driver for the viewer the test is skipped.
+    """
     from spherekit.display.rerun.screenshot import screenshot
     from spherekit.errors import OutputError
 

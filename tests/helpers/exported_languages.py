@@ -30,6 +30,9 @@ def compile_shared_library(path, language):
 def c_function(path, name, count, language):
     """Compile an exported C or C++ function and return it as a function of columns.
 
+    Tests call it with arrays `columns` (k, n), one for each argument of the exported
+    function: k numbers in each of n rows. It returns the results (count, n).
+
     Parameters
     ----------
     path
@@ -42,7 +45,7 @@ def c_function(path, name, count, language):
         `"c"` or `"cpp"`.
     """
     if language == "cpp":
-        # The exported file is a header: a source with C linkage calls its function.
+        # The exported file is a header. A source with C linkage, written here, calls it.
         header = path
         path = header.with_suffix(".cpp")
         call = f"{name}_formulas::{name}(motion, mode, size, result)"
@@ -56,8 +59,7 @@ def c_function(path, name, count, language):
     def evaluate_columns(*columns):
         row_count = columns[0].shape[1]
         results = np.empty((row_count, count))
-        # Each row must lie in memory in one piece. A zero is added at its end, because an
-        # argument without numbers would have no address.
+        # Each row must be contiguous. A zero at its end gives an empty argument an address.
         zeros = np.zeros(row_count)
         arguments = [np.ascontiguousarray(np.vstack([x, zeros]).T) for x in columns]
         pointer_type = ctypes.POINTER(ctypes.c_double)
@@ -74,7 +76,11 @@ def rows_as_lists(columns):
 
 
 def js_function(path, name):
-    """Return an exported JavaScript function, run by Node, as a function of columns."""
+    """Return an exported JavaScript function, run by Node, as a function of columns.
+
+    Tests call it with arrays (k, n), one for each argument of the exported function `name`:
+    k numbers in each of n rows. It returns the results (count, n).
+    """
 
     def evaluate_columns(*columns):
         program = path.with_name("run.mjs")
@@ -108,7 +114,12 @@ def casadi_function(path, name):
 
 
 def julia_function(path, name):
-    """Return an exported Julia function as a function of columns."""
+    """Return an exported Julia function as a function of columns.
+
+    Tests call it with arrays (k, n), one for each argument of the exported function `name`:
+    k numbers in each of n rows. It returns the results (count, n). A program written here
+    calls the function once for each row, and its output is read.
+    """
 
     def evaluate_columns(*columns):
         calls = []
@@ -129,6 +140,9 @@ def julia_function(path, name):
 
 def functions_by_language(folder, name, formulas):
     """Yield each installed language and the function that its exported source defines.
+
+    Tests compare the results of the same formulas in all languages. The functions take
+    arrays (k, n), k numbers in each of n rows for each argument. They return (results, n).
 
     Parameters
     ----------

@@ -65,18 +65,18 @@ def find_text_fields(kind="mechanism"):
     sorts = {}
 
     def visit(node, path, visited_definitions):
-        """Add the fields for text in a part of the schema to `sorts`, by their paths.
+        """Add the fields for text in a part of a JSON schema to `sorts`, by their paths.
 
-        The sort of a field is `NAME`, `EXPRESSION`, `CHOICE` (one of several given words)
-        or `FREE` (any text).
+        The sort of a field is `NAME`, `EXPRESSION` (a formula), `CHOICE` (one of several
+        words) or `FREE` (any text).
 
         Parameters
         ----------
         node
             The part of the schema.
         path
-            Keys that lead to the values that it declares; ``*`` stands for any key or
-            index.
+            Keys that lead to the values that this part declares; ``*`` stands for any key
+            or index.
         visited_definitions
             Names of the definitions that contain this part. A definition may refer to
             itself, and is then not visited again.
@@ -126,7 +126,9 @@ def find_free_fields():
 def hostile_file(text, name="four_bar"):
     """Return the file of a shipped mechanism with a text in every field for any text.
 
-    The text also stands in a comment, in the value and as a key of the table `user`.
+    Tests use texts that some language would read as code, and check that exports escape
+    them. The text is also put into a comment, and into the table `user` as a key and a
+    value.
     """
     data = tomllib.loads((ROOT / f"mechanisms/{name}.toml").read_text("utf-8"))
     for *table_names, key in find_free_fields():

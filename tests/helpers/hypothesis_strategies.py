@@ -56,10 +56,12 @@ values = (
 
 @st.composite
 def damaged(draw, name):
-    """Draw the text of a shipped file after one to three random changes of lines.
+    """Draw the text of a shipped file after one to three random changes of its lines.
 
-    A change may be harmless. `name` is the name of the file, a key of `FILES`. `draw` is a
-    function of hypothesis that returns an example of a strategy.
+    Tests check that such a file is read or refused in a sentence. A change may be harmless.
+    hypothesis passes `draw`, a function that returns a random example of a strategy. `name`
+    is a key of `FILES`, the name of the file. `words`, `numbers` and `values` above are
+    strategies for parts of a line.
     """
     changes = (
         "replace the value",
@@ -92,8 +94,7 @@ def damaged(draw, name):
             position = draw(st.integers(0, len(lines[k])))
             inserted = draw(st.text(max_size=2))
             lines[k] = lines[k][:position] + inserted + lines[k][position:]
-    # The line end of Unix is repeated, so that it is drawn more often than those of Windows
-    # and of old Macintoshes.
+    # "\n" is repeated, so that it is drawn most often.
     line_end = draw(st.sampled_from(("\n", "\n", "\n", "\r\n", "\r")))
     return line_end.join(lines)
 
@@ -153,12 +154,13 @@ flags = st.one_of(
 
 @st.composite
 def commands(draw):
-    """Draw the words of a command line, valid or not, of any subcommand.
+    """Draw the words of a random command line of any subcommand, valid or not.
 
     DAMAGED stands for the path of a damaged file, OUT for an output folder; the test
-    replaces both. Runs have 3 samples unless an option says otherwise. `sources`, `flags`,
-    `analyses`, `floats` and `words` above are strategies of hypothesis: mechanisms, options
-    with their values, analyses, numbers and any words, all of them valid or not.
+    replaces both. Runs have 3 samples unless an option says otherwise. hypothesis passes
+    `draw`, a function that returns a random example of a strategy. The strategies are
+    `sources` (mechanisms), `flags` (options with values), `analyses`, `floats` and `words`
+    (any text).
     """
     # Words that occur several times are drawn more often.
     subcommands = split(

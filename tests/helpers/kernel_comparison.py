@@ -24,19 +24,19 @@ TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class KernelAndReference:
-    """Motion and poles of the same samples, computed twice.
+    """Motion and poles of the same samples, computed by a row kernel and without one.
 
     A row kernel is a compiled function that evaluates all columns of many rows at once. A
-    pole is the axis of the relative rotation of two links.
+    row is one sample in one assembly mode (one way to assemble the links). A pole is the
+    axis of the relative rotation of two links.
 
     Attributes
     ----------
     kernel_motion, kernel_fields
-        Motion by a row kernel, and its poles for each input that moves while the others
-        are locked.
+        Configurations of all rows by the kernel, and the poles in them. There is one field
+        of poles for each input, which moves while the other inputs are locked.
     reference_motion, reference_fields
-        Motion and poles at the same samples by the position analysis and the pole
-        evaluation, without a kernel.
+        The same by the position analysis and the pole evaluation, without a kernel.
     """
 
     kernel_motion: Motion
@@ -47,18 +47,20 @@ class KernelAndReference:
 
 @dataclass
 class Differences:
-    """Differences between the rows of a row kernel and those computed without one.
+    """Differences between results of a row kernel and those computed without one.
 
-    A row kernel is a compiled function that evaluates all columns of many rows at once.
+    A row kernel is a compiled function that evaluates all columns of many rows at once. A
+    row is one sample in one assembly mode (one way to assemble the links).
 
     Attributes
     ----------
     share
-        Part of the rows (0 to 1) that the kernel certified, because the error bounds that
+        Share of the rows (0 to 1) that the kernel certified, because the error bounds that
         it computes are small enough. Other rows were computed as in the reference.
     statuses
-        Number of rows, and of poles in rows, whose status differs between the two
-        computations. A status says whether a row or pole is OK, or why it has no numbers.
+        Number of rows, and of poles (axes of the relative rotation of two links) in rows,
+        whose status differs. A status says whether a row or pole is OK, or why it has no
+        numbers.
     beyond
         Names of the quantities whose difference exceeds the sum of both error bounds.
     """
@@ -77,30 +79,31 @@ def evaluate_both_ways(mechanism, **options):
     """Evaluate all poles of a mechanism by a row kernel and without one.
 
     A row kernel is a compiled function that evaluates all columns of many rows at once. A
-    pole is the axis of the relative rotation of two links.
+    pole is the axis of the relative rotation of two links. The result is the input of
+    `find_differences`.
 
     Parameters
     ----------
     mechanism
         Mechanism that is moved.
     options
-        Further fields of `Study`, such as `samples`.
+        Further fields of `Study` (what is evaluated), such as `samples`.
 
     Returns
     -------
     KernelAndReference or None
         None if there is no kernel for this mechanism.
     """
-    # Kernels are compiled only for many rows; here they are for any number.
+    # A kernel is normally used from a minimum number of rows on. Here that number is 0.
     with patch.object(batch_runner, "MIN_KERNEL_ROWS", 0):
-        # Without a search there are only the modes that have a closed form, or the one of a
-        # reference pose. These are enough for a comparison.
+        # A search for all assembly modes is not needed for a comparison.
         sampling = make_sampling(Study(mechanism.name, mechanism, search=False, **options))
         position_analysis = sampling.position_analysis
         poles = all_poles(len(mechanism.links))
-        # Directions (`poles`) and velocity coefficients (`rates`) of all poles. Where
-        # constraints repeat each other, the number of links and pairs gives too few degrees
-        # of freedom. `by_rank` accepts those found by the rank of the velocity equations.
+        # All poles get a direction (`poles`) and a velocity coefficient (`rates`). With
+        # `by_rank`, degrees of freedom are those found by the rank of the velocity
+        # equations. Their count from links and pairs is too low where constraints repeat
+        # each other.
         pole_requests = [
             request(
                 position_analysis.mechanism,
@@ -118,8 +121,8 @@ def evaluate_both_ways(mechanism, **options):
             return None
         # A block is a number of consecutive samples. Here one block has all of them.
         (kernel_motion,) = runner.blocks(len(sampling))
-        # Two opposite directions describe the same pole. A `SignContinuation` chooses one
-        # that continues the rows before, also from block to block. A new one starts anew.
+        # Two opposite directions describe the same pole. A `SignContinuation` chooses the
+        # one that continues the rows before.
         sign_continuations = [SignContinuation() for _ in pole_requests]
         fields = runner.fields(kernel_motion, sign_continuations)
         kernel_fields = tuple(field.as_arrays for field in fields)
@@ -135,12 +138,16 @@ def evaluate_both_ways(mechanism, **options):
 def find_differences(evaluations, same_signs=True):
     """Compare a motion and its poles by a row kernel with those of the reference.
 
+    A pole is the axis of the relative rotation of two links. The reference is computed
+    without a kernel (a compiled function that evaluates many rows at once).
+
     Parameters
     ----------
     evaluations
-        `KernelAndReference`.
+        `KernelAndReference`: the motion and poles of both computations.
     same_signs
-        Whether pole directions must also have the same sign.
+        Whether pole directions must also have the same sign. Opposite directions describe
+        the same pole.
 
     Returns
     -------
@@ -150,8 +157,8 @@ def find_differences(evaluations, same_signs=True):
     kernel_motion = evaluations.kernel_motion
     reference_motion = evaluations.reference_motion
     is_ok = (kernel_motion.status == Status.OK) & (reference_motion.status == Status.OK)
-    # There is one field of poles for each input that moves alone. The kernel certifies the
-    # rows whose error bounds it finds small enough.
+    # One field of poles for each input that moves alone. The kernel certifies a row if its
+    # error bounds there are small enough.
     certified_shares = [np.mean(field.is_certified) for field in evaluations.kernel_fields]
     differences = Differences(
         share=float(np.mean(certified_shares)),
@@ -200,23 +207,27 @@ def _compare_orientations(differences, kernel_motion, reference_motion, is_ok):
 def _compare_pole(differences, kernel_field, reference_field, pole, is_ok, same_signs):
     """Add the differences of one pole: its statuses, direction and coefficients.
 
+    A pole is the axis of the relative rotation of two links. Its velocity coefficient is
+    the angular velocity about it per unit of input speed.
+
     Parameters
     ----------
     differences
         `Differences` that are extended.
     kernel_field, reference_field
-        Poles of both evaluations for the same moving input.
+        Poles by the row kernel and without it, for the same moving input.
     pole
         Numbers of the two links.
     is_ok
-        (rows,) whether both evaluations of the configuration have status OK.
+        (rows,) whether the configuration of a row has the status OK in both computations.
     same_signs
         Whether directions must also have the same sign.
     """
     statuses = kernel_field.pole_status[pole] != reference_field.pole_status[pole]
     differences.statuses += int(np.sum(statuses))
 
-    # Where the links are at rest relative to each other, rounding decides on the sign.
+    # With no velocity beyond its error bound, rounding decides on the sign of the
+    # direction.
     rate = reference_field.velocity_coefficient[pole]
     rate_bound = reference_field.velocity_coefficient_error[pole]
     sign_may_differ = (np.abs(rate) <= rate_bound) | (not same_signs)
@@ -225,6 +236,7 @@ def _compare_pole(differences, kernel_field, reference_field, pole, is_ok, same_
     for name in ("direction", "velocity_coefficient", "acceleration_coefficient"):
         kernel_values = getattr(kernel_field, name)[pole]
         reference_values = getattr(reference_field, name)[pole]
+        # If the direction is reversed, both coefficients change their sign with it.
         gaps = kernel_values.T * sign - reference_values.T
         gap_sizes = np.linalg.norm(np.atleast_2d(gaps), axis=0)
         is_finite = np.isfinite(reference_values.reshape(len(sign), -1)[:, 0])

@@ -16,18 +16,18 @@ from spherekit.positions.position_analysis import PositionAnalysis
 
 
 def with_second_coupler(mechanism):
-    """Return a special mechanism whose coupler (link 3) is there twice, on the same axes.
+    """Return a four-bar whose coupler (link 3) is there twice, on the same joint axes.
 
     The copy 3b repeats the constraint of link 3: a redundant loop that still moves. In
-    `LinkSizes`, arcs lead from the first axis of a link to each further axis. Angles are
-    those of the further arcs about the first axis, from the arc to the second axis.
+    `LinkSizes`, arcs lead from the first joint axis of a link to each further axis. Angles
+    turn the later arcs about the first axis, from the arc to the second axis.
     """
     links = dict(mechanism.geometry.links)
     crank = links["2"]
     rocker = links["4"]
     links["3b"] = LinkSizes(("32b", "43b"), (links["3"].arcs[0],))
-    # On link 2 the new axis coincides with the second axis, so it has the same arc, at the
-    # angle 0. On link 4 it coincides with the first axis, so its arc is 0.
+    # On link 2 the new axis coincides with the second axis: the same arc at the angle 0. On
+    # link 4 it coincides with the first axis: the arc 0.
     links["2"] = replace(
         crank,
         axes=(*crank.axes, "32b"),
@@ -61,20 +61,21 @@ def _circle(tilt, radius):
 
 
 def with_cam(mechanism, pivot_arc, cam, roller, cam_link="2"):
-    """Return a special mechanism with a roller follower on the ground.
+    """Return a mechanism with a cam on one of its links, and a follower that it moves.
 
-    Cam and roller are circles that slide on each other (a pair of type Cs).
+    The follower is a link on the ground with a roller, which slides on the cam (pair of
+    type Cs). Cam and roller are circles.
 
     Parameters
     ----------
     mechanism
-        The mechanism of R pairs.
+        The mechanism of revolute pairs.
     pivot_arc
-        Arc (deg) on the ground from its first axis to the pivot of the follower. Its angle
-        about the first axis is always 200 deg.
+        Arc (deg) on the ground from its first joint axis to the pivot of the follower. This
+        arc is turned by 200 deg about the first axis.
     cam, roller
-        The circles of the cam link and of the follower, each as a tuple: the tilt of
-        its centre from the z axis of the link (deg), and its radius (deg).
+        The circles of the cam link and of the follower, each as a tuple: angle (deg) of its
+        centre from the z axis of the link, and its radius (deg).
     cam_link
         The link that has the cam on it.
     """
@@ -98,32 +99,30 @@ def with_cam(mechanism, pivot_arc, cam, roller, cam_link="2"):
 
 
 def limited_cam(random):
-    """Return a random cam with a roller follower, whose cam cannot turn fully.
+    """Return a random cam with a roller follower, in which the cam cannot turn fully.
 
-    The contact of two circles acts like a link between their centres, whose arc is the sum
-    of both radii. This link and the follower join the centre of the cam to the pivot of the
-    follower. The follower arc is chosen so that both arcs are in line at one angle of the
-    cam. The cam can turn no further there.
+    The contact of two circles acts like a link between their centres, with the sum of both
+    radii as its arc. This link and the follower connect the centre of the cam to the pivot
+    of the follower. The follower arc is chosen so that both are in line at one angle of the
+    cam, where the cam can turn no further.
     """
     ground_deg = float(random.integers(35, 80))
     cam_tilt_deg = float(random.integers(8, 30))
     cam_radius_deg = float(random.integers(8, 25))
     roller_radius_deg = float(random.integers(4, 15))
     radii_deg = cam_radius_deg + roller_radius_deg
-    # Distance from the cam centre to the follower pivot where the cam can turn no further.
-    # While the cam turns, the distance varies by the tilt to both sides of the ground arc.
+    # Distance from the cam centre to the follower pivot in this position. As the cam turns,
+    # the distance varies by the tilt to both sides of the ground arc.
     distance_deg = ground_deg + cam_tilt_deg * random.uniform(-0.9, 0.9)
-    # Arcs in line: the distance is the sum or the difference of follower arc and radii. A
-    # difference counts without its sign, since the longer arc may be either of the two.
-    # Sizes are rounded as in a file.
+    # In line, the distance is the sum or the difference of follower arc and radii. Sizes
+    # are rounded as in a file.
     difference_deg = float(np.round(distance_deg - radii_deg, random.integers(0, 6)))
     if random.random() < 0.5:
         follower_arc_deg = abs(difference_deg)
     else:
         follower_arc_deg = float(np.round(distance_deg + radii_deg, 2))
-    # An arc of 0 would let the roller turn about its own centre. With 3 degrees the cam is
-    # limited too, at other angles: the distance varies by 16 degrees or more, but must be
-    # within 3 degrees of the sum of the radii.
+    # With an arc of 0 the roller would turn about its own centre. With 3 deg the cam is
+    # limited too, because the distance varies by more than that.
     follower_arc_deg = max(follower_arc_deg, 3.0)
     links = {
         "1": LinkSizes(("21", "f1"), (float(np.radians(ground_deg)),)),
@@ -142,14 +141,18 @@ def limited_cam(random):
 
 
 def folding_mechanism(seed):
-    """Return the kind of a random mechanism that can fold, and the mechanism.
+    """Return a random mechanism that can fold (have links in line), and its kind.
 
     - "cam": a cam with a roller follower that cannot turn fully (`limited_cam`).
-    - "contact": a four-bar of special geometry, for example a rhombus, perhaps with dyads,
-      and a cam on its crank or rocker (`with_cam`).
+    - "contact": a four-bar of special geometry, for example a rhombus, perhaps with dyads
+      (two links joined by a pair), and a cam on its crank or rocker (`with_cam`).
     - "redundant": such a four-bar with the same coupler twice (`with_second_coupler`).
+
+    Returns
+    -------
+    The kind as text, and the mechanism.
     """
-    # The offset gives other random numbers than those of `special_mechanism(seed)` below.
+    # Another seed than that of `special_mechanism(seed)`, for independent numbers.
     random = np.random.default_rng(seed + 10**7)
     kind = str(random.choice(["cam", "contact", "redundant"], p=[0.4, 0.2, 0.4]))
     if kind == "cam":
@@ -165,15 +168,15 @@ def folding_mechanism(seed):
 
 
 def inputs_beside_folds(mechanism, seed):
-    """Return inputs (n, 1) in rad at which a mechanism is folded, or nearly so.
+    """Return inputs (n, 1) in rad at which a mechanism is folded (in line), or nearly so.
 
     They lie 1e-6 to 1e-16 rad beside random multiples of 90 degrees and beside the ends of
-    assembly modes; two of them lie exactly there.
+    assembly modes (ways to assemble the links). Two of the inputs lie exactly there.
 
     Raises
     ------
     SpherekitError
-        If the mechanism can be assembled nowhere.
+        If the mechanism cannot be assembled at any input.
     """
     random = np.random.default_rng(seed)
     folds = np.radians(90.0 * random.integers(0, 5, 6)).tolist()

@@ -43,13 +43,15 @@ def parse_chain(chain):
 
 
 def mechanism_from_chain(chain, axes, driven=None, name="chain", span=(-1e-3, 1e-3)):
-    """Return the mechanism of a chain of R pairs in a reference pose.
+    """Return a mechanism of revolute pairs from its joined links and joint axes.
+
+    The axes are those in a reference pose, so any axes can be assembled.
 
     Parameters
     ----------
     chain
-        Joined links as text ("1-2 2-3") or as pairs of integers. The pair of the links a
-        and b is named "pa_b"; the ground is the link of the lowest number.
+        Joined links as text ("1-2 2-3") or as tuples of two integers. The pair of the links
+        a and b is named "pa_b"; the ground is the link of the lowest number.
     axes
         (pairs, 3) unit vectors of the pairs in the reference pose, in ground axes.
     driven
@@ -84,12 +86,14 @@ def random_axes(random, count):
 
 
 def random_chain(random, links, freedoms=1):
-    """Return the joined links of a random chain of R pairs with so many freedoms.
+    """Return the joined links of a random chain of revolute pairs.
 
-    Chains are drawn until one has no link with a single pair, no part that hangs on one
-    link (it is biconnected), and inputs that move all links (it has no rigid part).
+    The chain has `links` links and as many degrees of freedom as `freedoms` says. Chains
+    are drawn until one meets three conditions: every link has two pairs or more, no part
+    hangs on one link only (the graph is biconnected), and some inputs move all links.
     """
-    pair_count = (3 * (links - 1) - freedoms) // 2  # the mobility formula of the sphere
+    # Mobility formula of the sphere: 3 freedoms for each moving link, less 2 for each pair.
+    pair_count = (3 * (links - 1) - freedoms) // 2
     possible = [(a, b) for a in range(1, links + 1) for b in range(a + 1, links + 1)]
     while True:
         chosen = random.choice(len(possible), pair_count, replace=False)
@@ -106,9 +110,9 @@ def random_chain(random, links, freedoms=1):
 
 
 def choose_random_inputs(random, mechanism, freedoms):
-    """Return the mechanism with that many random R pairs as inputs.
+    """Return the mechanism with `freedoms` random revolute pairs as its inputs.
 
-    None if none of 12 choices determines the motion of all links.
+    Returns None if none of 12 choices determines the motion of all links.
     """
     revolute_pairs = [pair.name for pair in mechanism.pairs if pair.type == "R"]
     for _ in range(12):
@@ -137,9 +141,9 @@ def grow_dyad_chain(random, links, triads):
 def _grow_edges(random, links, triads):
     """Return the joined links of a chain with one freedom, grown from a four-bar.
 
-    A dyad adds two links in a row between two others. A triad adds four links: three that
-    join three others to the fourth. Both keep the freedom. With triads, some poles (axes of
-    relative rotation) do not follow as intersections of great circles through others.
+    Groups of links that do not change the freedom are added until there are `links` links.
+    A dyad is two joined links between two links of the chain. A triad is four links: three
+    arms that connect three links of the chain to a fourth, central link.
 
     Parameters
     ----------
@@ -148,12 +152,14 @@ def _grow_edges(random, links, triads):
     links
         Number of links.
     triads
-        Whether triads are added as well as dyads.
+        Whether triads are added as well as dyads. With triads, some poles (axes of relative
+        rotation) are no intersections of great circles through other poles.
     """
     edges = [(1, 2), (2, 3), (3, 4), (1, 4)]
     count = 4
     while count < links:
         if triads and links - count >= 4 and random.random() < 0.5:
+            # Links are numbered from 1, the result of `choice` from 0.
             ends = (random.choice(count, 3, replace=False) + 1).tolist()
             middle = count + 4
             for k, end in enumerate(ends, start=count + 1):
@@ -171,14 +177,14 @@ def _grow_edges(random, links, triads):
 
 
 def random_contact_chain(random, links, rolling, sliding, shaped=False):
-    """Return a random mechanism of dyads in which some pairs are contacts.
+    """Return a random mechanism of one freedom in which some pairs are contacts.
 
-    The result has one freedom, as has the chain of R pairs from which it is made:
+    It is derived from a chain of revolute (R) pairs with one freedom:
 
-    - A Cs pair (sliding contact) takes away one freedom, as a link with two R pairs does.
-      The chain therefore has `sliding` additional links, which become Cs pairs.
-    - A Cr pair (rolling contact) takes away two freedoms, as an R pair does. So `rolling`
-      of the R pairs become Cr pairs.
+    - A sliding contact (Cs) takes away one freedom, just like a link with two R pairs. So
+      the chain has `sliding` links too many, each of which is replaced by a Cs pair.
+    - A rolling contact (Cr) takes away two freedoms, just like an R pair. So `rolling` of
+      the R pairs become Cr pairs.
 
     Link 1 is the ground, and the pair of links 1 and 2 is the input.
 
@@ -198,11 +204,10 @@ def random_contact_chain(random, links, rolling, sliding, shaped=False):
         edges = _grow_edges(random, links + sliding, triads=False)
         types = dict.fromkeys(edges, "R")  # type of pair by its two link numbers
         # Replace links with two R pairs by Cs pairs between their neighbours. Links 1 and 2
-        # stay, since their pair is the input.
+        # stay, because their pair is the input.
         for link in random.permutation(np.arange(3, links + sliding + 1)).tolist():
             link_edges = [edge for edge in types if link in edge]
-            # The neighbours: an edge is a pair of link numbers, so its sum less this link
-            # is the other one.
+            # The two neighbours: the sum of both link numbers of an edge, less this link.
             ends = tuple(sorted(sum(edge) - link for edge in link_edges))
             if (
                 list(types.values()).count("Cs") < sliding
@@ -213,7 +218,7 @@ def random_contact_chain(random, links, rolling, sliding, shaped=False):
                 for edge in link_edges:
                     del types[edge]
                 types[ends[0], ends[1]] = "Cs"
-        # Pairs of the ground do not become Cr pairs. One of them is the input, an R pair.
+        # Pairs of the ground stay R pairs, because one of them is the input.
         may_roll = [edge for edge, kind in types.items() if kind == "R" and 1 not in edge]
         random.shuffle(may_roll)
         types |= dict.fromkeys(may_roll[:rolling], "Cr")
@@ -230,17 +235,18 @@ def random_contact_chain(random, links, rolling, sliding, shaped=False):
 
 
 def _mechanism_with_contacts(random, types, shaped):
-    """Return a mechanism with random axes, and profiles that touch at random points.
+    """Return a mechanism with random joint axes, and profiles that touch at random points.
 
-    It is given in a reference pose, in which all profiles touch. Its input is the pair
-    p1_2, by 1e-3 rad to both sides of this pose; other ranges are set by callers.
+    The axes and profiles are those in a reference pose. The input is the pair p1_2, with a
+    range of 1e-3 rad to both sides of this pose, which callers replace.
 
     Parameters
     ----------
     random
         Random number generator.
     types
-        Type of pair by joined links (a, b). Links 1 and 2 are joined by an R pair.
+        Type of pair (R revolute, Cr rolling contact, Cs sliding contact) by joined links
+        (a, b). Links 1 and 2 are joined by an R pair.
     shaped
         Whether profiles need not be circles.
     """
@@ -254,7 +260,8 @@ def _mechanism_with_contacts(random, types, shaped):
             axes[name] = as_float_tuple(point)
             pairs.append(Pair(name, "R", ends))
             continue
-        # Both centres lie on the great circle of the point and `normal`, on either side.
+        # The profiles touch at `point`. Their centres lie on both sides of it, along
+        # `normal`.
         normal = np.cross(point, second_point)
         normal /= np.linalg.norm(normal)
         first_radius, second_radius = random.uniform(0.3, 1.0, 2)
@@ -271,8 +278,8 @@ def _mechanism_with_contacts(random, types, shaped):
 def _profile(random, point, normal, signed_radius, shaped):
     """Return a circle through a point, or a closed curve that is nearly this circle.
 
-    The curve is the circle with 2 or 3 waves of at most 5 % of its radius. The phase of the
-    waves is chosen so that the curve still passes through the point, with the same tangent.
+    The curve is the circle with 2 or 3 waves of at most 5 % of its radius. The curve still
+    passes through the point, with the same tangent, because a crest of the waves is there.
 
     Parameters
     ----------
@@ -281,7 +288,7 @@ def _profile(random, point, normal, signed_radius, shaped):
     point
         (3,) point of the profile, unit vector.
     normal
-        (3,) direction from the point towards the centre, unit vector across the point.
+        (3,) unit vector perpendicular to the point, towards the centre of the circle.
     signed_radius
         Radius (rad); negative if the centre lies on the other side of the point.
     shaped
@@ -296,7 +303,8 @@ def _profile(random, point, normal, signed_radius, shaped):
     azimuth = float(np.arctan2(axes[:, 1] @ point, axes[:, 0] @ point))
     waves = int(random.integers(2, 4))
     height = radius * random.uniform(-0.05, 0.05)
-    # Colatitude of the curve: radius - height + height cos(waves (angle - azimuth)).
+    # Colatitude (angle from the centre) over the azimuth `angle`: radius - height + height
+    # cos(waves (angle - azimuth)).
     if kind == "fourier":
         zeros = [0.0] * (waves - 1)
         cosine = float(height * np.cos(waves * azimuth))

@@ -100,7 +100,7 @@ class Sizes:
     """The axes of all pairs and their zero directions, in each link of a mechanism file."""
 
     def __init__(self, text, tolerance, couplers=None, wheels=False):
-        """Read the links and pairs of a mechanism file.
+        """Read the links and pairs (joints) of a mechanism file.
 
         Parameters
         ----------
@@ -109,21 +109,21 @@ class Sizes:
         tolerance
             Uncertainty (rad) of all sizes.
         couplers
-            Dictionary by the name of a sliding contact (Cs) of two circles. The contact is
-            replaced by a bar between the centres of both circles, its coupler. Each item
-            gives the name of this bar ("link") and of the two pairs at its ends ("pairs").
+            A coupler is a bar that replaces a sliding contact (Cs) of two circles. It joins
+            the centres of both circles. This is a dictionary by the name of the contact,
+            with the name of the bar ("link") and of the two pairs at its ends ("pairs").
         wheels
             Whether rolling contacts (Cr) may occur.
         """
         self.data = tomllib.loads(text, parse_float=str)
-        # Size + slack is a ball with all sizes that the tolerance allows.
+        # A ball is an interval. A size + `slack` contains all sizes within the tolerance.
         self.slack = arb(0, tolerance) if tolerance else arb(0)
         pairs = self.data["pairs"]
         hinges = [name for name, pair in pairs.items() if pair["type"] in ("R", "P")]
         self.ends = {name: tuple(pairs[name]["links"]) for name in hinges}
         self.links = list(self.data["links"])
-        # By the name of a coupler's pair: its contact, and 0 or 1 for the first or the
-        # second circle of the contact, about whose centre the pair turns.
+        # By the name of a pair at the end of a coupler: the contact, and the number (0 or
+        # 1) of the circle at this end.
         self.couplers = {}
         for contact, coupler in (couplers or {}).items():
             need(
@@ -137,6 +137,7 @@ class Sizes:
                 need(name not in self.ends, "a coupler whose pair has the name of a pair")
                 self.ends[name] = (link, coupler["link"])
                 self.couplers[name] = (contact, side)
+        # Every pair of the file must be a hinge, or be replaced, or be a wheel if allowed.
         rolling = [name for name, pair in pairs.items() if pair["type"] == "Cr"]
         count = len(hinges) + len(couplers or {}) + (len(rolling) if wheels else 0)
         need(len(pairs) == count, "a pair that is not replaced or not supported")
@@ -144,10 +145,11 @@ class Sizes:
     def circle(self, contact, link):
         """Return the centre (3,) and the radius (rad) of the circle of a contact on a link.
 
-        The centre is given by an axis of the link, or as a vector or longitude and latitude
-        under a key such as `centre_xyz` or `pole_lonlat`. A great circle states no radius,
-        which is 90 degrees. The circle of a cam follower may be stated under the key
-        `follower`; its radius is then called `roller`.
+        Both are balls (numbers with a rigorous error bound), in the axes of the link. The
+        file may state the centre as an axis of the link, as a vector, or by longitude and
+        latitude, under keys such as `centre_xyz` or `pole_lonlat`. A great circle has no
+        stated radius; it is 90 degrees. The circle of a cam follower may be under the key
+        `follower`; its radius is called `roller`.
         """
         item = self.data["pairs"][contact]
         follower = item.get("follower", {})
@@ -164,7 +166,7 @@ class Sizes:
         radius = profile.get("radius", profile.get("roller"))
         if radius is None:
             return centre, arb.pi() / 2
-        # The slack is a ball about zero: the uncertainty of the sizes of the file.
+        # `slack` is the uncertainty of the sizes of the file, a ball about zero.
         return centre, self.angle(radius) + self.slack
 
     def direction(self, row, is_xyz):
@@ -174,12 +176,13 @@ class Sizes:
         return np.array([c * out, s * out, up])
 
     def coupler_frame(self, pair, link):
-        """Return the frame (3, 3) of a coupler's pair in a link, in columns.
+        """Return the frame (3, 3) of a pair at the end of a coupler, in columns x, y, z.
 
-        The coupler is the bar between the centres of two circles that slide on each other.
-        It has a pair at each centre. The axis of a pair is the centre of the circle. Its
-        angle is the azimuth of the point of contact about the centre, from the x axis of
-        the frame in the link of the circle.
+        The coupler is a bar that replaces two circles in sliding contact. It has a pair at
+        each of their centres. The frame is in the axes of `link`, which is the coupler or
+        the link of a circle. The z axis is the centre. The angle of the pair is the azimuth
+        of the point of contact about the centre, from x in the link of the circle to x in
+        the coupler.
         """
         contact, circle_number = self.couplers[pair]
         item = self.data["pairs"][contact]
@@ -189,9 +192,8 @@ class Sizes:
             # A unit vector perpendicular to the axis, the direction of azimuth 0.
             x = across(axis)
         else:
-            # The link is the coupler. Its coordinates are chosen so that both centres and
-            # the contact are in the plane x = 0: the first centre is (0, 0, 1), and the
-            # second one is (0, sin(arc), cos(arc)).
+            # The link is the coupler. In its coordinates, the first centre is (0, 0, 1) and
+            # the second one (0, sin(arc), cos(arc)).
             _, first_radius = self.circle(contact, first_link)
             _, second_radius = self.circle(contact, second_link)
             is_internal = item.get("contact", "external") == "internal"
@@ -200,10 +202,9 @@ class Sizes:
             else:
                 arc = first_radius + second_radius
             s, c = arc.sin_cos()
-            # The x axis of a frame is tangential to the great circle through both centres,
-            # at its own centre, and points to the contact. In an external contact this is
-            # between the centres. In an internal contact it is beyond the centre of the
-            # smaller circle.
+            # The x axis at a centre points along the great circle of both centres to the
+            # contact. An external contact is between the centres, an internal one beyond
+            # the second centre.
             if circle_number == 0:
                 axis = ball([0, 0, 1])
                 x = ball([0, 1, 0])
@@ -217,11 +218,11 @@ class Sizes:
         return number(text) * (arb.pi() / 180 if degrees else 1)
 
     def axes(self, link):
-        """Return the axes (3,) of a link by their pairs, the first axis on z.
+        """Return the joint axes (3,) of a link by their pairs, with the first axis on z.
 
-        The position of every other axis is its arc from the first axis and its angle about
-        the first axis. The second axis has the angle 0, towards y. The file gives angles
-        from the third axis on.
+        The file states each other axis by its arc from the first axis, and from the third
+        axis on by an angle about the first axis. This angle counts from the second axis,
+        which lies towards y. All numbers are balls (numbers with a rigorous error bound).
         """
         item = self.data["links"][link]
         first_pair, *other_pairs = item["axes"]
@@ -229,8 +230,8 @@ class Sizes:
         for number, (pair, arc) in enumerate(
             zip(other_pairs, item.get("arcs", []), strict=True)
         ):
-            # `slack` is the uncertainty of the sizes of the file. The angle 0 of the second
-            # axis is exact, because it only says where y is.
+            # `slack` is the uncertainty of sizes. The angle 0 of the second axis only
+            # defines where y is, so it has no uncertainty.
             s, c = (self.angle(arc) + self.slack).sin_cos()
             if number == 0:
                 azimuth = self.angle("0")
@@ -241,9 +242,10 @@ class Sizes:
         return axes
 
     def frame(self, pair, link):
-        """Return the frame (3, 3) of a pair in a link, in columns x, y, z.
+        """Return the frame (3, 3) of a pair (joint) in a link, in columns x, y, z.
 
-        z is the axis of the pair. The direction of x depends on the form of the file:
+        z is the axis of the pair. The pair angle turns x in its first link to x in its
+        second link. The direction of x depends on the form of the file:
 
         - With sizes of links (arcs between axes), x lies towards the first other axis of
           the link. In the first link of the pair, x and y are then rotated by `zero`.
@@ -260,8 +262,8 @@ class Sizes:
             axes = self.axes(link)
             axis = axes.pop(pair)
             normals = [np.cross(axis, other_axis) for other_axis in axes.values()]
-            # Axes that coincide with the axis of the pair give no direction: their normal
-            # is zero up to rounding.
+            # An axis that coincides with the axis of the pair gives no direction: its
+            # normal is zero.
             towards = [np.cross(n, axis) for n in normals if n @ n > 1e-18]
             zero = None if is_second else item.get("zero")
         else:
@@ -269,11 +271,11 @@ class Sizes:
             axis = self.direction(item[key], key == "xyz")
             towards = []
             zero = item.get("value") if is_second else None
-        # The last candidate is only used if there is no other: any fixed direction will do.
+        # Any fixed direction will do if no axis gives one.
         x = unit([*towards, np.cross(axis, farthest_coordinate_axis(axis))][0])
         y = np.cross(axis, x)
         if zero is not None:
-            # The slack is a ball about zero: the uncertainty of the sizes of the file.
+            # `slack` is the uncertainty of the sizes of the file, a ball about zero.
             s, c = (self.angle(zero) + self.slack).sin_cos()
             x, y = c * x + s * y, c * y - s * x
         return np.stack([x, y, axis], axis=1)
@@ -281,10 +283,10 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Placement:
-    """A step of a construction, which places a link on one or two links placed before it.
+    """A step of a construction, in which one link is placed on links placed before it.
 
-    With one pair the link turns about the pair by a variable angle. With two pairs the link
-    closes a loop, which gives one equation.
+    On one pair (joint), the link turns by a variable angle. On two pairs, the link closes a
+    loop, and its fixed arc between their axes gives one equation.
 
     Attributes
     ----------
@@ -329,9 +331,9 @@ class System:
     def __init__(self, certificate):
         """Read the construction of a certificate and check that it places every link.
 
-        There are as many equations as unknown angles. If an input turns a wheel that is in
-        mesh with another one, the angle of the other wheel's pair is known too. This pair
-        is the follower.
+        A certificate is the file of a proof. A construction places the links one after
+        another. There must be as many equations as unknown pair angles. A follower is a
+        pair that turns with an input through two wheels in mesh, so its angle is known too.
         """
         construction = certificate["construction"]
         follower_pairs = construction["follow"]
@@ -344,6 +346,8 @@ class System:
         self.unknowns = construction["unknowns"]
         self.inputs = list(certificate["inputs"])
         self.follower = self._read_follower(follower_pairs)
+        # The variable of the system is the input angle itself: once round in one
+        # revolution.
         self.choose_variable(1)
 
         self.root = construction["root"]
@@ -355,9 +359,11 @@ class System:
                 self.frames[pair, link] = self.sizes.frame(pair, link)
 
     def _read_follower(self, follower_pairs):
-        """Return the follower by the mechanism file, and check that it is the stated one.
+        """Return the pair that wheels turn with an input, or None if there are no wheels.
 
-        The result is None if the certificate states no followers.
+        This pair is called the follower. It is found from the mechanism file, and must be
+        the one that the certificate (file of a proof) names. `need` raises an error
+        otherwise.
         """
         if not follower_pairs:
             return None
@@ -371,10 +377,16 @@ class System:
         return follower
 
     def _read_placements(self, steps):
-        """Return the placements of all links but the root, in order.
+        """Return the steps that place all links but the root (first link), in order.
 
-        Each link must be placed once, on links placed before it, by the pairs that join it
-        to them.
+        Each link must be placed once, on one or two links placed before it, by the pairs
+        that join it to them. `need` raises an error otherwise.
+
+        Parameters
+        ----------
+        steps
+            Steps of the certificate: a "link", the links "on" which it is placed, and the
+            pairs "by" which it is joined to them.
         """
         ends = self.sizes.ends
         placed_links = {self.root}
@@ -398,7 +410,12 @@ class System:
         return placements
 
     def _check_pairs_and_angles(self, follower_pairs):
-        """Check that every pair is used once, and that there are enough equations."""
+        """Check that each pair is used once, and that equations and unknowns are as many.
+
+        Each pair that places a link alone has a variable angle. This angle must be an
+        unknown, an input, or a follower (pair that wheels turn with an input). Each link
+        that closes a loop gives one equation.
+        """
         used_pairs = [pair for placement in self.placements for pair in placement.pairs]
         need(
             sorted(used_pairs) == sorted(self.sizes.ends), "pairs are missing or used twice"
@@ -420,13 +437,18 @@ class System:
         return [item.link for item in self.placements if item.closes_a_loop]
 
     def choose_variable(self, revolutions):
-        """Choose a variable that goes round once in some revolutions of the input.
+        """Choose a variable of which one turn brings all wheels back to their start.
 
-        An input turns one of two wheels in mesh, and the pair of the other wheel, the
-        follower, turns with it. Their angles repeat only after several revolutions of the
-        input. A proof over all of these has a variable of its own, which has the name of
-        the input. `driven_angles` gives the angles of both pairs by this variable. Without
-        wheels it is empty: each variable is the angle of its pair.
+        Wheels in mesh: the input turns the first one, and the pair of the second one, the
+        follower, turns with it. Both are back at their first position only after several
+        revolutions of the input. Then the angles of both pairs are multiples of one
+        variable, which has the name of the input; `driven_angles` has these relations.
+        Without wheels, each variable is the angle of its pair.
+
+        Parameters
+        ----------
+        revolutions
+            Number of revolutions of the input for one turn of the variable.
         """
         self.driven_angles = {}
         if self.follower is None:
@@ -444,16 +466,16 @@ class System:
         return permanent_of(self.degrees())
 
     def degrees(self):
-        """Return the degrees of each equation (rows) in the half tangents of the unknowns.
+        """Return the degree of each equation (row) in each unknown (column).
 
-        The equation of a link that closes a loop says that the axes of its two pairs have
-        the arc of the link between them. Two paths of links lead to these axes from the
-        last link that both paths share. A rotation by an angle is of degree 2 in the half
-        tangent tan(angle / 2). So the degree of the equation is twice the number of
-        rotations by this angle on both paths.
+        The unknowns are half tangents tan(angle / 2); the degrees bound the number of
+        solutions. The equation of a link that closes a loop says that the axes of its two
+        pairs have the arc of the link between them. Two paths of links lead to these axes
+        from the last link that both paths share. Each rotation by an angle on a path adds 2
+        to the degree in this angle.
 
-        An angle can occur several times: a link that has closed a loop depends on all
-        angles of this loop, and the other path may contain one of them too.
+        An angle can occur several times, because a link that has closed a loop depends on
+        all angles of this loop.
         """
         path_by_link = {self.root: []}
         degrees_of_equations = []
@@ -520,12 +542,14 @@ class PolynomialEquations:
         return self.done[link]
 
     def _turn_about_pair(self, link):
-        """Return the matrix of a link turned about one pair, and its scale.
+        """Return the scaled rotation from a link to the link before it, and its scale.
 
-        The matrix is the rotation from the link to the link before it, times the scale.
+        The link is joined to the link before it by one pair. The scale is the common
+        denominator of the rotation matrix. Multiplied by it, the matrix is polynomial in
+        the unknowns.
 
         Both results are dual arrays: index 0 of the first axis is the value. Indices from 1
-        are derivatives, first by the unknown numbers z, then by the angles in `moving`.
+        are derivatives, first by the unknowns e^(i angle), then by the angles in `moving`.
         """
         placement = self.placements[link]
         (pair,) = placement.pairs
@@ -537,18 +561,20 @@ class PolynomialEquations:
         else:
             turn = self._turn_by_known_angle(pair, sense)
             scale = constant(ball([[1]]), self.count)
+        # The frame of the pair in either link does not depend on the unknowns.
         before = constant(self.system.frames[pair, parent], self.count)
         after = constant(self.system.frames[pair, link].T, self.count)
         return times(times(before, turn), after), scale
 
     def _turn_by_unknown_angle(self, pair, sense):
-        """Return a rotation about the z axis by an unknown angle, times its scale.
+        """Return a scaled rotation about the z axis by an unknown angle, and its scale.
 
         The unknown is z = e^(i angle), or its inverse if the pair is in `inverse`. With
         e^(i angle) = a / b, the numbers are a = z and b = 1, or a = 1 and b = z. The scale
-        w = a b turns cosine and sine into polynomials::
+        w = a b turns cosine and sine into polynomials:
 
-            w cos(angle) = (a^2 + b^2) / 2,    w sin(angle) = (a^2 - b^2) / 2i
+        - w cos(angle) = (a^2 + b^2) / 2
+        - w sin(angle) = (a^2 - b^2) / 2i
 
         Parameters
         ----------
@@ -560,7 +586,8 @@ class PolynomialEquations:
         Returns
         -------
         turn, scale
-            Dual arrays (1 + n, 3, 3) and (1 + n, 1, 1).
+            Dual arrays (1 + n, 3, 3) and (1 + n, 1, 1): the value, then n derivatives, of
+            which only that by z is not zero.
         """
         column = self.unknowns.index(pair)
         z = self.points[pair]
@@ -586,7 +613,10 @@ class PolynomialEquations:
         return turn, scale
 
     def _turn_by_known_angle(self, pair, sense):
-        """Return a rotation about the z axis by an angle in `driven`, as a dual array.
+        """Return a rotation about the z axis by a known angle, as a dual array.
+
+        A dual array (1 + n, 3, 3) has its value at index 0, then n derivatives. The angle
+        follows from a variable in `driven`.
 
         Parameters
         ----------
@@ -595,8 +625,8 @@ class PolynomialEquations:
         sense
             1, or -1 for the rotation by the opposite angle.
         """
-        # A wheel turns by a multiple of the angle of the input. All other angles are
-        # variables themselves.
+        # A wheel turns by a multiple of the input angle, plus an offset (`driven_angles`).
+        # Every other angle is a variable of its own.
         own_angle = LinearAngle(pair, arb(1), arb(0))
         angle = self.system.driven_angles.get(pair, own_angle)
         s, c = (self.driven[angle.variable] * angle.rate + angle.offset).sin_cos()
@@ -621,16 +651,16 @@ class PolynomialEquations:
         return [*self._path(placement.parents[0]), link]
 
     def _place_on_axes(self, link):
-        """Return the equation of a link placed on two axes, its matrix, and its scale.
+        """Return the equation of a link that closes a loop, its matrix, and its scale.
 
-        The link is joined by two pairs to two links placed before it, its parents. The path
-        of a parent is the list of links from the root to it. Both axes are transformed to
-        the last link that both paths have in common. The matrix takes vectors in the link
-        to vectors in that common link, times the scale.
+        The link is joined by two pairs to two links placed before it, its parents. A path
+        is the list of links from the root (first link) to a parent. The axes of both pairs
+        are transformed to the last link that both paths share. The matrix takes vectors in
+        the link to vectors in that common link, times the scale.
 
-        Matrices of unknown angles are multiplied by their denominators, so that they are
-        polynomials. The scale is the product of these denominators. All results are dual
-        arrays: the value, and then its derivatives, along the first axis.
+        The scale is the product of all denominators, so that the matrix is polynomial in
+        the unknowns. Results are dual arrays: the value and its derivatives, along the
+        first axis.
         """
         placement = self.placements[link]
         parents = placement.parents
@@ -661,11 +691,10 @@ def spin(c, s, still):
 def place_on_axes(link, axes, axes_in_common, scales):
     """Return the closure equation of a link on two axes, and its matrix, as dual arrays.
 
-    The equation u w - s cos(arc) = 0 says that the two axes have the arc of the link
-    between them. Here u and w are the axes in another link, each times its scale, and s is
-    the product of both scales. The matrix takes vectors in the link to vectors in the other
-    link, and is multiplied by s too. Without divisions by the scales, all numbers are
-    polynomials in the unknowns.
+    The equation u w - s cos(arc) = 0 says that the arc of the link is between both axes.
+    Here u and w are the axes in another link, each times its scale, and s is the product of
+    both scales. The matrix takes vectors in the link to vectors in the other link, times s.
+    Without divisions by the scales, all numbers are polynomials in the unknowns.
 
     A dual array (1 + n, rows, columns) has its value first, and then its derivatives by n
     unknowns.
@@ -686,10 +715,10 @@ def place_on_axes(link, axes, axes_in_common, scales):
     cosine = times(first_row, axes_in_common[1])
     equation = cosine - both_scales * (axes[0] @ axes[1])
     normal = np.cross(*axes)
-    # `real`, because balls may be complex, and complex numbers have no order.
+    # Numbers may be complex balls, which have no order; hence the real part.
     need((normal @ normal).real > 0, f"the arc of {link} may be 0 or 180 degrees")
-    # The matrix takes both axes and their vector product to the same vectors in the other
-    # link, which are its columns in the basis of the three.
+    # The matrix takes both axes and their vector product to the same three vectors in the
+    # other link. These are its columns in the basis of the three.
     inverse_basis = inverse(np.stack([*axes, normal], axis=1))
     columns = (
         times(axes_in_common[0], scales[1]),
@@ -741,11 +770,12 @@ def has_one_solution(system, centre, radius, driven):
 
 
 def check_modes(certificate):
-    """Check a certificate that counts the assembly modes at given inputs.
+    """Check a certificate (file of a proof) that counts the assembly modes at given inputs.
 
-    Each stated root must be proven, and all must be different. The count is complete if
-    there are as many roots as the polynomial bound allows, or if no other real root exists
-    outside the undecided boxes.
+    Assembly modes are the real solutions of the closure equations. Each stated root must be
+    proven to exist, and all must be different. The count is complete in two cases: there
+    are as many complex roots as the degrees of the equations allow, or no other real root
+    exists outside the boxes that the certificate calls undecided.
     """
     need(certificate["statement"] == "modes at inputs", "another statement")
     # Somewhat more bits than the certificate was computed with.
@@ -781,25 +811,27 @@ SQUARE_IN_DISK = 0.7
 
 
 def check_root(root, system, driven):
-    """Check a root of a certificate, and return balls of its e^(i angle).
+    """Check that a root of a certificate exists; return balls of its e^(i angle).
 
-    A root has a disk about a complex number (`centre`) for each unknown angle. There must
-    be one solution in these disks, by Krawczyk's operator. A real root must have real
-    centres: the mirror image of a solution is a solution too, so the only one is real. The
-    disk of another root must be apart from the real axis for some angle.
+    A root states a disk about a complex number (`centre`) for each unknown angle.
+    Krawczyk's operator must prove that these disks contain exactly one solution. For a real
+    root the centres must be real: a mirrored solution would be in the disks too, so the
+    only one is real. For another root, the disk of some angle must be apart from the real
+    axis.
 
     Parameters
     ----------
     root
         Root of the certificate: "centre", "radius" (rad), and "real".
     system, driven
-        Equations, and balls of the input angles by their pairs.
+        Equations, and balls (numbers with a rigorous error bound) of the input angles by
+        their pairs.
     """
     need(len(root["centre"]) == len(system.unknowns), "a root without all angles")
     centre = [acb(dyadic(re), dyadic(im)) for re, im in root["centre"]]
     radius = root["radius"]
     need(0 < radius < 0.1, "a radius out of range")
-    # Balls of flint are squares of a half side, so a square within the disk is tried.
+    # Balls are squares here, so one that lies within the disk is tested.
     half_side = SQUARE_IN_DISK * radius
     need(has_one_solution(system, centre, half_side, driven), "a root is not shown")
     if root["real"]:
@@ -828,37 +860,38 @@ def check_roots_are_different(points):
 
 
 def exclude_other_modes(system, driven, real_roots, undecided_boxes):
-    """Prove that every real mode lies in the ball of a root, or in an undecided box.
+    """Prove that every real assembly mode is near a listed root, or in an undecided box.
 
-    First it is proven that a box around each root contains no second root. The space of all
-    angles is then divided into parts, until each part contains no root, or is in such a
-    box or in an undecided one.
+    First, a box about each root is proven to contain no second root. Then the space of all
+    angles is divided into parts, until each part contains no root or is in one of the
+    boxes. Undecided boxes are those in which the certificate decides nothing.
 
     Parameters
     ----------
     system, driven
-        Equations, and balls of the input angles by their pairs.
+        Equations, and balls (numbers with a rigorous error bound) of the input angles by
+        their pairs.
     real_roots
         The roots of the certificate with real angles.
     undecided_boxes
         Boxes of the certificate in which roots are not decided.
     """
-    # Numbers of 80 bits are rounded by about 1e-24, far less than the smallest part (1e-7).
+    # 80 bits: rounding of about 1e-24, far less than the smallest part (1e-7).
     ctx.prec = 80
     boxes = []  # centre and half widths (unknowns,) in rad
     for root in real_roots:
         # The certificate gives a number as two integers, mantissa and exponent of 2.
         centre = [acb(dyadic(re)) for re, _ in root["centre"]]
-        # The first half width (rad) that is tried. Larger boxes leave less to divide, but
-        # the test of one root fails more often.
+        # First half width (rad) that is tried. A larger one saves divisions, but its test
+        # fails more often.
         radius = 0.04
         while not has_one_solution(system, centre, radius, driven):
             radius /= 2
             need(radius > root["radius"], "a root is not alone")
         middle = np.array([float(c.real.mid()) for c in centre])
         boxes.append((middle, np.full(len(centre), radius)))
-    # Undecided boxes are enlarged a little, and tested with a margin below, so that the
-    # rounding of floats does not matter where the two have a side in common.
+    # A small margin: rounding of floats does not matter where a part and a box share a
+    # side.
     for box in undecided_boxes:
         boxes.append((np.array(box["centre"]), 1.001 * np.array(box["half"]) + 1e-12))
 
@@ -875,8 +908,7 @@ def exclude_other_modes(system, driven, real_roots, undecided_boxes):
         return False
 
     count = len(system.unknowns)
-    # The box of all angles is halved repeatedly. It is not centred at zero: in special
-    # geometries roots may be at angles such as 0, and would be on the sides of parts.
+    # Not centred at zero: roots at special angles such as 0 would be on the sides of parts.
     start = ball(0.7 + 0.1 * np.arange(count))
     radii = np.full(count, arb.pi() * 1.0001)
     exclude_zeros(
@@ -926,8 +958,9 @@ def inside(piece, place, off):
 def exclude_zeros(evaluate, middle, radius, is_in_known_box, smallest):
     """Prove that a function has no zero in a box, except in boxes whose zeros are known.
 
-    Parts are halved across their longest side until the mean-value form
-    F(middle) + F'(part) (part - middle) excludes a zero, or the part is in a known box.
+    The box is halved into parts, across the longest side of each part. A part is done if it
+    is in a known box, or if the mean-value form F(middle) + F'(part) (part - middle) is not
+    zero anywhere. All numbers are balls (intervals with rigorous bounds).
 
     Parameters
     ----------
@@ -950,8 +983,7 @@ def exclude_zeros(evaluate, middle, radius, is_in_known_box, smallest):
         half_widths = size(radius)
         if is_in_known_box(mid(middle).astype(float), half_widths.astype(float)):
             continue
-        # The first box usually has all values of the angles. Intervals of derivatives over
-        # it contain zero and exclude nothing, so it is only halved.
+        # Over the first box, usually a whole turn of each angle, the test cannot succeed.
         if examined > 1:
             spread = about(half_widths)  # intervals about zero, of the half widths
             image = evaluate(middle)[0] + evaluate(middle + spread)[1] @ spread
@@ -1028,11 +1060,11 @@ class Arc:
     def _krawczyk_operator(self, axis_point, axis_points, step, cuts):
         """Return Krawczyk's operator on all y of the piece, over a part of its axis.
 
-        A point of the piece has the coordinate s along the axis and the coordinates y
-        across it: axis point + `across` y, with unit vectors `across` (variables, y). The
-        operator is (1 - C F'_y) Y - C F, where C is an approximate inverse of the
-        derivatives F'_y by y, Y are balls of all y, and F is that on the axis. If the
-        result is inside Y, there is exactly one y with F = 0 for each s.
+        A piece is a straight box about an arc of a curve F = 0. A point of the piece has
+        the coordinate s along the axis and the coordinates y across it. The operator is (1
+        - C F'_y) Y - C F: C is an approximate inverse of the derivatives F'_y by y, Y are
+        balls (intervals) of all y, and F is that on the axis. If the result is inside Y,
+        there is exactly one y with F = 0 for each s.
 
         `equations` returns F and its derivatives F' by all variables, at balls of a point.
 
@@ -1045,9 +1077,8 @@ class Arc:
         cuts
             Parts that each y is cut into; F' is evaluated on each of them.
         """
-        # F'_y over all y is the union of those over cells, which is sharper than one
-        # evaluation. The range -radius to radius of each y is cut into equal intervals; a
-        # cell has the number of the interval, from 0 to `cuts` - 1, of each y.
+        # F'_y over all y is the union of F'_y over smaller cells, which gives a narrower
+        # ball. Each y is cut into equal intervals, numbered from 0 to `cuts` - 1.
         slopes = None
         for cell in itertools.product(range(cuts), repeat=len(self.inverse_slope)):
             middle = self.radius * (2 * ball(cell) + 1 - cuts) / cuts
@@ -1064,10 +1095,11 @@ class Arc:
         ) @ self.all_y - self.inverse_slope @ value
 
     def at(self, s):
-        """Return balls of all variables on the arc, for all s in a ball.
+        """Return balls (intervals) of all variables on the arc, for all s in a ball.
 
-        Krawczyk's operator narrows balls of the coordinates y across the axis and loses no
-        solution of F = 0. It starts from all y of the piece.
+        s is the coordinate along the straight axis of the piece, y are those across it. The
+        search starts from all y of the piece. Krawczyk's operator narrows their balls and
+        loses no solution of F = 0.
         """
         middle_s = arb(s.mid())
         step = s - middle_s
@@ -1075,9 +1107,9 @@ class Arc:
         axis_points = axis_point + step * self.axis
         y = self._narrowed(self.all_y, axis_point, axis_points, step)
         if any(item.rad() > 0.9 * self.radius for item in y):
-            # The balls are hardly smaller, because the derivatives over all y at once are
-            # too coarse. They are computed again over 4, 6 or 8 parts of the width of each
-            # y. The first image that lies in the piece is narrowed further.
+            # The balls are hardly smaller: the derivatives over all y at once are too
+            # coarse. So each y is cut into 4, 6 or 8 parts, until the image lies in the
+            # piece.
             images = (
                 self._krawczyk_operator(axis_point, axis_points, step, cuts)
                 for _, cuts in PARTS
@@ -1087,11 +1119,11 @@ class Arc:
         return axis_points + self.across @ y
 
     def _narrowed(self, y, axis_point, axis_points, step):
-        """Return smaller balls of the y with F = 0, for all s of a range.
+        """Return smaller balls (intervals) of the y with F = 0, for all s of a range.
 
         A point has the coordinate s along the axis of the piece and the coordinates y
-        across it. Krawczyk's operator is applied as long as it narrows a ball to less than
-        0.9 of its radius, at most 30 times. Further steps would hardly narrow the balls.
+        across it. Krawczyk's operator is applied up to 30 times, and no more when no ball
+        shrinks to less than 0.9 of its radius.
 
         Parameters
         ----------
@@ -1112,18 +1144,20 @@ class Arc:
     def _image_across(self, y, axis_point, axis_points, step):
         """Return the image of balls of y by Krawczyk's operator, for all s of a range.
 
-        The image contains the same solutions of F = 0 as the balls. It is::
+        A point has the coordinate s along the axis of the piece and the coordinates y
+        across it. The image contains all solutions of F = 0 that the balls contain. It is
 
-            m - C F(m) + (1 - C F'_y) (y - m)
+        - m - C F(m) + (1 - C F'_y) (y - m)
 
         with the middles m of the balls, and an approximate inverse C of the derivatives
-        F'_y by y. F(m) is enclosed for all s by the mean-value theorem: the value at the
+        F'_y by y. F(m) for all s follows from the mean-value theorem: the value at the
         middle of the range, plus the derivative F'_s along the axis times the step of s.
 
         Parameters
         ----------
         y, axis_point, axis_points, step
-            As in `_narrowed`.
+            As in `_narrowed`: balls of y, the middle point of the axis and balls of all its
+            points, and the ball of s relative to the middle.
         """
         middle_y = mid(y)
         value_at_middle, _ = self.equations(axis_point + self.across @ middle_y)
@@ -1220,10 +1254,8 @@ def check_singularities(equations, system, certificate, chains):
 
     A variable stops where its rate along a curve of configurations is zero. A stop of the
     input is a dead centre. A stop of an output is a singularity of type I, or of type III
-    if the input stops there too. The certificate has one of two types for it: "I" if the
-    input is proven not to stop there, and "I or III" if it may stop. A certificate never
-    has "III" alone. Only outputs whose two links are joined by an R pair are checked: the
-    variable of the pair is the output.
+    if the input may stop there too; the certificate then says "I or III". An output is only
+    checked if its two links are joined by a revolute pair, whose variable is the output.
 
     Parameters
     ----------
@@ -1232,11 +1264,11 @@ def check_singularities(equations, system, certificate, chains):
     system
         `System` of the certificate, for the file and for the links of each pair.
     certificate
-        Certificate with the stops of each curve.
+        Certificate (file of a proof) with the stops of each curve.
     chains
-        For each curve two lists. A curve is covered by pieces, boxes in a row along it. The
-        first list has the `Arc` of each piece, the part of the curve in this piece. The
-        second list has the piece that follows it.
+        Two lists for each curve, which is covered by pieces, boxes in a row along it. The
+        first list has the `Arc` of each piece, the part of the curve in it. The second list
+        has the piece that follows each one.
     """
     outputs = list(system.sizes.data.get("outputs", {}).items())
     singularities = certificate["singularities"]["found"]
@@ -1248,6 +1280,7 @@ def check_singularities(equations, system, certificate, chains):
             reference = output.get("relative_to", system.sizes.data["ground"])
             links = {output["link"], reference}
             pairs = [p for p, ends in system.sizes.ends.items() if set(ends) == links]
+            # No pair joins the two links, or its angle is not an unknown.
             if not pairs or pairs[0] not in equations.names[:-1]:
                 continue
             stops = [
@@ -1335,9 +1368,9 @@ def check_curves(certificate):
 
 
 def check(certificate):
-    """Check a certificate of any statement.
+    """Check a certificate (file of a proof) of any of the four kinds of statements.
 
-    The checks set the working precision of flint, which is global; it is restored.
+    flint has one working precision for all; the checks set it, and it is restored here.
 
     Raises
     ------

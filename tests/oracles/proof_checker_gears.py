@@ -98,15 +98,16 @@ def as_ball(fraction):
 
 
 def contact_azimuths(sizes, pairs, wheels, carrier, is_internal):
-    """Return the azimuths (rad) of the contact about both centres, with all angles zero.
+    """Return the azimuths (rad) at which two wheels touch, with all pair angles zero.
 
-    Each azimuth is measured in the axes of its wheel, about its pair axis, the centre of
-    the circle. It counts from the direction `across`.
+    There is one azimuth for each wheel, measured about its axis (the centre of its circle)
+    in the axes of the wheel. It counts from the direction `across(axis)`. All numbers are
+    intervals that contain the exact number.
 
     Parameters
     ----------
     sizes
-        `Sizes` of the file.
+        `Sizes` of the file, with the frames of the pairs in the axes of each link.
     pairs, wheels
         Names of the two pairs, and of the wheel that turns about each of them.
     carrier
@@ -117,11 +118,10 @@ def contact_azimuths(sizes, pairs, wheels, carrier, is_internal):
     frames_in_carrier = [sizes.frame(pair, carrier) for pair in pairs]
     first_centre, second_centre = (frame[:, 2] for frame in frames_in_carrier)
     cosine = first_centre @ second_centre
-    # Directions from each centre to the other one, at right angles to the own centre.
+    # Direction from each centre to the other one, perpendicular to the axis it starts from.
     to_second_centre = second_centre - cosine * first_centre
     to_first_centre = first_centre - cosine * second_centre
-    # The circles touch between the centres. If the first circle is within the second one,
-    # they touch beyond the centre of the first.
+    # The circles touch between the centres, or, if internal, beyond the first centre.
     if is_internal:
         directions_to_contact = (-to_second_centre, to_first_centre)
     else:

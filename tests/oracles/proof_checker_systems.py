@@ -45,15 +45,16 @@ def as_fraction(is_inverse, z):
 def check_subsystems(system, subsystems):
     """Check that the subsystems contain every equation once and can be solved in order.
 
-    The equations of a subsystem may contain its own unknowns, those of earlier subsystems,
-    and the inputs.
+    The closure equations of a mechanism are divided into subsystems, which are solved one
+    after another. The equations of a subsystem may contain its unknown angles, those of
+    earlier subsystems, and the inputs.
 
     Parameters
     ----------
     system
         All equations of the mechanism: one for each link that closes a loop.
     subsystems
-        The subsystems of the certificate, in the order in which they are solved.
+        The subsystems of the certificate (file of a proof), in their order.
 
     Returns
     -------
@@ -104,9 +105,11 @@ def roots_of(system, subsystem, driven):
     system
         All equations of the mechanism.
     subsystem
-        The equation, named by the link that it places, its unknown, and its degree.
+        The equation, its unknown, and its degree. The name of the equation is the link that
+        closes a loop.
     driven
-        Angles (balls, rad) of the inputs and of the unknowns that are solved already.
+        Angles (rad) of the inputs and of the unknowns that are solved already, as balls
+        (numbers with a rigorous error bound).
 
     Returns
     -------
@@ -123,16 +126,15 @@ def roots_of(system, subsystem, driven):
     # The middles of the given angles, without their errors.
     middle = {pair: arb(angle.mid()) for pair, angle in driven.items()}
     values = [polynomial_equation.values([z], middle)[0][0] for z in roots_of_unity]
-    # Coefficient k is the mean of value / z^k over the roots of unity. As z^count is 1
-    # there, z^(count - k) is 1 / z^k.
+    # Coefficient k is the mean of value / z^k. At roots of unity 1 / z^k = z^(count - k).
     coefficients = []
     for k in range(count):
         terms = [v * z ** (count - k) for v, z in zip(values, roots_of_unity, strict=True)]
         coefficients.append(sum(terms) / count)
     polynomial = acb_poly([acb(x.mid()) for x in coefficients])
     points = []
-    # The roots need no more digits: they are only the centres of boxes, over which
-    # `SolutionOverBox` proves a solution.
+    # Few digits suffice: the roots are only centres of boxes, in which solutions are proven
+    # later.
     for root in polynomial.roots(tol=1e-15):
         z = acb(root.mid())
         is_large = abs(complex(float(z.real), float(z.imag))) > 1
@@ -238,18 +240,19 @@ class ModeCounter:
     def count_modes(self, centre, half_widths):
         """Return the number of modes in a box if it is proven to be constant, else None.
 
-        The closure equations consist of subsystems, which are solved one after another. All
-        complex solutions of a subsystem are enclosed over the whole box and shown to be
-        different. So none of them vanishes, and a real one stays real. The subsystems after
-        it are solved once for each of its real solutions.
+        Modes are the real solutions of the closure equations, over a box of input angles.
+        The equations consist of subsystems, which are solved one after another. All complex
+        solutions of a subsystem are enclosed over the whole box and shown to be different.
+        So none of them vanishes, and a real one stays real. Later subsystems are solved
+        once for each real solution.
 
         Parameters
         ----------
         centre, half_widths
             Centre and half widths (inputs,) of the box, rad.
         """
-        # A partial solution has for the name of each angle so far a triple: its value at
-        # the centre of the box, its rates by the inputs, and a bound of the remainder.
+        # Each angle is a triple: its value at the centre of the box, its rates by the
+        # inputs, and a bound of the remainder.
         input_angles = {}
         input_count = len(centre)
         for k, (name, middle) in enumerate(zip(self.system.inputs, centre, strict=True)):
@@ -264,8 +267,8 @@ class ModeCounter:
                         unknowns = dict(zip(subsystem["unknowns"], angles, strict=True))
                         extended_solutions.append({**known_angles, **unknowns})
                 partial_solutions = extended_solutions
-        # `NotShown`: a solution is not enclosed, or two may be equal. The other errors
-        # arise if a ball contains zero where it must not.
+        # Not enclosed, or perhaps equal (`NotShown`), or zero in a ball where it must not
+        # be.
         except (NotShown, ZeroDivisionError, ValueError):
             return None
         return len(partial_solutions)
@@ -273,8 +276,9 @@ class ModeCounter:
     def _solve(self, subsystem, known_angles, half_widths):
         """Return the angles of all real solutions of a subsystem over a box of inputs.
 
-        All complex solutions are enclosed and shown to be different. Their number must be
-        the largest number that the degrees of the equations allow, so none can be missing.
+        A subsystem is some of the closure equations, with their unknown angles. All its
+        complex solutions are enclosed and shown to be different. Their number must be the
+        largest number that the degrees of the equations allow, so that none can be missing.
 
         Parameters
         ----------
@@ -450,13 +454,14 @@ class SolutionOverBox:
     def show_real(self):
         """Show that the angles of the solution are real, or raise `NotShown`.
 
-        An unknown angle is real if x = e^(i angle) is on the unit circle, where x equals
-        its mirror image 1 / conj(x). The equations are real, so the mirror image of a
-        solution is a solution too. Both are the same one if they lie in a box that contains
-        only one solution.
+        The solution is x = e^(i angle) for each unknown. An angle is real if x is on the
+        unit circle, where x equals its mirror image 1 / conj(x). The equations are real, so
+        the mirror image of a solution is a solution too. Both are the same solution if they
+        lie in a box that contains only one.
 
-        The solution is x = z + Z d + w, as the class describes. The box is around z + Z d.
-        Half its side is twice the radius that bounds w, so that it contains x.
+        Over a box of inputs with the changes d, x = z + Z d + w: z is the value at the
+        centre, Z its rates, and w a bounded remainder. The box is around z + Z d. Half its
+        side is twice the radius that bounds w, so that it contains x.
         """
         half_side = 2 * self.radius
         # Krawczyk's operator raises `NotShown` unless the box has only one solution.
@@ -473,46 +478,47 @@ class SolutionOverBox:
     def _mirror_image_from_linear_part(self, z, relative_rates, relative_remainder, e):
         """Return a ball of the mirror image 1 / conj(x) less z + Z d, for one unknown x.
 
-        With c = conj(e) and s = 1 / (z conj(z)), the solution is x = z (1 + e), and its
-        mirror image is
+        A ball is a number with a rigorous error bound. The solution over a box of inputs is
+        x = z + Z d + w, with the value z at the centre, the rates Z, the changes d of the
+        inputs, and a remainder w. With e = (Z d + w) / z, c = conj(e) and s = 1 / (z
+        conj(z)), x = z (1 + e), and its mirror image is
 
             1 / conj(x) = z s / (1 + c) = z s (1 - c + c^2 / (1 + c)).
 
-        With e = (Z d + w) / z, its difference from z + Z d is z times
+        Its difference from z + Z d is z times
 
             s - 1 - (s conj(Z / z) + Z / z) d + s (c^2 / (1 + c) - conj(w / z)).
-
-        The terms with d are added up before d, a ball, is inserted, because they nearly
-        cancel if z is on the unit circle.
 
         Parameters
         ----------
         z
             Solution at the centre of the box of inputs.
         relative_rates
-            (inputs,) Z / z, with the rates Z of z by the inputs.
+            (inputs,) Z / z.
         relative_remainder
-            w / z, with the remainder w of the solution.
+            w / z.
         e
-            Relative change (Z d + w) / z of the solution.
+            (Z d + w) / z.
         """
         s = 1 / (z * z.conjugate())
         c = e.conjugate()
         conjugate_rates = np.array([rate.conjugate() for rate in relative_rates])
+        # These terms nearly cancel on the unit circle, so they are added before d is
+        # inserted.
         linear_terms = (s * conjugate_rates + relative_rates) @ self.input_changes
         other_terms = s * (c * c / (1 + c) - relative_remainder.conjugate())
         return z * (s - 1 - linear_terms + other_terms)
 
     def angles(self):
-        """Return the angles of a real solution, as triples.
+        """Return the angles of a real solution over a box of inputs, as triples.
 
-        A triple has the angle at the centre of the box of inputs, its rates by the inputs,
-        and a bound of the remainder.
+        A triple has the angle at the centre of the box, its rates by the inputs, and a
+        bound of the remainder.
 
-        The solution is z + Z d + w = z (1 + e) with e = (Z d + w) / z. Here d are the
-        inputs less the centre of the box, z is the solution at this centre, Z are its
-        rates, and w is a remainder. The angle is the imaginary part of log z + log(1 + e).
-        log(1 + e) differs from e by at most |e|^2 / (2 (1 - |e|)).
+        The solution is e^(i angle) = z + Z d + w = z (1 + e) with e = (Z d + w) / z. Here d
+        are the inputs less the centre of the box, z is the solution at this centre, Z are
+        its rates, and w is a remainder. The angle is the imaginary part of log z + log(1 +
+        e). log(1 + e) differs from e by at most |e|^2 / (2 (1 - |e|)).
         """
         angles = []
         # Z / z, w / z and e, for each unknown.
@@ -525,8 +531,8 @@ class SolutionOverBox:
             if not size < 0.5:
                 raise NotShown
             rates = [arb((sign * rate.imag).mid()) for rate in relative_rates]
-            # `angle.rad()` is the error of the angle at the centre. 1e-20 is more than the
-            # error of Z d / z, below 0.5 in size, from rounding the rates to 80 bits.
+            # `angle.rad()` is the error at the centre. 1e-20 exceeds the rounding of the
+            # rates.
             remainder = (
                 abs(relative_remainder)
                 + size**2 / (2 * (1 - size))
@@ -544,17 +550,15 @@ class NotShown(Exception):
 def check_map(certificate):
     """Check a certificate that maps the number of assembly modes over two inputs by boxes.
 
-    The boxes must not overlap and must fill the ranges of the inputs. Each says that it is
-    regular, with a number of modes, or contains a type II singularity, or is undecided. The
-    stated share of each kind must be that of its boxes in the area of the ranges.
-
-    The borders of boxes are rounded numbers, so boxes that overlap by less than 1e-9 rad
-    count as apart. Areas are compared in float64: gaps and shares are noticed from one
-    millionth of the area.
+    A certificate is the file of a proof. The boxes must not overlap and must fill the
+    ranges of the inputs. Each box says that it is regular, with a number of modes, or
+    contains a type II singularity, or is undecided. The stated share of each kind must be
+    that of its boxes in the area of the ranges. Small overlaps (1e-9 rad) and areas (1e-6)
+    are not noticed, because the borders of boxes are rounded.
     """
     ctx.prec = 80  # bits of all balls
     system = System(certificate)
-    # A follower is a pair that wheels drive.
+    # A follower is a pair that turns with an input through two wheels in mesh.
     need(system.follower is None, "maps with wheels are not checked")
     ranges = certificate["inputs"]
     ends = [[system.sizes.angle(end) for end in ranges[name]] for name in ranges]
@@ -621,8 +625,9 @@ def check_regular(mode_counter, centre, half_widths, stated_count, halvings=0):
 def check_contains(mode_counter, box):
     """Check that a box of two inputs contains a type II singularity.
 
-    It does if there are different numbers of assembly modes at two points of the box. They
-    are counted at points of finer and finer grids, all within the borders of the box.
+    It does if the number of assembly modes (ways to assemble the links) differs between two
+    points of the box. The modes are counted at points of finer and finer grids, just inside
+    the borders of the box.
     """
     mode_counts = set()
     centre = np.array(box["centre_rad"])

@@ -14,10 +14,10 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(240)
 def common_area(centres, radii, keep):
     """Return the area (sr) of the intersection of several caps or their complements.
 
-    On the parallel of height z the common azimuth is exact (`common_azimuth_width`). It is
-    integrated over z by Gauss's rule between the heights at which it is not smooth: the
-    poles, the lowest and highest points of the caps, and the points where two circles meet.
-    The substitution z = m + h sin t removes the square roots at the ends of each part.
+    A cap is all directions within a radius of its centre. `common_azimuth_width` gives the
+    exact width of the intersection at the height z. This width is integrated over z by
+    Gauss's rule, in parts between the heights at which it is not smooth: the poles, the
+    lowest and highest points of the caps, and the points where two circles meet.
 
     Parameters
     ----------
@@ -41,6 +41,8 @@ def common_area(centres, radii, keep):
     breaks = np.unique(np.clip(breaks, -1.0, 1.0))
     breaks = breaks[np.concatenate([[True], np.diff(breaks) > 1e-15])]
 
+    # In each part z = middle + half_height sin t. This removes the square roots at its
+    # ends.
     half_heights = 0.5 * np.diff(breaks)
     middles = 0.5 * (breaks[1:] + breaks[:-1])
     t = 0.5 * np.pi * NODES
@@ -69,7 +71,8 @@ def common_azimuth_width(z, centres, cosines, keep):
     """Return the width of azimuth (rad) on parallels that is common to several regions.
 
     A region is a cap (all directions within a radius of its centre), or the outside of one.
-    The width is the sum over all parts of the parallel that lie in every region.
+    The parallel of height z is all directions with this z coordinate. The width is the sum
+    over all parts of the parallel that lie in every region.
 
     Parameters
     ----------
@@ -84,16 +87,15 @@ def common_azimuth_width(z, centres, cosines, keep):
     -------
     (n,) between 0 and 2 pi.
     """
-    # A direction is in the cap if its product with the centre is at least the cosine:
-    # amplitude cos(azimuth difference) >= gap. So each cap has one interval of azimuth.
+    # Inside a cap: amplitude cos(azimuth - azimuth of the centre) >= gap. So each cap has
+    # one interval of azimuth.
     lows = []
     highs = []
     for centre, cosine, is_inside in zip(centres, cosines, keep, strict=True):
         amplitude = np.hypot(centre[0], centre[1]) * np.sqrt(np.maximum(0.0, 1.0 - z * z))
         gap = cosine - z * centre[2]
-        # Without amplitude (a parallel at a pole, or a cap about one) the parallel is
-        # outside of the cap as a whole if the gap is positive, and inside if it is
-        # negative. The ratio 1 gives the half width 0, and -1 gives pi.
+        # With amplitude 0 the whole parallel is outside (gap > 0, half width 0) or inside
+        # (gap < 0, half width pi).
         safe_amplitude = np.where(amplitude > 0.0, amplitude, 1.0)
         ratio = np.where(amplitude > 0.0, gap / safe_amplitude, np.sign(gap))
         half_width = np.arccos(np.clip(ratio, -1.0, 1.0))
@@ -107,7 +109,8 @@ def common_azimuth_width(z, centres, cosines, keep):
     lows = np.array(lows)
     highs = np.array(highs)
 
-    # Between neighbouring ends of intervals, the middle decides for the whole part.
+    # All ends of intervals cut the parallel into parts. The middle of a part decides for
+    # it.
     ends = np.sort(np.mod(np.concatenate([lows, highs]), 2.0 * np.pi), axis=0)
     ends = np.concatenate([ends, ends[:1] + 2.0 * np.pi])
     middles = 0.5 * (ends[1:] + ends[:-1])

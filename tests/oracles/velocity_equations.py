@@ -27,11 +27,11 @@ def revolute_frames(mechanism):
 def velocity_equations(ends, axes, types=None, held=()):
     """Return the matrix E of the velocity equations E w = 0 for the rates w of all links.
 
-    Let w_a and w_b be the angular velocities (rates) of the two links of a pair. The rows
-    of a pair say that w_b - w_a has no component
+    Rates are angular velocities. Let w_a and w_b be those of the two links of a pair
+    (joint). The rows of a pair say that w_b - w_a has no component
 
-    - across the axis of a revolute pair (R),
-    - across the line to the contact point of a rolling contact (Cr),
+    - perpendicular to the axis of a revolute pair (R),
+    - perpendicular to the line to the contact point of a rolling contact (Cr),
     - along the normal of a sliding contact (Cs): the normal of the plane that contains the
       centres of both circles,
     - in any direction if the pair is locked.
@@ -68,24 +68,27 @@ def velocity_equations(ends, axes, types=None, held=()):
 
 
 def null_space(count, ends, axes, types=None):
-    """Return the only motion that the pairs allow while link 0 is fixed.
+    """Return the only motion that the pairs (joints) allow while link 0 is fixed.
 
-    It is the right singular vector of the smallest singular value.
+    This is an independent reference for velocities. The motion is the right singular vector
+    of the smallest singular value of the velocity equations.
 
     Parameters
     ----------
     count
         Number of links.
     ends, axes, types
-        As in `velocity_equations`.
+        Links (a, b), unit vector and type of each pair, as in `velocity_equations`.
 
     Returns
     -------
     rates
-        (count, 3) link rates, with |w| = 1 over all links; the sign is arbitrary.
+        (count, 3) angular velocities of the links, of norm 1 altogether; the sign is
+        arbitrary.
     gap
         Second smallest singular value over the largest. Near 0 there is a second motion.
     """
+    # Without the first three columns, those of link 0, which does not move.
     equations = velocity_equations(ends, axes, types)[:, 3:]
     _, singular_values, right_vectors = np.linalg.svd(equations)
     size = 3 * count - 3
@@ -94,7 +97,9 @@ def null_space(count, ends, axes, types=None):
 
 
 def closure_gap(mechanism, rotations, frames):
-    """Return the largest angle (rad) between the axis of a pair in its two links.
+    """Return the largest angle (rad) between the axis of a joint in its two links.
+
+    With closed loops, both links place the axis in the same direction.
 
     Parameters
     ----------
@@ -103,7 +108,8 @@ def closure_gap(mechanism, rotations, frames):
     rotations
         (n, links, 3, 3) orientations of the links in the ground frame.
     frames
-        Frames of the R pairs in both links, from `revolute_frames`.
+        Frames of the revolute joints in both links, from `revolute_frames`. Contacts have
+        NaN, which is ignored.
     """
     first_frames, second_frames = frames
     largest_gap = 0.0
@@ -117,55 +123,55 @@ def closure_gap(mechanism, rotations, frames):
 
 
 def least_misfit(ends, axes, locked, link, reference_link, direction=None):
-    """Return how strongly pairs resist a rotation of a link while some pairs are locked.
+    """Return how strongly pairs (joints) resist a rotation of a link while some are locked.
 
     The result is 0 if the link can move relative to the reference link although these pairs
-    are locked, and 1 if all pairs are locked.
+    are locked. It is 1 if all pairs are locked.
 
-    Pairs do not allow all relative rates of their links. The misfit of link rates is the
-    norm of the relative rates that are not allowed: `velocity_equations` times the rates.
-    The link gets a unit rate, and all other links get the rates with the least misfit. This
-    least misfit is divided by its value if all pairs are locked.
+    The rates (angular velocities) of links may contradict what the pairs allow. The misfit
+    is the norm of the velocity equations at these rates. The link gets a unit rate, and all
+    other links get the rates with the least misfit. This least misfit is divided by its
+    value if all pairs are locked.
 
     Parameters
     ----------
     ends, axes
-        As in `velocity_equations`.
+        Links (a, b) and axis of each pair, as in `velocity_equations`.
     locked
         Numbers of the locked pairs.
     link, reference_link
         Numbers of the link that turns, and of the link relative to which it turns.
     direction
-        Unit vector in which a pointer on the link points. Rates about it are not counted,
-        because they do not move the pointer. By default all rates are.
+        Unit vector of a pointer on the link. Rates about it do not move the pointer and are
+        not counted. By default all rates are counted.
     """
 
     def rate_at_unit_misfit(locked_pairs):
         equations = velocity_equations(ends, axes, held=locked_pairs)
         return largest_rate(equations, link, reference_link, direction)
 
-    # The least misfit at unit rate is the inverse of the largest rate at unit misfit, so
-    # the ratio of both misfits is the inverse ratio of these rates.
+    # The least misfit at unit rate is the inverse of the largest rate at unit misfit.
     all_pairs = range(len(ends))
     return rate_at_unit_misfit(all_pairs) / rate_at_unit_misfit(locked)
 
 
 def largest_rate(equations, link, reference_link, direction=None):
-    """Return the largest rate of a link at which the misfit of all links is 1.
+    """Return the largest angular velocity (rate) of a link at which the misfit is 1.
 
-    E are the velocity equations, so link rates w have the misfit |E w|. Rates with the
-    misfit 1 are w = E^+ e, with a unit vector e and the pseudo-inverse E^+. Three rows of
-    E^+ give the rate of the link. The largest rate is the spectral norm of these rows.
-
-    With the singular value decomposition E = U S V^T, these rows are V_link S^-1 U^T. The
-    norm is the same without U^T.
+    The misfit of the rates w of all links is |E w|, with the velocity equations E. Rates
+    with the misfit 1 are w = E^+ e, with a unit vector e and the pseudo-inverse E^+. Three
+    rows of E^+ give the rate of the link. The largest rate is the spectral norm of these
+    rows. With the singular value decomposition E = U S V^T they are V_link S^-1 U^T, where
+    U^T does not change the norm.
 
     Parameters
     ----------
     equations
         (rows, 3 links) matrix of `velocity_equations`.
-    link, reference_link, direction
-        As in `least_misfit`.
+    link, reference_link
+        Numbers of the link, and of the link relative to which it turns.
+    direction
+        Unit vector; only the part of the rate perpendicular to it is counted.
     """
     # The columns of the reference link are left out: it does not move.
     columns = [k for k in range(equations.shape[1]) if k // 3 != reference_link]
@@ -188,20 +194,20 @@ def sine_between_lines(direction, vector):
 
 
 def locked_rates(motion, row, moved):
-    """Return the link rates of one row while some inputs move and the others are locked.
+    """Return the angular velocities of all links while some inputs are locked.
 
-    The velocity equations of revolute pairs (R), rolling (Cr) and sliding contacts (Cs) are
-    solved by least squares. The rate of every input is prescribed. Every pair has three
-    equations, for the components of the relative rate of its links. Only a sliding contact
-    has one, for the component along its normal.
+    The velocity equations of revolute pairs (R), rolling contacts (Cr) and sliding contacts
+    (Cs) are solved by least squares, as an independent reference. The rate of every input
+    is prescribed. A pair has three equations, for the components of the relative rate of
+    its links. A sliding contact has one, for the component along its normal.
 
     Parameters
     ----------
     motion, row
-        Motion, and number of the row.
+        Motion, and number of the row (one sample in one assembly mode).
     moved
-        Number of the only input pair that moves, at unit rate, or a mapping from numbers
-        of input pairs to their rates.
+        Number of the only input pair that moves, at unit rate, or a mapping from numbers of
+        input pairs to their rates.
 
     Returns
     -------
@@ -218,8 +224,7 @@ def locked_rates(motion, row, moved):
     inputs = motion.assembly.inputs
     # The first three columns, of the ground, are left out: it does not move.
     matrix = velocity_equations(mechanism.ends, axes, types, inputs)[:, 3:]
-    # Right-hand sides. The three equations of an input are the components of its relative
-    # rate. All others are zero: one of a sliding contact, and three of other pairs.
+    # Right-hand sides: the relative rate of an input along its axis, otherwise zero.
     relative_rates = []
     for k, pair_type in enumerate(types):
         if k in inputs:
@@ -236,8 +241,8 @@ def locked_rates(motion, row, moved):
 class LinkRates:
     """Angular velocities of all links in n configurations, while one input moves.
 
-    They are the least-squares solution of the velocity equations of all pairs. All other
-    inputs are locked.
+    All other inputs are locked. The angular velocities are the least-squares solution of
+    the velocity equations of all pairs (joints), an independent reference for tests.
 
     Attributes
     ----------
@@ -253,7 +258,8 @@ class LinkRates:
         (n, rows, 3 links - 3) equations without those that prescribe the moved input. Their
         null vector is the motion at a dead centre, where this input cannot have a rate.
     gaps
-        (n,) largest distance of the axis (or of the circles) of a pair in its two links.
+        (n,) largest distance between the places of an axis (or circles) in its two links, 0
+        if the loops are closed.
     """
 
     w: Any
@@ -400,9 +406,9 @@ def _contact_vector(pair_type, line):
 def _contact_vector_change(pair_type, line, w):
     """Return the derivative (n, 3) of the unit vector that `_contact_vector` computes.
 
-    It is the axis of a revolute pair (R), the vector to the contact point of a rolling
-    contact (Cr), or the normal of the plane through both centres of a sliding contact (Cs).
-    A vector c that is fixed in a link changes by w x c.
+    This vector is the axis of a revolute pair (R), points to the contact point of a rolling
+    contact (Cr), or is the normal of the plane through both centres of a sliding contact
+    (Cs). A vector c that is fixed in a link changes by w x c.
 
     Parameters
     ----------
@@ -428,6 +434,6 @@ def _contact_vector_change(pair_type, line, w):
     normal_change = normal_change + np.cross(first_centre, second_change)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     u = normal / length
-    # Derivative of a normalized vector: only the part across it remains.
+    # Derivative of a normalized vector: only the part perpendicular to it remains.
     along = np.sum(u * normal_change, axis=1, keepdims=True)
     return (normal_change - u * along) / length
