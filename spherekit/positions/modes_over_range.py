@@ -329,7 +329,7 @@ class ModesOverRange:
         is used:
 
         - Free wheels (the input does not determine how far they have rolled) have
-        infinitely many modes, and only some are searched.
+          infinitely many modes, and only some are searched.
         - Elimination finds all configurations at an input, as roots of polynomials.
         - Otherwise modes are searched from random starts.
         """
@@ -385,7 +385,7 @@ class ModesOverRange:
 
         - The curve of the reference pose, if its mode is in `assembly_modes` already.
         - Otherwise the curves through all configurations at one input. A few inputs are
-        tried in turn, until one has configurations.
+          tried in turn, until one has configurations.
 
         Returns
         -------

@@ -62,7 +62,7 @@ class SolutionNumbers:
 
     - a single configuration that was computed before the search,
     - a sheet: all configurations that verified steps reach from one start, at most one at
-    each sample of the inputs.
+      each sample of the inputs.
 
     The configurations are nodes of a graph, numbered in the order in which they are added.
 

@@ -58,16 +58,18 @@ def rotate_frame(frame: Frame, angle: Ball) -> Frame:
 
 
 def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
-    """Return the rotation of an R pair as a linear function of 1, cosine and sine.
+    """Return the rotation of a revolute pair as a linear function of 1, cosine and sine.
 
-    At the angle x, the rotation maps the vectors of the second frame to
+    Each link has a frame of three unit vectors: the axis of the pair, the zero direction,
+    from which the pair angle is counted, and the side (cross product of axis and zero
+    direction). At the angle x, the rotation maps the vectors of the second link to
 
         zero direction:  zero_direction cos(x) + side sin(x),
         side:            side cos(x) - zero_direction sin(x),
         axis:            axis,
 
-    where the vectors on the right are those of the first frame. The rotation is the sum of
-    the outer products of each image with its vector of the second frame.
+    where the vectors on the right are those of the first link. The rotation matrix is the
+    sum of the outer products of each image with its vector of the second link.
 
     Parameters
     ----------
@@ -104,41 +106,42 @@ def frames_from_sizes(
     sizes: Mapping[str, Sequence[Sequence[Ball]]],
     zeros: Mapping[str, Ball],
 ) -> Frames:
-    """Return the frames of R pairs from the arcs and angles of the links.
+    """Return the frames of revolute pairs from the arcs and angles of the links.
 
-    The other pairs are rolling and sliding contacts, which have no axis and no frame here.
-    All numbers are balls: a ball is a centre and a radius, which bounds the error. A frame
-    (3, 3) has three rows in link axes: the zero direction, from which the pair angle is
-    counted, the cross product of axis and zero direction (side), and the axis of the pair.
-    The zero direction points towards another axis of the link that does not coincide with
-    the axis. If there is no such axis, it is any direction at right angles to the axis.
+    Rolling and sliding contacts have no axis and no frame here. A ball is a number with a
+    centre, and a radius that bounds its error. A frame (3, 3) has three unit vectors in
+    link axes as rows: the zero direction, from which the pair angle is counted, the side
+    (cross product of axis and zero direction), and the axis of the pair. The zero direction
+    points towards another axis of the link. If all axes of the link coincide, it is any
+    direction across the axis.
 
     Parameters
     ----------
     mechanism
         The mechanism, for its pairs.
     geometry
-        The same sizes in float64. They decide whether two axes of a link coincide up to
-        rounding, so that no zero direction can point from one to the other. The frames of
-        the mechanism itself follow from the same decision.
+        The same sizes in float64. They decide which axes of a link coincide up to rounding,
+        since such axes cannot give a zero direction. The frames of the mechanism itself
+        follow from the same decision.
     sizes
         By link: its list of arcs and its list of angles (rad), in balls.
     zeros
-        By pair: the angle (rad) at which its variable is zero; 0 if it is missing.
+        By pair: the angle (rad) at which its variable is zero. The angle is 0 if the pair
+        is missing here.
 
     Returns
     -------
-    By name of the pair its frames in its first and second link. The first one is rotated
-    about the axis by the zero of the pair (positive sense), so that the variable of the
-    pair is the angle from the first frame to the second.
+    By name of the pair its frames in its first and second link. The first frame is rotated
+    about the axis by the zero angle of the pair. So the variable of the pair is the angle
+    from the first frame to the second.
     """
-    # 1. Axes of all pairs of a link in link axes, by link and pair.
+    # 1. The axes of each link in its own axes, in float64 and in balls.
     float_axes = {link: axes_from_sizes(given) for link, given in geometry.links.items()}
     axes = {}
     for link, (arcs, angles) in sizes.items():
         link_sizes = LinkSizes(geometry.links[link].axes, tuple(arcs), tuple(angles))
         axes[link] = {
-            # Adding 0 turns coordinates that are plain numbers into balls.
+            # Some coordinates are plain numbers; adding a ball 0 turns them into balls.
             name: axis + exact_ball(0.0)
             for name, axis in axes_from_sizes(link_sizes).items()
         }
@@ -159,28 +162,30 @@ def frames_from_sizes(
 def frames_from_pose(
     geometry: PoseGeometry, axes: Mapping[str, Vector], values: Mapping[str, Ball]
 ) -> Frames:
-    """Return the frames of R pairs from the axes in the reference pose.
+    """Return the frames of revolute pairs from the axes in the reference pose.
 
-    In the reference pose the coordinate axes of all links coincide with those of the
-    ground, so each pair axis has the same components in both links. All numbers are balls:
-    a ball is a centre and a radius, which bounds the error. A frame (3, 3) has three rows
-    in link axes: the zero direction, from which the pair angle is counted, the cross
-    product of axis and zero direction (side), and the axis of the pair.
+    The reference pose is a configuration in which the file gives all axes. There the
+    coordinate axes of all links coincide with those of the ground, so an axis has equal
+    components in both its links. A ball is a number with a centre, and a radius that bounds
+    its error. A frame (3, 3) has three unit vectors in link axes as rows: the zero
+    direction, from which the pair angle is counted, the side (cross product of axis and
+    zero direction), and the axis.
 
     Parameters
     ----------
     geometry
-        The axes in float64. The zero direction of a pair is at right angles to its axis and
-        to the coordinate axis that is farthest from it. The float64 axis decides which
-        coordinate axis that is, because balls that overlap have no order.
+        The axes in float64. They decide for each pair which coordinate axis is farthest
+        from its axis; balls that overlap could not be compared. The zero direction is
+        across both.
     axes
         By pair: its unit axis in the reference pose, as balls.
     values
-        By pair: its angle (rad) in the reference pose; 0 if it is missing.
+        By pair: its angle (rad) in the reference pose. The angle is 0 if the pair is
+        missing.
 
     Returns
     -------
-    By name of the pair its frames in its first and second link. The second one is rotated
+    By name of the pair its frames in its first and second link. The second frame is rotated
     by the angle, so that the pair has this angle in the reference pose.
     """
     frames = {}
@@ -215,16 +220,17 @@ def _reference_frame(
 ) -> Frame:
     """Return the frame of a pair in a link, as balls (numbers with a bound of their error).
 
-    The zero direction, from which the pair angle is counted, points towards another axis of
-    the link: the first one that does not coincide with the axis of the pair. If there is no
-    such axis, it is any direction at right angles to the axis.
+    The frame (3, 3) has three unit vectors as rows: zero direction, side and axis. The pair
+    angle is counted from the zero direction. It points towards the first other axis of the
+    link that does not coincide with the axis of the pair. If there is none, it is any
+    direction across the axis.
 
     Parameters
     ----------
     axes
-        By pair of the link: its axis in link axes, as balls.
+        By name of the pair: its axis (3,) in link axes, as balls.
     float_axes
-        The same axes in float64, by which coincidence is judged.
+        The same axes in float64, which decide whether two axes coincide.
     name
         Name of the pair.
     """
@@ -232,7 +238,7 @@ def _reference_frame(
     for other_name, other_axis in axes.items():
         sine = np.linalg.norm(np.cross(float_axes[name], float_axes[other_name]))
         if sine > COLLINEAR_SINE:
-            # The part of the other axis that is at right angles to the axis.
+            # The component of the other axis across the axis of the pair.
             perpendicular = np.cross(np.cross(axis, other_axis), axis)
             return _frame_toward(axis, perpendicular)
     return _frame_across(axis, float_axes[name])

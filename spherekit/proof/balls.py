@@ -59,6 +59,8 @@ def precision_bits() -> int:
 class Digits:
     """The number of decimal digits in which reference values are computed.
 
+    Reference values check the normal results, which have 16 digits.
+
     Parameters
     ----------
     digits
@@ -69,7 +71,7 @@ class Digits:
     digits
         The number of digits as given.
     eps
-        Spacing of the numbers next to 1 in this precision.
+        Distance from 1 to the next larger number in this precision.
 
     Raises
     ------
@@ -78,7 +80,7 @@ class Digits:
     """
 
     def __init__(self, digits: int = DEFAULT_DIGITS) -> None:
-        """Choose the number of bits, which includes one guard digit."""
+        """Convert the decimal digits, with one more for rounding, to a number of bits."""
         if not MIN_DIGITS <= digits <= MAX_DIGITS:
             raise EngineError(
                 f"digits: found {digits}, expected a number between {MIN_DIGITS} and "
@@ -89,7 +91,10 @@ class Digits:
         self.eps = 2.0 ** (1 - self._bits)
 
     def within(self) -> AbstractContextManager[None]:
-        """Return the context in which balls are computed with this many digits."""
+        """Return a `with` context in which all balls are computed with this many digits.
+
+        A ball is a number with a bound of its error.
+        """
         return working_precision(self._bits)
 
 
@@ -111,7 +116,9 @@ def centre_float(ball: Ball) -> float:
 
 
 def power_series(*coefficients: Array) -> Array:
-    """Return an array of power series in one variable.
+    """Return an array of power series in one variable, with balls as coefficients.
+
+    Balls are numbers with a bound of their error. Arithmetic with series gives derivatives.
 
     Parameters
     ----------
@@ -123,7 +130,7 @@ def power_series(*coefficients: Array) -> Array:
     (...) power series with as many terms as there are arrays.
     """
     series_type = flint_library().arb_series
-    # The last axis counts the powers.
+    # The last axis counts the powers of the variable.
     coefficient_rows = np.stack(coefficients, axis=-1)
     series = np.empty(coefficient_rows.shape[:-1], dtype=object)
     for index in np.ndindex(series.shape):
@@ -163,14 +170,15 @@ def enclose_both(first: Array, second: Array) -> Array:
 
 
 def ball_ends(balls: Array) -> tuple[Floats, Floats]:
-    """Return float64 numbers (...) at or below and at or above all numbers of real balls.
+    """Return float64 bounds (...) below and above all numbers of real balls (...).
 
-    Both are the centre if a ball has the radius 0, or if its ends are not finite.
+    A ball is a centre and a radius, that is an interval. If the radius is 0, or an end is
+    not finite, both results are the centre.
     """
     lows = centre_floats(balls)
     highs = lows.copy()
     for index, ball in np.ndenumerate(balls):
-        # The conversion to float64 may round an end towards the centre.
+        # The conversion to float64 can round towards the centre; `nextafter` corrects this.
         low = np.nextafter(float(ball.lower()), -np.inf)
         high = np.nextafter(float(ball.upper()), np.inf)
         if ball.rad() != 0 and np.isfinite(low) and np.isfinite(high):
@@ -194,6 +202,9 @@ def series_length_limit(count: int) -> Iterator[None]:
 def solve_balls(square: Array, right: Array) -> Array:
     """Return balls that contain all solutions of linear equations with ball coefficients.
 
+    A ball is a number with a bound of its error. All matrices and right-hand sides within
+    these bounds count.
+
     Parameters
     ----------
     square
@@ -203,12 +214,12 @@ def solve_balls(square: Array, right: Array) -> Array:
 
     Returns
     -------
-    (n, m) balls.
+    (n, m) balls, one column for each right-hand side.
 
     Raises
     ------
     ZeroDivisionError
-        If the matrix may be singular.
+        If a matrix within the balls can be singular.
     """
     flint = flint_library()
     has_complex = any(isinstance(entry, flint.acb) for entry in (*square.flat, *right.flat))
@@ -255,17 +266,17 @@ def lower_magnitude(ball: Ball) -> float:
 
 
 def cosines_and_sines(angles: Any) -> Floats:
-    """Return the cosines and sines of angles, each with one rounding to float64.
+    """Return the cosines and sines of angles, each rounded only once, to float64.
 
-    They are computed in ball arithmetic, with more digits than a float64 has, and then
-    rounded. A ball is a centre and a radius, which bounds the error. Proofs need this bound
-    of the rounding; the errors of NumPy's functions have no guaranteed bound.
+    Proofs need a guaranteed bound of the rounding, which NumPy's functions lack. So the
+    values are computed with more digits in ball arithmetic (numbers with a bound of their
+    error), and then rounded.
 
     Parameters
     ----------
     angles
-        (...) angles (rad): float64 numbers, which count as exact, or balls whose radius is
-        far smaller than the rounding error of a float64.
+        (...) angles (rad): float64 numbers, which count as exact, or balls with errors far
+        below the rounding of a float64.
 
     Returns
     -------

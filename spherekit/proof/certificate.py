@@ -58,18 +58,19 @@ def _make_heading(statement: str, decimal_mechanism: DecimalMechanism) -> dict[s
 def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
     """Return the certificate of the assembly modes at given inputs.
 
-    A certificate is a table for a JSON file, from which a checker can repeat the proof. A
-    mode is a real root of the loop equations; all proven complex roots are listed. Their
-    centres are exact: mantissa and exponent of 2 of real and imaginary parts.
+    A certificate is a table for a JSON file, from which a checking program can repeat the
+    proof. An assembly mode (one way to assemble the mechanism) is a real root of the loop
+    equations. All proven complex roots are listed, too. The centre of each is exact: real
+    and imaginary parts have a mantissa and an exponent of 2.
 
-    The other entries say what the list of roots lacks:
+    The other entries say whether roots are missing:
 
     - "bound" is the largest possible number of complex roots. If as many are listed,
       "counted" is true, and none is missing.
     - "complete" is true if no real root is missing. This follows from "counted", from the
-      solutions of parts of the equations ("systems"), or from boxes that exclude the rest
-      of space.
-    - "undecided_rad" are boxes that may contain further real roots.
+      solutions of parts of the equations ("systems"), or from a division of space into
+      boxes.
+    - "undecided_rad" are the boxes that may contain further real roots.
 
     "construction" is the order in which the proof places the links one after another.
     """
@@ -83,7 +84,7 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
         "bound": modes.mode_bound,
         "complete": modes.is_complete,
         "counted": modes.is_counted,
-        # Undecided boxes that touch each other are joined to one box, a cluster.
+        # Undecided boxes that touch are joined to clusters.
         "undecided_rad": [
             {"centre": centre.tolist(), "half": half_widths.tolist()}
             for centre, half_widths in modes.clusters
@@ -98,18 +99,18 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
 def _construction_table(
     decimal_mechanism: DecimalMechanism, construction: Construction
 ) -> Mapping[str, Any]:
-    """Return how a proof builds the mechanism link by link, as a table.
+    """Return how a proof places the links of the mechanism one by one, as a table.
 
-    The first link is the root. A further link is placed in one of two ways. If one pair
-    joins it to a link that is placed before, it is turned about the axis of this pair. If
-    two pairs join it to two such links, it is put on the axes of both pairs.
+    The first link is the root. Each further link is placed in one of two ways. One pair
+    (joint) joins it to a link placed before: it is turned about this axis. Or two pairs
+    join it to two such links: it is put on both axes.
 
     Parameters
     ----------
-    decimal_mechanism
+    The mechanism, which has the names of links and pairs.
         The mechanism, for the names.
     construction
-        The order of placing the links, with numbers of links and pairs.
+        The order of placing the links, with numbers instead of names.
 
     Returns
     -------
@@ -149,16 +150,16 @@ def _step_tables(structure: Structure, construction: Construction) -> list[dict[
 
 
 def _coupler_tables(decimal_mechanism: DecimalMechanism) -> dict[str, dict[str, Any]]:
-    """Return the couplers: the links by which a proof replaces sliding contacts of circles.
+    """Return the couplers: links by which a proof replaces sliding contacts of circles.
 
-    Two circles that touch have centres at a constant distance. A link between the centres,
-    the coupler, therefore allows the same motion as the contact. An R pair at each centre
-    joins it to the two links in contact.
+    When two circles slide on each other, the distance of their centres is constant. So a
+    link between the centres, the coupler, allows the same motion as the contact. A revolute
+    pair at each centre joins the coupler to one of the two links in contact.
 
     Returns
     -------
-    By the name of each sliding contact: the name of the coupler ("link") and those of its
-    two R pairs ("pairs").
+    For each sliding contact, by its name: the name of the coupler ("link"), and the names
+    of its two revolute pairs ("pairs").
     """
     structure = decimal_mechanism.structure
     tables = {}
@@ -290,25 +291,24 @@ def _round_balls(balls: Sequence[Ball]) -> RoundedBalls:
 def _wheel_tables(
     decimal_mechanism: DecimalMechanism, construction: Construction
 ) -> list[dict[str, Any]]:
-    """Return the rotation of each wheel as a function of one variable.
+    """Return the rotation of each wheel as a function of one variable, for a certificate.
 
-    After a number of turns of the input, all wheels are back at their initial angles. The
-    variable is the angle of the input divided by this number of turns. The angle of each
+    After some whole turns of the input, all wheels are back at their initial angles. The
+    variable is the angle of the input divided by this number of turns. So the angle of each
     wheel is a whole multiple of the variable plus a constant.
 
     Parameters
     ----------
     decimal_mechanism
-        A mechanism with one input. The angles of some pairs, its followers, follow from the
-        input through wheels in mesh.
+        A mechanism with one input. Wheels in mesh drive some of its pairs, the followers.
     construction
-        The order in which the links are placed. Each step has the pairs by which a link is
-        placed, and the multiple (`angle_factor`).
+        The order in which links are placed. Each step has the pairs by which a link is
+        placed, and the whole multiple (`angle_factor`).
 
     Returns
     -------
-    For each wheel its pair ("pair"), its turns per turn of the variable ("turns"), its
-    angle (rad) if the variable is 0 ("at_zero_rad"), and the error bound of this angle
+    For each wheel: its pair ("pair"), its turns per turn of the variable ("turns"), its
+    angle (rad) where the variable is 0 ("at_zero_rad"), and the error bound of this angle
     ("off").
     """
     structure = decimal_mechanism.structure
@@ -319,9 +319,8 @@ def _wheel_tables(
         if len(step.pairs) == 1
     }
     with working_precision(WHEEL_PRECISION_BITS):
-        # The angle of the input, then those of the followers in their order, at the input
-        # angle 0, where the variable is 0 as well. They are balls: numbers of many digits
-        # with a bound of their error. `_round_balls` returns float64 numbers and bounds.
+        # The angles of the input and of the followers where the input, and so the variable,
+        # is 0. They are balls: numbers of many digits with a bound of their error.
         _input_angle, *wheel_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
         angles = _round_balls(wheel_angles)
     return [
@@ -340,15 +339,16 @@ def _wheel_tables(
 def map_certificate(input_map: InputMap) -> dict[str, Any]:
     """Return the certificate of a map of assembly modes over several inputs.
 
-    A certificate is a table for a JSON file, from which a checker can repeat the proof. The
-    map divides the ranges of the inputs into boxes. A box is regular if no configuration in
-    it is singular with locked inputs (type II). The number of assembly modes is then the
-    same everywhere in the box. The shares are parts of the area of the input ranges.
+    A certificate is a table for a JSON file, from which a checking program can repeat the
+    proof. The map divides the ranges of the inputs into boxes. A box is regular if none of
+    its configurations is singular with locked inputs (type II). The number of assembly
+    modes (ways to assemble the mechanism) is then the same everywhere in the box. "shares"
+    are the parts of the whole area that each kind of box has.
 
-    "construction" is the order in which the proof places the links, "systems" are the
-    systems of loop equations that it solves one after another.
+    "construction" is the order in which links are placed. "systems" are the systems of loop
+    equations that are solved one after another.
     """
-    # The mechanism with the decimal numbers of its file, to which the proof applies.
+    # The proof is about the decimal numbers of the mechanism file.
     decimal_mechanism = input_map.decimal_mechanism
     construction = input_map.construction
     input_names = decimal_mechanism.structure.names_of(construction.input_pairs)
@@ -386,11 +386,10 @@ def wheels_certificate(
 ) -> dict[str, Any]:
     """Return the certificate of a mechanism in which wheels determine all angles.
 
-    Followers are the pairs whose angles follow from the inputs through wheels. They are
-    linear functions of the inputs. So there is one assembly mode (one way to assemble the
-    links), and it has no dead centres. The certificate is a table for a JSON file. Another
-    program can check its numbers: the slopes ("ratios"), and a bound of their errors as
-    float64 numbers ("off").
+    All pairs are followers: wheels drive them, and their angles are linear functions of the
+    inputs. So there is one assembly mode (one way to assemble the links), and no dead
+    centre. The certificate is a table for a JSON file. Another program can check the slopes
+    ("ratios") and the bounds of their errors ("off").
 
     Parameters
     ----------
@@ -398,7 +397,7 @@ def wheels_certificate(
         The mechanism.
     ratios
         (followers, inputs) rates of the followers at unit rates of the inputs. They are
-        balls, which are numbers with a bound of their error.
+        balls (numbers with a bound of their error).
     """
     structure = decimal_mechanism.structure
     rounded_ratios = [_round_balls(row) for row in ratios]
@@ -417,16 +416,16 @@ def wheels_certificate(
 
 
 def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
-    """Return enclosures of all poles in all certified real modes.
+    """Return all poles in all certified assembly modes, with bounds of their errors.
 
-    A pole is the axis of the relative rotation of two links while one input moves and the
-    others are locked. The velocity coefficient is their relative angular velocity per unit
-    rate of that input.
+    A pole is the axis of the relative rotation of two links, while one input moves and the
+    others are locked. The velocity coefficient is the relative angular velocity of the
+    links at unit rate of that input. An assembly mode is one way to assemble the mechanism.
 
     Returns
     -------
-    A row for each mode, moving input and pair of links, with float64 numbers and their
-    error bounds ("off"). The direction is None if the links may be at relative rest.
+    A row for each mode, moving input and two links. Numbers are float64, with error bounds
+    in the entries "..._off". The direction is None if the links may be at relative rest.
     """
     structure = modes.decimal_mechanism.structure
     rows = []
@@ -453,19 +452,18 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
 
 
 def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
-    """Return the part of a certificate with the singularities over a range of the input.
+    """Return the part of a certificate that lists singularities over a range of the input.
 
-    The configurations of the mechanism over the range are curves. A singularity is a point
-    of such a curve at which the output is stationary (type I) or the input is (type II).
-    The entries are:
+    The configurations over the range are curves. A singularity is a point of a curve at
+    which the output is stationary (type I) or the input is (type II). The entries are:
 
     - "found": the singularities. "curve" is the number of the curve, "place" has the values
       (rad) of all variables, and "off" is their error bound (rad).
-    - "undecided_parts": number of parts of curves in which there may be further ones.
-    - "outputs_without_pair": the outputs for which type I is not searched. No pair joins
-      the output link to its reference link, so that the angle of the output is no variable.
-    - "at_rest_along_curves": outputs that are stationary not at single points but along a
-      whole curve, each with the number of the curve.
+    - "undecided_parts": number of parts of curves that may have further singularities.
+    - "outputs_without_pair": outputs for which type I is not searched. No pair (joint)
+      connects the output link to its reference link, so the output angle is not a variable.
+    - "at_rest_along_curves": outputs that are stationary along a whole curve, each with the
+      number of the curve.
     """
     return {
         "undecided_parts": located.undecided,
@@ -491,25 +489,24 @@ def _system_tables(
 ) -> list[dict[str, Any]]:
     """Return systems of equations with approximations of all their solutions, as tables.
 
-    A system is a smallest set of equations that can be solved by itself if the systems
-    before it are solved. All its other variables then have given values. It is solved for
-    several sets of these values. A solution lists for each unknown the number
-    z = e^(i angle), or 1 / z if its entry in "inverse" is true. Complex solutions may have
-    an infinite z, which is listed as the inverse 0.
+    A system is a smallest set of equations that can be solved on its own, after the systems
+    before it. It is solved for each combination of their solutions, which are given values
+    here. A solution has for each unknown angle the number z = e^(i angle). Where "inverse"
+    is true, the number is 1 / z instead, so that an infinite z is listed as 0.
 
     Parameters
     ----------
     decimal_mechanism
-        The mechanism, for the names.
+        The mechanism, which has the names of links and pairs.
     construction
-        The order of placing its links, in which equations and variables are numbered.
+        The order of placing the links. It numbers equations and variables.
     systems
         The systems in the order in which they are solved.
     """
     structure = decimal_mechanism.structure
     names = structure.names_of(construction.pairs)
-    # Each equation belongs to a link that two pairs join to links placed before. It is
-    # named after this link.
+    # An equation states that a link fits between two links placed before. It has the name
+    # of this link.
     equation_names = [structure.links[step.link] for step in construction.equation_steps]
     tables = []
     for system in systems:
@@ -530,12 +527,15 @@ def _system_tables(
 def _system_solution_table(
     system_solution: SystemSolution, given_names: Sequence[str]
 ) -> dict[str, Any]:
-    """Return all solutions of a system at one set of given angles as a table.
+    """Return all solutions of a system of equations at one set of given angles.
+
+    The unknown angles are the variables of the system. Given angles are those of other
+    systems.
 
     Parameters
     ----------
     system_solution
-        The given angles and the solutions.
+        The given angles, and the solutions for the unknown angles.
     given_names
         Names of the given variables.
     """

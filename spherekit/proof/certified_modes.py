@@ -141,17 +141,17 @@ class CertifiedModes:
 
     @cached_property
     def completeness(self) -> Completeness:
-        """What is guaranteed, and on which facts the guarantee is based.
+        """What is guaranteed about the list of assembly modes, and why.
 
-        That no real mode is missing is proven in one of three ways:
+        An assembly mode (one way to assemble the mechanism) is a real solution of the
+        equations. That none is missing is proven in one of three ways:
 
-        1. As many complex modes are proven as there can be.
-        2. The equations are divided into systems that are solved one after another. As many
-           solutions of each are proven as there can be, those at infinity included.
-        3. All real modes elsewhere are excluded by dividing space into boxes.
+        1. As many complex solutions (modes) are proven as there can be.
+        2. The equations consist of systems that are solved one after another. For each, as
+           many solutions are proven as there can be, also those at infinity.
+        3. Space is divided into boxes, in which further real modes are excluded.
 
-        If no proof succeeds, real modes may be missing, but only in clusters of boxes that
-        stay undecided.
+        Otherwise some boxes stay undecided. Real modes can only be missing there.
         """
         arithmetic = f"ball arithmetic of {self.precision_bits} bits"
         statement = f"{len(self.real)} real modes, each alone in its ball"
@@ -172,9 +172,8 @@ class CertifiedModes:
                 "modes found"
             )
         else:
-            # Undecided boxes that touch each other are one cluster. Its width is that of
-            # the angle in which it is widest. Without boxes, which does not occur here,
-            # modes could be missing in a whole turn.
+            # A cluster consists of undecided boxes that touch. Its width is that of the
+            # angle in which it is widest.
             widths = [2.0 * np.max(half_widths) for _, half_widths in self.clusters]
             return Completeness(
                 Guarantee.TO_BOX,
@@ -293,7 +292,8 @@ def read_known_angles(
 def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     """Join boxes that touch each other, and return the smallest box around each group.
 
-    The boxes around groups can touch, too. They are joined again until no two touch.
+    The results are regions that may contain further solutions. If boxes around groups
+    touch, they are joined, too.
 
     Parameters
     ----------
@@ -308,13 +308,13 @@ def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
 
     lows = centres - radii
     highs = centres + radii
-    # Too many boxes are one group without any comparison, which would take too long.
+    # Very many boxes become one group at once, because comparing them would take too long.
     if len(lows) > MAX_CLUSTERED_BOXES:
         lows = np.min(lows, axis=0, keepdims=True)
         highs = np.max(highs, axis=0, keepdims=True)
     while len(lows):
-        # Two boxes touch if each begins below the end of the other in all directions. Boxes
-        # with a common side also touch if rounding leaves a gap of up to 1e-12 rad.
+        # Two boxes touch if each begins below the end of the other in all directions. A gap
+        # of up to 1e-12 rad is taken for rounding.
         begins_below = np.all(lows[:, None] <= highs + 1e-12, axis=2)
         group_count, labels = connected_components(begins_below & begins_below.T)
         if group_count == len(lows):
@@ -381,36 +381,36 @@ class _RootSearch:
         return [root for root in self.roots if root.real]
 
     def search_by_homotopies(self) -> _HomotopyResult:
-        """Try to prove the roots that homotopies find.
+        """Find roots by homotopies, and try to prove them.
 
-        A root consists of values of the unknown angles, real or complex, that solve the
+        A root is a set of values of the unknown angles, real or complex, that solves the
         equations of the mechanism. A homotopy follows approximate roots from a system with
         known roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different
         random numbers are tried. The search ends as soon as one of these is true:
 
         1. As many roots are proven as there can be.
-        2. As many finite roots are approximated as there can be. Further homotopies would
-           find no others, but the caller may prove these with more bits.
+        2. As many finite roots are approximated as there can be. The caller may still prove
+           them with more bits.
         3. The real roots are proven to be complete.
 
         Returns
         -------
-        All approximations that were tried, with their complex conjugates. In case 3 also
-        the systems that prove the real roots; otherwise the caller counts the proven roots.
+        All approximations with their complex conjugates. In case 3 also the systems of
+        equations that prove the real roots.
         """
         approximations: list[Sequence[complex]] = []
         for seed in range(HOMOTOPY_SEEDS):
             # (roots, unknowns) complex angles (rad).
             roots = approximate_modes(self.equations, self.circle_points, seed)
             for root in roots:
-                # The conjugate of a root is a root. A root that is proven already, such as
-                # the conjugate of a real one, is not added again.
+                # The conjugate of a root is a root, too. `add_root` ignores roots that are
+                # known.
                 for angles in (root.tolist(), root.conj().tolist()):
                     self.add_root(angles)
                     approximations.append(angles)
             if self._is_complete(roots):
                 break
-            # The systems take time, so they are left out after a homotopy that has failed.
+            # Without roots the systems need not be tried, since they take time.
             systems = self._find_complete_systems() if len(roots) else ()
             if systems:
                 return _HomotopyResult(approximations, systems)
@@ -459,12 +459,12 @@ class _RootSearch:
             self.roots.append(root)
 
     def exclude_other_roots(self) -> tuple[int, BoxSet]:
-        """Divide the space of the unknown angles into boxes, and exclude other real roots.
+        """Divide the space of the unknown angles into boxes, to exclude further real roots.
 
-        A box is done if an equation cannot vanish in it, or if it is inside the
-        neighbourhood of a proven root, where no other root is possible. Near each of the
-        other boxes a real root is searched. If there is a new one, it is proven and added
-        to `roots`. Boxes that are not done are halved.
+        A root is a solution of the equations of the mechanism. A box is done if an equation
+        cannot be zero in it, or if it is inside the neighbourhood of a proven root, where
+        no other root is possible. In the other boxes a new root is searched, proven and
+        added to `roots`. Boxes that are not done are halved.
 
         Returns
         -------
@@ -472,10 +472,9 @@ class _RootSearch:
         """
         unknown_count = self.equations.unknown_count
         no_width = [exact_ball(0.0)] * len(self.known_angles)
-        # The box that is divided: unknown angles range over a full turn, given angles have
-        # one value. Mechanisms of simple sizes often have roots at angles such as 0 or 90
-        # deg. The turn begins at another angle (-2.4 rad), so that none of these roots is
-        # on the common side of two boxes, where it could not be assigned to one of them.
+        # The box to divide: unknown angles range over a full turn, given angles have one
+        # value. Roots at simple angles such as 0 or 90 deg are frequent. The turn begins at
+        # -2.4 rad, so that such roots are not on the common side of two boxes.
         ranges = VariableRanges(
             low=[exact_ball(FIRST_ANGLE_RAD)] * unknown_count + self.known_angles,
             width=[2 * pi_ball()] * unknown_count + no_width,
@@ -491,14 +490,15 @@ class _RootSearch:
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes (n,) are surely inside the neighbourhood of a proven root.
 
-        The neighbourhood is a cube about a real root in the space of the unknown angles, in
-        which no other root is possible. Half its side is `unique`.
+        Such boxes need no further search. The neighbourhood is a cube about a real root, in
+        the space of the unknown angles, with no other root in it. Half its side is `unique`
+        (rad).
 
         Parameters
         ----------
         centres, radii
-            (n, variables) centres and half widths (rad) of the boxes. Only the unknowns,
-            which come first, matter.
+            (n, variables) centres and half widths (rad) of the boxes. The unknowns come
+            first; the other (given) angles do not matter.
         """
         count = self.equations.unknown_count
         root_boxes = (
@@ -528,10 +528,10 @@ def _root_sort_key(root: CertifiedRoot) -> tuple[float, ...]:
 
 
 def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> list[Ball]:
-    """Return balls (rad) of the angles of all pairs: numbers with bounds of their errors.
+    """Return balls (rad) of the angles of all pairs (joints) in a configuration.
 
-    The angles of some pairs are the variables of the equations. The angles of all other
-    pairs follow from the rotations of the two links of the pair.
+    A ball is a number with a bound of its error. The angles of some pairs are variables of
+    the equations. Those of the others follow from the orientations of their two links.
 
     Parameters
     ----------
@@ -548,8 +548,8 @@ def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> l
     rotations = equations.link_rotations(variables)
     for pair, ends in enumerate(equations.decimal_mechanism.structure.ends):
         if pair not in angle_by_pair:
-            # Rows of a frame are unit vectors in link axes. Multiplying them by the
-            # transpose rotates them to the axes of the root, which all links share.
+            # The rows of a frame are unit vectors in link axes. The product with the
+            # transpose rotates them to the axes of the root, which are common to all links.
             first_frame, second_frame = (
                 frame @ rotations[link].T
                 for link, frame in zip(ends, equations.pair_frames[pair], strict=True)

@@ -26,21 +26,22 @@ Larger: smaller clearances. Smaller: below some 1e-14 it is no longer a bound.
 
 @dataclass(frozen=True)
 class CertifiedSingularity:
-    """A proven singular configuration, the only one within the error of its point.
+    """A singular configuration of a mechanism, proven to be the only one near its point.
 
     Attributes
     ----------
     output
-        Name of the output.
+        Name of the output, a relative rotation of two links.
     type
         "I" if the output is stationary, "II" if the input is. "I or III" and "II or III" if
-        both may be stationary in the same configuration.
+        both may be stationary.
     q
         The input (rad).
     curve
-        Number of the configuration curve.
+        Number of the curve of configurations.
     point
-        The configuration, with the error bound of its variables.
+        The configuration, with an error bound of its variables. Within this bound there is
+        no other singular one.
     """
 
     output: str
@@ -78,20 +79,20 @@ class CertifiedSingularities:
     resting: Sequence[tuple[str, int]]
 
     def clearance(self, q: float) -> float:
-        """Return how far (rad) the input may move from q, at least, before a singularity.
+        """Return how far (rad) the input can move from q, at least, before a singularity.
 
-        The clearance applies to all assembly modes and to both directions. It is the
-        distance of q to the nearest of these inputs: singularities of type I and II, places
-        where configuration curves cross or nearly do, inputs with whole curves of
-        configurations, and the ends of the range. It is 0 if not everything is proven.
+        It is the distance of q to the nearest critical input, in both directions and for
+        all assembly modes (ways to assemble). Critical inputs are singularities of type I
+        and II, places where curves of configurations cross or nearly do, inputs at which a
+        whole curve exists, and the ends of the range. The result is 0 if not everything is
+        proven.
         """
         curves = self.curves
-        # `undecided` is the number of parts of curves that may have further singularities.
+        # `undecided` counts parts of curves that may have further singularities.
         if curves.completeness.guarantee is not Guarantee.CERTIFIED or self.undecided:
             return 0.0
         half_cycle = np.pi * curves.cycle_turns
-        # Without any such input the distance is half a cycle, because the configurations
-        # repeat after a cycle.
+        # All repeats after a cycle of the input, so no distance exceeds half a cycle.
         distances = [half_cycle]
         for value, error in self._list_critical_inputs():
             # Offset to the nearest repetition after whole cycles of the input.
@@ -99,33 +100,34 @@ class CertifiedSingularities:
             distances.append(abs(offset) - error)
         if not curves.is_full_cycle:
             distances += [q - curves.low, curves.high - q]
+        # Allow for the rounding of the input.
         return max(min(distances) - curves.cycle_turns * INPUT_ROUNDING_RAD, 0.0)
 
     def _list_critical_inputs(self) -> list[tuple[float, float]]:
-        """Return the inputs at or near which singularities are, each with its error.
+        """Return the inputs at or near which singularities are, with the errors, in rad.
 
-        They are the singularities of types I and II, the places where curves cross or
-        nearly do (saddles), and the inputs with whole curves of configurations. An input
-        and its error are in rad.
+        They are the singularities of types I and II, the places where curves of
+        configurations cross or nearly do (saddles), and the inputs at which a whole curve
+        exists.
         """
         curves = self.curves
-        # Those of type II, where the input is stationary, are taken from the curves,
-        # because `singularities` is empty without an output.
+        # Type II (stationary input) is taken from the curves, because `singularities` is
+        # empty if there is no output.
         points = [
             point
             for stationary_points in curves.input_stationary_points
             for point in stationary_points.proven
         ]
         points += [singularity.point for singularity in self.singularities]
-        # The input is `cycle_turns` times its variable in the equations (1 without wheels).
-        # Errors of the variable are multiplied by this number.
+        # With wheels, the input is `cycle_turns` times its variable in the equations, and
+        # its error as many times larger.
         critical_inputs = [
             (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points
         ]
         for saddle in curves.saddles:
-            # The zone within these distances (rad) of the variables from the centre of the
-            # saddle may have singularities.
+            # Singularities are possible within this distance (rad) of the centre of the
+            # saddle.
             zone_of_input = saddle.central_zone[curves.input_variable]
             critical_inputs.append(
                 (curves.input_angle(saddle.centre), curves.cycle_turns * zone_of_input)

@@ -68,19 +68,21 @@ the margin, else 0.
 
 @dataclass(frozen=True)
 class Chain:
-    """A configuration curve, or its part in the range of the input.
+    """A configuration curve, or its part in the range of the input, as a row of boxes.
+
+    The boxes prove where the curve is.
 
     Attributes
     ----------
     pieces
-        Boxes in the space of the variables, in order. Each one is proven to contain exactly
-        one arc of the curve, and contains the centre of the next box.
+        The boxes, in the space of the variables, in order. Each is proven to contain
+        exactly one arc (piece) of the curve, and contains the centre of the next box.
     closed
-        Whether the last box contains the centre of the first, up to whole turns of the
-        variables. Otherwise each end of the chain is beyond the range, or on a branch (arm)
-        that leads to a place where curves cross or nearly do.
+        Whether the curve returns to its start: the last box contains the centre of the
+        first, up to whole turns of the variables. Otherwise each end is beyond the range,
+        or at a place where curves cross or nearly do.
     problem
-        The reason if an end of the chain is at none of these places, otherwise empty.
+        The reason if an end is at none of these places; otherwise empty.
     """
 
     pieces: Sequence[CertifiedArc]
@@ -89,10 +91,10 @@ class Chain:
 
     @property
     def successive_pieces(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
-        """Each piece together with the next one, whose centre it contains.
+        """Each piece together with the next one.
 
-        A piece is a box with one arc of the curve. In a closed chain the last piece is
-        followed by the first.
+        A piece is a box with one arc of the curve. In a closed chain the first piece
+        follows the last.
         """
         pieces = [*self.pieces]
         if self.closed:
@@ -102,13 +104,13 @@ class Chain:
     def may_repeat_start(self) -> bool:
         """Return whether the chain may pass through its start a second time.
 
-        It would then represent parts of the curve twice, and modes would be counted twice.
+        It would then contain parts of the curve twice, and assembly modes would be counted
+        twice.
         """
         start = self.pieces[0].centre
         successive_pieces = self.successive_pieces
-        # The part of the curve between the first two centres begins at the start. In a
-        # closed chain, the part between the last centre and the first ends there. These are
-        # no repetitions, so only the parts between are tested.
+        # The parts next to the start are left out: the first one, and in a closed chain the
+        # last one.
         if self.closed:
             tested_pieces = successive_pieces[1:-1]
         else:
@@ -123,22 +125,23 @@ def _may_be_between(
 ) -> bool:
     """Return whether a curve may pass a configuration between the centres of two arcs.
 
+    It serves to find out whether the curve runs through the configuration a second time.
+
     Parameters
     ----------
     configuration
         (v,) values of all variables (rad).
     piece
-        An arc of the curve, alone in a box about it. The tangent of the arc at its centre
-        is the axis of the box.
+        An arc of the curve, alone in a box about it. The axis of the box is the tangent of
+        the arc at its centre.
     next_piece
-        The next arc, whose centre is in this box.
+        The next arc. Its centre is in the box of `piece`.
     """
-    # Coordinates in the box: the first is along the axis, 0 at the centre of the arc. The
-    # others are across it, where the box ends at `radius`.
+    # Coordinates in the box: `along` its axis, 0 at the centre of the arc, and `across` it,
+    # where the box ends at `radius`.
     along, *across = piece.coordinates(configuration)
     next_centre_along = piece.coordinates(next_piece.centre)[0]
-    # Coordinates are rounded, and centres are not exactly on the curve, so the box is
-    # enlarged by 1e-9 rad. If it were smaller, the configuration could be missed.
+    # The box is enlarged by 1e-9 rad for rounding, so that no passage is missed.
     is_near_axis = np.all(np.abs(across) <= piece.radius + 1e-9)
     return bool(is_near_axis and -1e-9 <= along <= next_centre_along + 1e-9)
 
@@ -146,12 +149,11 @@ def _may_be_between(
 def find_chain(
     equations: ArcEquations, first: CertifiedArc, side: RangeSide, crossings: Crossings
 ) -> Chain | None:
-    """Return the chain of the whole curve through an arc.
+    """Return the whole curve of configurations through an arc, as a chain of arcs.
 
-    A chain is a configuration curve as a row of certified arcs. The curve is followed until
-    it closes, leaves the range of the input or ends at a crossing: a place where curves
-    cross or narrowly miss each other. Crossings to which the curve leads are added to
-    `crossings`.
+    Each arc is certified: it is the only one in a box. The curve is followed until it
+    closes, leaves the range of the input, or ends at a crossing (a place where curves cross
+    or narrowly miss each other). New crossings are added to `crossings`.
 
     Parameters
     ----------
@@ -160,25 +162,25 @@ def find_chain(
     first
         An arc of the curve.
     side
-        Function of the input's variable (rad) and of a margin (rad). It returns on which
+        Function of the input's variable and of a margin (both rad) that returns on which
         side of its range the input is: 1 above, -1 below, 0 within.
     crossings
         The crossings of the search so far.
 
     Returns
     -------
-    The chain. If it ends at another place, its `problem` says why. The result is None if
-    the first arc turns out to be at a crossing.
+    The chain. If it ends at another place, its `problem` says why. None if the first arc
+    turns out to be at a crossing.
     """
     chain = _follow_forward(equations, first, side, crossings)
     if not chain.closed:
-        # Turn around at the end, and follow the curve to its other end. A problem at the
-        # first end remains a problem of the chain.
+        # From the end, follow the curve back to its other end. A problem at the first end
+        # is also a problem of the chain.
         problem = chain.problem
         last = _reverse(chain.pieces[-1])
         chain = _follow_forward(equations, last, side, crossings)
         chain = replace(chain, problem=problem or chain.problem)
-    # Crossings are found while the curve is followed, so this is tested last.
+    # Following the curve can add a crossing at its start, so this is tested last.
     return None if crossings.may_contain(first.centre, first.centre_error) else chain
 
 
@@ -196,20 +198,19 @@ def _reverse(piece: CertifiedArc) -> CertifiedArc:
 def find_piece_ahead(
     equations: ArcEquations, piece: CertifiedArc, position: Floats, longest: float
 ) -> CertifiedArc | None:
-    """Return a certified arc that continues another arc.
+    """Return a certified arc that continues another arc of a configuration curve.
 
     A certified arc, or piece, is a box in which all configurations form exactly one arc of
-    a configuration curve. The centre of the new arc has to be in the box of the other arc.
-    Both arcs then have a configuration in common and belong to one curve. The centre also
-    has to be ahead of the other centre, so that the curve is followed in one direction.
+    a curve. The new arc must satisfy two conditions. Its centre is in the box of the other
+    arc, so that both belong to one curve. And its centre is ahead of the other centre, so
+    that the curve is followed in one direction.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     piece
-        The arc that is continued. The tangents of both arcs point in the same direction
-        along the curve.
+        The arc that is continued. Its tangent points in the direction of the continuation.
     position
         (v,) position (rad) near which the centre of the new arc is searched.
     longest
@@ -217,7 +218,7 @@ def find_piece_ahead(
 
     Returns
     -------
-    None if no arc is proven near the position, or if its centre is not ahead in the box.
+    The new arc. None if no arc is proven near the position, or if a condition fails.
     """
     configuration = correct_configuration(equations, position)
     if configuration is None:

@@ -74,18 +74,18 @@ Arm = tuple[int, Quadrant]
 
 @dataclass(frozen=True)
 class PlanarAngle:
-    """An angle of a pair at which the arcs of both its links are in one plane.
+    """An angle of a pair (joint) at which the arcs of both its links are in one plane.
 
-    Each link has an arc from the axis of the pair to its other axis in a loop. A pair has
-    two such angles, which differ by half a turn.
+    The arc of a link is measured from the axis of the pair to the link's other axis in a
+    closed loop. A pair has two such angles, half a turn apart.
 
     Attributes
     ----------
     angle
         The angle (rad) as a ball, a number with a bound of its error.
     is_same_side
-        Whether the arcs extend from the axis of the pair to the same side, as if the links
-        were folded. Otherwise they extend to opposite sides, as if stretched.
+        Whether both arcs extend from the axis of the pair to the same side, as in folded
+        links. Otherwise they extend to opposite sides, as in stretched links.
     """
 
     angle: Ball
@@ -125,26 +125,26 @@ class FourPairLoop:
         return second if variable == first else first
 
     def angles_that_free_other_variable(self, variable: int) -> list[Ball]:
-        """Return the angles of a variable with which the other one can have any angle.
+        """Return the angles of one variable with which the other one can have any angle.
 
-        They are the planar angles of the variable with which the loop closes in a plane in
-        two ways: with the links of the other pair folded, and with them stretched. The loop
-        then closes with all angles of the other variable, by this argument:
+        A loop of four pairs (joints) has two variables x and y, the angles of two pairs. y
+        is 0 where the links of its pair are folded onto each other, and pi where they are
+        stretched. The result are angles of x at which the loop closes with y = 0 and with y
+        = pi, all axes in one plane. Then it closes with all y:
 
-        1. Let x be the variable, and y the other one, which is 0 where its links are folded
-           and pi where they are stretched.
-        2. The equation of the loop is linear in cos(y) and sin(y). If x has a planar angle,
-           the reflection in this plane maps y to -y, so the sine does not occur. The
-           equation is a + b cos(y) = 0.
-        3. It is satisfied with y = 0 and with y = pi, so a + b = 0 and a - b = 0. Both a
-           and b are 0, and all y satisfy the equation.
+        1. The equation of the loop is linear in cos(y) and sin(y).
+        2. The reflection in the plane maps y to -y, so sin(y) does not occur. The equation
+           is a + b cos(y) = 0.
+        3. It holds for y = 0 and y = pi, so a + b = 0 and a - b = 0. Both a and b are 0.
 
-        `variable` is the number of x. The angles (rad) are balls.
+        `variable` is the number of x. The angles (rad) are balls (numbers with error
+        bounds).
         """
         other_variable = self.other_variable(variable)
         free_angles = []
         for is_folded in (True, False):
-            # All these closures have the same angle of the variable.
+            # Planar closures in which the links of x are folded (or stretched); x is equal
+            # in all.
             closures = [
                 closure
                 for closure in self.planar_closures
@@ -160,12 +160,11 @@ class FourPairLoop:
 def complete_configuration(
     equations: ArcEquations, equation: int, given: Mapping[int, Ball], position: Floats
 ) -> Array | None:
-    """Enclose the configuration in which some variables have given exact values.
+    """Enclose the configuration near a position in which some variables have exact values.
 
-    One equation is left out, because the caller knows that the given values satisfy it.
-    The other equations determine the variables that are not given. The result proves that
-    they have exactly one solution near the position. A ball is a number with a proven bound
-    of its error.
+    One equation is left out, because the caller knows that the given values satisfy it. The
+    other equations determine the other variables. The result proves that these have exactly
+    one solution near the position. A ball is a number with a bound of its error.
 
     Parameters
     ----------
@@ -174,16 +173,15 @@ def complete_configuration(
     equation
         Number of the equation that is left out.
     given
-        Exact value (rad) of each given variable, by the number of the variable. Values that
-        differ by whole turns (2 pi) are equivalent.
+        By number of each given variable its exact value (rad), up to whole turns (2 pi).
     position
         (v,) approximate values of all v variables (rad).
 
     Returns
     -------
-    (v,) balls (rad). Those of variables that are not given contain exactly one solution.
-    None in three cases: a given value is not near the position; there are not as many
-    other equations as other variables; or no solution is proven.
+    (v,) balls (rad). Those of the other variables contain exactly one solution. None in
+    three cases: a given value is not near the position; the numbers of equations and of
+    other variables differ; or no solution is proven.
     """
     balls = exact_balls(position)
     for variable, value in given.items():
@@ -212,26 +210,27 @@ def _widen_around_solution(
     free_variables: Sequence[int],
     balls: Array,
 ) -> Array | None:
-    """Widen some variables so that they contain exactly one solution of equations.
+    """Widen some variables to balls that contain exactly one solution of the equations.
 
-    The interval Newton method bounds the distance of the solution from the centre, from the
-    residuals at the centre and the derivatives in the wide balls. If the bound is less than
-    the radius of the wide balls, they contain exactly one solution.
+    A ball is a number with a bound of its error. The interval Newton method bounds the
+    distance of a solution from the centre, from the errors of the equations there and the
+    derivatives in the wide balls. If the bound is less than the radius, there is exactly
+    one solution in the balls.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     square_equations
-        Numbers of as many equations as there are free variables.
+        Numbers of the equations to solve, as many as there are free variables.
     free_variables
         Numbers of the variables that are widened, by `SOLUTION_RADIUS_RAD`.
     balls
-        (v,) all variables (rad), the free ones without error.
+        (v,) balls of all variables (rad). Those of free variables have no radius.
 
     Returns
     -------
-    (v,) the variables with the widened ones, or None if no solution is proven.
+    (v,) the balls, free ones widened. None if no solution is proven.
     """
     (residuals,) = equations.evaluate(balls, 0)
     wide_balls = balls.copy()
@@ -320,22 +319,21 @@ def _closes_in_plane(
 ) -> bool:
     """Return whether a loop of four links closes with all its axes in one plane.
 
-    At two given joints it is prescribed whether both links are on the same side of the
-    joint's axis or on opposite sides. If all axes are in one plane, each arc is passed in
-    one of two senses, and the loop closes if the sum of the signed arcs is a whole number
-    of turns. Both links of a joint are on the same side of the axis if their arcs are
-    passed in opposite senses.
+    The axes are then on one great circle, and each arc runs along it in one of two senses.
+    The loop closes if the signed arcs add up to whole turns. At two given joints it is also
+    prescribed how the two links lie: on the same side of the joint axis (opposite senses)
+    or on opposite sides (equal senses).
 
     Parameters
     ----------
     arcs
-        Arc of the link before each joint, in the unit of the file.
+        Exact arc of the link before each joint, in the unit of the file.
     positions
         Numbers of the two given joints in the loop.
     is_same_side
-        For each given joint whether both links are on the same side, not on opposite ones.
+        For each of the two joints whether its links are on the same side.
     in_degrees
-        Whether the unit is degrees and not radians.
+        Whether the unit is degrees; otherwise it is radians.
     """
     for senses in product((1, -1), repeat=4):
         total = sum(sense * arc for sense, arc in zip(senses, arcs, strict=True))
@@ -344,7 +342,8 @@ def _closes_in_plane(
             (senses[k] != senses[(k + 1) % 4]) == same_side
             for k, same_side in zip(positions, is_same_side, strict=True)
         )
-        # In radians no decimal number but 0 is a whole number of turns.
+        # In radians, only the sum 0 is certain: no other decimal number is a multiple of 2
+        # pi.
         remainder = total % 360 if in_degrees else total
         if has_sides and remainder == 0:
             return True
@@ -356,18 +355,20 @@ def _exact_arc(
 ) -> Fraction | None:
     """Return the arc between two pair axes of a link exactly as the file gives it.
 
+    Exact arcs decide whether a loop closes in one plane.
+
     Parameters
     ----------
     decimal_mechanism
         The mechanism with its file.
     link, first_pair, second_pair
-        Numbers, in the structure, of the link and of the two pairs.
+        Numbers of the link and of the two pairs (joints) in the structure.
 
     Returns
     -------
-    The arc in the unit of the file, between 0 and half a turn. None if the file does not
-    give this arc, or if it is 0 or half a turn. In radians it is also None for arcs outside
-    this range, because whole turns cannot be subtracted exactly.
+    The arc as a fraction in the unit of the file, between 0 and half a turn. None if the
+    file does not give this arc, or if it is 0 or half a turn. In radians also None for arcs
+    beyond this range, because 2 pi cannot be subtracted exactly.
     """
     arc_text = _find_arc_text(decimal_mechanism, link, first_pair, second_pair)
     if arc_text is None:
@@ -375,14 +376,14 @@ def _exact_arc(
     # TOML allows underscores between digits.
     arc = Fraction(arc_text.replace("_", ""))
     if decimal_mechanism.in_degrees:
-        # The arcs both ways round the great circle; the smaller one is at most half a turn.
+        # The arcs both ways round the great circle. The smaller one is at most half a turn.
         forward_arc = arc % 360
         backward_arc = (-arc) % 360
         arc = min(forward_arc, backward_arc)
         upper_limit = 180.0
     else:
-        # No decimal number in radians equals pi exactly. A limit a little below pi excludes
-        # the few arcs between, which then count as not given exactly.
+        # Half a turn, pi, is not a decimal number. A limit a little below excludes few
+        # arcs.
         upper_limit = 3.14159
     return arc if 0 < arc < upper_limit else None
 
@@ -392,19 +393,19 @@ def _find_arc_text(
 ) -> str | None:
     """Return the arc between two pair axes of a link as the decimal text of the file.
 
-    The file gives the arcs of a link from its first axis to each other axis. Only these are
-    found.
+    The text has no rounding error. The file lists the arcs from the first axis of a link to
+    each other axis, so arcs between two other axes are not found.
 
     Parameters
     ----------
     decimal_mechanism
         The mechanism with its file.
     link, first_pair, second_pair
-        Numbers, in the structure, of the link and of the two pairs.
+        Numbers of the link and of the two pairs (joints) in the structure.
 
     Returns
     -------
-    The text of the number, None if the file does not give this arc.
+    The text of the number. None if the file does not give this arc.
     """
     structure = decimal_mechanism.structure
     table = decimal_mechanism.document.data["links"].get(structure.links[link])
@@ -424,17 +425,18 @@ def _find_arc_text(
 def _planar_angles(
     equations: ArcEquations, pairs: Sequence[int], links: Sequence[int], joint: int
 ) -> tuple[PlanarAngle, PlanarAngle]:
-    """Return the two angles of a joint at which both its links are in one plane.
+    """Return the two angles of a joint with the arcs of both its links in one plane.
 
-    They follow from the azimuths, about the joint axis, of the neighbouring axes on both
-    links. A ball is a number with a proven bound of its error.
+    The neighbouring axis on each link has an azimuth about the joint axis. The angles
+    follow from both azimuths. They are balls (numbers with a bound of their error).
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     pairs, links
-        Pairs and links around the loop. Joint k is between the links k and k + 1.
+        Numbers of the pairs and links around the loop. Joint k (pair k) is between the
+        links k and k + 1.
     joint
         Number k of the joint.
 
@@ -451,9 +453,9 @@ def _planar_angles(
         link_before: _azimuth_in_link(equations, link_before, pair, pairs[joint - 1]),
         link_after: _azimuth_in_link(equations, link_after, pair, pair_after),
     }
-    # The joint angle is that of the second link relative to the first. In the first link,
-    # the neighbouring axis of the second link has the azimuth (joint angle + second
-    # azimuth). The arcs are on the same side if this equals the first azimuth.
+    # The joint angle turns the second link relative to the first. So, seen in the first
+    # link, the azimuth of the second link's axis is its own azimuth plus the joint angle.
+    # The arcs are on the same side if it equals the azimuth of the first link's axis.
     first_link, second_link = equations.decimal_mechanism.structure.ends[pair]
     same_side = azimuth_by_link[first_link] - azimuth_by_link[second_link]
     return (
@@ -467,6 +469,9 @@ def _azimuth_in_link(
 ) -> Ball:
     """Return the azimuth of another pair axis of a link about the axis of a pair.
 
+    It is the angle about the axis from the zero direction (where pair angles begin) to the
+    other axis.
+
     Parameters
     ----------
     equations
@@ -474,16 +479,16 @@ def _azimuth_in_link(
     link
         Number of the link that has both pairs.
     pair
-        Number of the pair about whose axis the azimuth is counted, from the zero direction
-        of the pair in this link.
+        Number of the pair about which the azimuth is counted.
     other_pair
         Number of the pair whose axis has the azimuth.
 
     Returns
     -------
-    The azimuth (rad) as a ball, a number with a proven bound of its error.
+    The azimuth (rad) as a ball (a number with a bound of its error).
     """
-    # The rows of a pair frame are its zero direction, its side direction and its axis.
+    # The rows of a frame are the zero direction, the side (90 degrees from it) and the
+    # axis.
     other_axis = equations.pair_frame(other_pair, link)[2]
     zero_and_side = equations.pair_frame(pair, link)[:2]
     return polar_angle(*(zero_and_side @ other_axis))
@@ -567,25 +572,25 @@ class Crossings:
         return any(saddle.may_contain(position, error) for saddle in self.saddles)
 
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
-        """Return whether a variable is proven to be constant along a chain of arcs.
+        """Return whether a variable is proven to be constant along a configuration curve.
 
-        An example is a four-bar with arcs a, a, b, b. If both links a are folded onto each
-        other, and both links b likewise, the axes of two pairs coincide. The links a can
-        then turn about this axis together, while the variables of the other two pairs rest.
+        Example: a four-bar with arcs a, a, b, b. With both links a folded onto each other,
+        and both links b likewise, two axes coincide. The links a can turn about this axis
+        together, while the other two pairs rest.
 
-        The proof uses the arc in the middle of the chain; any other would do:
+        The proof uses one arc of the curve, the middle one:
 
-        1. With certain angles of the variable, a loop of four pairs closes with all angles
-           of its other variable (`FourPairLoop.angles_that_free_other_variable`). These
-           configurations are a curve along which the variable is constant.
+        1. At certain angles of the variable, a loop of four pairs closes with all angles of
+           its other variable (`FourPairLoop.angles_that_free_other_variable`). This is a
+           curve along which the variable is constant.
         2. A configuration of this curve is inside the box of the arc.
         3. The box contains no other configurations than the arc. So the arc, and with it
-           the whole chain, is on this curve.
+           the whole curve, is the curve of step 1.
 
         Parameters
         ----------
         pieces
-            The arcs of configurations, with the boxes in which they are unique.
+            The arcs of the curve, each with a box in which it is alone.
         variable
             Number of the variable.
         """
@@ -601,21 +606,24 @@ class Crossings:
     def _find_on_constant_curve(
         self, loop: FourPairLoop, variable: int, position: Floats
     ) -> Array | None:
-        """Return a configuration near a position on a curve with a constant variable.
+        """Return a configuration near a position, on a curve with a constant variable.
+
+        Such a curve exists if a loop of four pairs closes with all angles of its other
+        variable.
 
         Parameters
         ----------
-        loop
-            The loop that closes with all angles of its other variable.
+        The loop. It has two variables.
         variable
             Number of the variable that is constant along the curve.
         position
-            (v,) values (rad). The other variable of the loop keeps its value.
+            (v,) values (rad) of all variables. The other variable of the loop keeps its
+            value.
 
         Returns
         -------
-        (v,) the configuration as balls (rad). None if there is no such curve, the constant
-        angle is not near that of the position, or no configuration is proven.
+        (v,) the configuration as balls (rad), which are numbers with error bounds. None if
+        there is no such curve near the position, or if no configuration is proven.
         """
         other_variable = loop.other_variable(variable)
         # There are at most two angles, half a turn apart, so only one can be near.
@@ -629,17 +637,16 @@ class Crossings:
     def _contains_proven_crossing(self, box: OrientedBox) -> bool:
         """Return whether configuration curves are proven to cross in a box.
 
-        It is the box of `find_saddle`. Curves cross in each configuration in it in which
-        all four axes of a loop of four pairs are in one plane, for these reasons:
+        `find_saddle` has proven that the box contains one saddle point. Curves cross there
+        if it is a configuration in which a loop of four pairs has all its axes in one
+        plane:
 
         1. The reflection in this plane reverses small changes of the angles, and does not
-           change the equation of the loop. Its derivatives by the angles are therefore 0.
-        2. `find_saddle` has reduced all equations of the mechanism to one equation
-           g(u, v) = 0 of two coordinates. Where all derivatives of one equation of the
-           mechanism are 0, both slopes of g are 0.
-        3. `find_saddle` has proven that g has only one such point in the box, its saddle
-           point. A configuration is a zero of g. The curves g = 0 through a saddle point
-           cross there.
+           change the equation of the loop. So its derivatives by the angles are 0.
+        2. `find_saddle` has reduced all equations to one equation g(u, v) = 0. Where the
+           derivatives of one equation are 0, both slopes of g are 0.
+        3. Only the saddle point of g has slopes 0 in the box. It is a configuration, so g =
+           0 there, and two curves g = 0 cross.
         """
         return any(
             _is_near_centre(configuration, box)
@@ -649,22 +656,22 @@ class Crossings:
     def _find_planar_configurations(self, position: Floats) -> Iterator[Array]:
         """Yield configurations near a position in which a loop of four pairs is planar.
 
-        In a planar loop all four axes are in one plane. Only loops whose exact arcs prove
-        that they close in this way are considered.
+        In a planar loop all four axes are in one plane. Only loops are considered that are
+        proven to close in this way by their exact arcs.
 
         Parameters
         ----------
         position
-            (v,) values (rad).
+            (v,) values (rad) of all variables.
 
         Yields
         ------
-        (v,) a configuration in proven balls (rad).
+        (v,) a configuration in balls (rad): numbers with bounds of their errors.
         """
         for loop in self.loops:
             for closure in loop.planar_closures:
-                # Both variables of the loop have their angles in the planar loop, which
-                # satisfy its equation. All other variables follow from the other equations.
+                # The planar loop determines both its variables, and they satisfy its
+                # equation. The other equations determine all other variables.
                 given = {variable: planar.angle for variable, planar in closure.items()}
                 configuration = complete_configuration(
                     self.equations, loop.equation, given, position
