@@ -72,15 +72,15 @@ class EquationLayout:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """Lay out the state and the parameters of the equation of motion of a mechanism.
+        """Define where each quantity is in the state and parameters of an equation.
 
-        The state is the vector that is integrated: all pair variables, a generalised
+        The state is the vector that is integrated: all pair variables (joint angles), a
         momentum for each degree of freedom, and the work of each load.
 
         Parameters are numbers in the compiled equation that are constant during an
-        integration step, such as joint limits. They can be changed without compiling the
-        equation again. Each attribute ``..._parameter`` is the number of a parameter, and
-        each ``..._parameters`` that of the first of several.
+        integration step, such as joint limits. They can be changed without compiling again.
+        An attribute ``..._parameter`` is the number of one parameter; ``..._parameters`` is
+        the number of the first of several.
         """
         self.variable_count = len(mechanism.variable_names)
         self.freedoms = len(mechanism.inputs)
@@ -95,8 +95,8 @@ class EquationLayout:
         self.table_names = [
             load.name for load in mechanism.loads if isinstance(load, TorqueTable)
         ]
-        # The class docstring describes the parameters. Switch conditions are added later,
-        # when loads are written as expressions, so their number is not known yet.
+        # The class docstring describes these groups. Switch conditions (zeros at which a
+        # load changes abruptly) are appended later, so they are last, with an open number.
         first_numbers = _number_consecutively(
             turns=self.variable_count,
             momentum_unit=1,
@@ -151,18 +151,18 @@ class EquationLayout:
         """Return the motion on which loads depend, as expressions and symbols.
 
         Loads need two kinds of rates. Their magnitude, such as that of a damper, depends on
-        rates by time. Their generalised force at a coordinate follows from rates per unit
-        rate of this coordinate, by the principle of virtual power. The latter are
-        homogeneous rates: they are multiplied by the determinant of the velocity equations,
-        so that they contain no division.
+        rates by time. Their generalised force at a coordinate needs rates per unit rate of
+        this coordinate (principle of virtual power). The second kind is multiplied by the
+        determinant of the velocity equations, so that no division is needed. Such rates are
+        called homogeneous.
 
         Parameters
         ----------
         coordinate_rates
-            Orientations of all links (`placed`), and the homogeneous rates of the variables
-            (`tau`) and of the links (`w`).
+            Orientations of all links (`placed`), and the homogeneous rates of the pair
+            variables (`tau`) and of the links (`w`).
         variable_rates
-            Rates of the variables by time.
+            Rates of the pair variables by time.
         """
         return LoadState(
             mechanism=coordinate_rates.mechanism,
@@ -216,29 +216,28 @@ def _number_consecutively(**counts: int) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class EquationExpressions:
-    """The equation of motion as symbolic expressions.
+    """The equation of motion as symbolic expressions, ready to be compiled.
 
     Attributes
     ----------
     layout
-        Layout of the state and of the parameters.
+        Positions of quantities in the state and among the parameters.
     state_rates
         Rates of the state by time.
     homogeneous_rates
-        For each coordinate the rates of all variables per unit rate of the coordinate,
-        times the determinant of the velocity equations. This factor removes divisions, so
-        that the rates stay finite where the coordinate does not determine the motion. A
-        simulation takes the direction of its configuration curve from them.
+        For each coordinate the rates of all pair variables (joint angles) per unit rate of
+        the coordinate, times the determinant of the velocity equations. The factor removes
+        divisions, so these rates stay finite where the coordinate does not determine the
+        motion. A simulation needs them for the direction of its curve of configurations.
     independence
-        Measure of the independence of the loop-closure equations. It is zero at
-        configurations in which these equations depend on each other, which is where curves
-        of configurations cross.
+        Measure of the independence of the loop-closure equations. It is zero where these
+        equations depend on each other, which is where curves of configurations cross.
     events
-        Events at which a run ends, or continues with other pair variables as coordinates.
-        Events of joint limits and of loads that change abruptly are not included.
+        Events at which an integration ends, or changes its coordinates. Events of joint
+        limits and of loads that change abruptly are added later.
     load_state
-        Symbols that expressions of loads contain: variables, rates, orientations of links
-        and the time.
+        Symbols in the expressions of loads: variables, rates, orientations of links and
+        the time.
     """
 
     layout: EquationLayout
@@ -252,23 +251,24 @@ class EquationExpressions:
 def make_joint_limit_events(
     mechanism: Mechanism, layout: EquationLayout
 ) -> Iterator[EventFunction]:
-    """Yield two events for each joint limit: the pair falls below or exceeds its range.
+    """Yield two events for each joint limit: the angle falls below or exceeds its range.
 
     An event occurs where its expression passes through zero, downwards (-1) or upwards (1).
+    The integration then ends.
 
     Parameters
     ----------
     mechanism
         The mechanism with its joint limits.
     layout
-        Symbols of the variables, and numbers of the parameters with the limits.
+        Symbols of the pair variables, and numbers of the parameters with the limits.
     """
     for index, limit in enumerate(mechanism.joint_limits):
         (variable,) = mechanism.variables_of(mechanism.pair_number[limit.pair])
-        # The state has each angle reduced by whole turns. Parameter v of the compiled
-        # equation is the number of turns that variable v lacks.
+        # Angles in the state are without whole turns. Parameter number v of the compiled
+        # equation is the number of turns to add to variable v.
         angle = layout.variables[variable] + TURN * parameter_symbol(variable)
-        # Further parameters are the lower and the upper value of each joint limit.
+        # The lower and the upper value of each joint limit are two more parameters.
         first_number = layout.limit_parameters + 2 * index
         low = parameter_symbol(first_number)
         high = parameter_symbol(first_number + 1)

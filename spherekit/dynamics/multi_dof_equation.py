@@ -127,22 +127,22 @@ def derive_multi_dof_equation(
 def _derive_independence(
     layout: EquationLayout, coordinate_rates: CoordinateRates, values: Floats
 ) -> Expr:
-    """Return a measure of the independence of the closure equations as an expression.
+    """Return a measure of the independence of the loop-closure equations as an expression.
 
-    It is zero where closure equations depend on each other, and 1 at the configuration
-    `values`. It is their determinant, divided by its value at this configuration: the
-    Taylor integrator heyoka controls its error relative to the largest of the state and of
-    all event functions, so a measure far above 1 would make steps less accurate.
+    It is zero where these equations depend on each other, so that a simulation can end
+    there. It is 1 at the configuration `values`, because their determinant is divided by
+    its value there. A measure far above 1 would make steps less accurate: the integrator
+    heyoka compares errors with the largest of the state and of all event functions.
 
     Parameters
     ----------
     layout
-        Symbols of the variables.
+        Symbols of the pair variables (joint angles).
     coordinate_rates
         Rates of all variables per unit rate of each coordinate.
     values
-        (variables,) a closed configuration (rad) in which the coordinates determine the
-        motion. The closure equations are independent there, so their determinant is not 0.
+        (variables,) a configuration (rad) in which the loops close and the coordinates
+        determine the motion. The determinant is not 0 there.
 
     Returns
     -------
@@ -159,8 +159,8 @@ def _derive_independence(
 def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int) -> Expr:
     """Return det(J J^T) of the velocity equations J v' = 0 of the loops, as an expression.
 
-    It is zero where the equations depend on each other. It is computed without J, from the
-    homogeneous rates that are known already:
+    It is zero where the equations depend on each other. v' are the rates of the pair
+    variables (joint angles). J is not needed, since the rates T are known already:
 
         det(J J^T) = det(T T^T) / D^(2 m - 2).
 
@@ -168,9 +168,9 @@ def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int
     - Row i of T has D times the rates of all variables per unit rate of coordinate i.
     - D is the determinant of the columns of J that belong to the other variables.
 
-    The reason: each maximal minor of J is D^(1 - m) times the minor of T with all other
-    columns, up to its sign. By the formula of Cauchy and
-    Binet, the determinants are the sums of the squares of these minors.
+    The reason: each maximal minor of J is, up to its sign, D^(1 - m) times the minor of
+    T with the other columns. By the formula of Cauchy and Binet, each determinant is
+    the sum of the squares of these minors.
 
     Parameters
     ----------

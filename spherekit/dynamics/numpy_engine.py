@@ -203,17 +203,17 @@ no rates."""
 
 
 class StepEvent(NamedTuple):
-    """An event within a step that may have to be recorded.
+    """An event within an integration step, such as a joint limit or a moment of rest.
 
     Attributes
     ----------
     t
         Time, s.
     kind
-        Kind of the event. A simulation that does not pass crossings of curves of
-        configurations ends at the first one, which is then a "singularity".
+        Kind of the event. Where two curves of configurations cross, it is "crossing" if the
+        simulation passes crossings, and "singularity" if it ends there.
     pair
-        The pair to which the event belongs, empty if there is none.
+        The pair (joint) to which the event belongs, empty if there is none.
     """
 
     t: float
@@ -264,12 +264,21 @@ class Collocation:
     """
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
-        """Prepare the first step. The `tolerance` (rad) applies to the pair variables."""
+        """Prepare the first step of the integration.
+
+        Parameters
+        ----------
+        problem
+            The mechanism with its loads, and the start of the motion.
+        tolerance
+            Tolerance of the pair variables (joint angles), rad.
+        """
         self.problem = problem
         self.equation = equation = problem.equation
         self.tolerance = tolerance
-        # (m, variables) row i has the weights of the rates of the pair variables in the
-        # rate of coordinate i. There are m coordinates, one for each degree of freedom.
+        # (m, variables) the m coordinates of the motion, one for each degree of freedom.
+        # The rate of coordinate i is the sum of the rates of the pair variables, weighted
+        # by row i.
         self.rate_weights = problem.rate_weights
         self.steps: list[CollocationStep] = []
         self.events: list[Event] = []
@@ -277,13 +286,13 @@ class Collocation:
             problem.values, problem.speed, problem.rate_weights
         )
         self.scales = _make_state_scales(problem, len(self.start_state))
+        # A determinant that changes its sign where curves of configurations cross.
         self.determinant_record = ClosureDeterminantRecord()
-        # Whether this determinant was small in the last step, so that a crossing of curves
-        # of configurations may be near.
+        # Whether this determinant was small in the last step.
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
-        # Number of short steps in a row in which rounding errors hide the course of the
-        # rates. Many of them end a simulation.
+        # Number of successive short steps with rates that are mostly rounding errors. Many
+        # of them end a simulation.
         self.noisy_steps = 0
         self.end: SimulationEnd | None = None
         # A generator, from which `advance` takes one step after the other.
@@ -293,13 +302,12 @@ class Collocation:
         self._progress_times: list[tuple[float, float]] = [(0.0, 0.0)]
 
     def advance(self) -> bool:
-        """Take a step, and return whether the integration continues after it.
+        """Compute one step, and return whether the integration continues after it.
 
         Also reports progress, and sets `end` if this was the last step.
         """
         started = time.perf_counter()
-        # A step that fails has numbers that are not finite. It is rejected for that, so
-        # warnings of NumPy are not needed.
+        # Steps with numbers that are not finite are rejected, so NumPy need not warn.
         with np.errstate(all="ignore"):
             try:
                 t = next(self._integration)
@@ -315,8 +323,8 @@ class Collocation:
             total=self.problem.until,
         )
         if is_due and self.end is None and self.problem.on_progress:
-            # The motion so far. Its reason for the choice of this engine is a placeholder:
-            # only the final result states the real one.
+            # Show the motion so far. The text is a placeholder for the reason why this
+            # engine was chosen, which only the final result states.
             self.problem.on_progress(self.simulation(reason="it goes on"))
         return self.end is None
 
@@ -362,8 +370,7 @@ class Collocation:
         SolveError
             If there is not even a first step.
         """
-        # While the integration continues, there is no end yet. The time that was reached
-        # counts as the end, with a message that says so.
+        # While the integration continues, the time reached so far counts as the end.
         unfinished = SimulationEnd("time", self.reached, "it goes on")
         end = self.end or unfinished
         if not self.steps:
@@ -460,12 +467,12 @@ class Collocation:
     def _prepare_next_step(
         self, step: CollocationStep, rates: Floats
     ) -> tuple[Floats, CollocationStep | None]:
-        """Return the state at which the next step starts, and the step before it.
+        """Return the state at which the next step starts, and the step that it continues.
 
         Also updates `rate_weights`, the coordinates of the next step. With one degree of
-        freedom the coordinate is the arc length of the curve along its present tangent.
-        With several, coordinates are weighted sums of the pair variables, which are
-        replaced before they become nearly dependent.
+        freedom the coordinate is the arc length of the curve of configurations, along its
+        present tangent. With several, coordinates are weighted sums of the pair variables
+        (joint angles). They are replaced before they become nearly dependent.
 
         Parameters
         ----------
@@ -473,21 +480,22 @@ class Collocation:
             The accepted step.
         rates
             (N, m, variables) derivatives of the pair variables by the m coordinates, at the
-            N nodes of the step.
+            N nodes (times at which the step evaluates the equations).
 
         Returns
         -------
         state
-            (states,) the state, with closed loops.
+            (states,) the state at the end of the step, corrected so that all loops close.
         previous
-            The accepted step, whose series the next step continues. None if coordinates
-            were replaced, since its series are those of the old coordinates.
+            The accepted step. Its polynomial gives the first guess of the next step. None
+            if the coordinates were replaced, because it belongs to the old coordinates.
         """
         state = self._close(step.end_state)
-        last_rates = rates[-1]
+        last_rates = rates[-1]  # at the last node, near the end of the step
         if self.equation.freedoms == 1:
             self.rate_weights = last_rates
         elif np.linalg.norm(last_rates, 2) > MAX_VARIABLE_RATE:
+            # Some pair variable moves fast compared with the coordinates.
             state, self.rate_weights = self.equation.renew_coordinates(
                 state, self.rate_weights
             )
@@ -506,8 +514,8 @@ class Collocation:
         dynamics = self._evaluate_dynamics(np.zeros(1), self.start_state[None])
         # The rates u of all coordinates.
         speed = float(np.linalg.norm(dynamics.speed))
-        # Momenta are p = R u with the root R of the inertia matrix. So R^-1 dp/dt is the
-        # acceleration du/dt, plus R^-1 dR/dt u, which is ignored in this estimate.
+        # Momenta are p = R u with the symmetric root R of the inertia matrix. R^-1 dp/dt is
+        # therefore about du/dt; this estimate ignores the change of R.
         acceleration = float(np.linalg.norm(dynamics.roots.solve(dynamics.momentum_rates)))
         inverse_length = max(
             speed / FIRST_STEP_ARC, (acceleration / FIRST_STEP_ARC) ** 0.5, 1.0
@@ -623,21 +631,22 @@ class Collocation:
     def _guess_rates(
         self, t: Floats, start: float, state: Floats, previous: CollocationStep | None
     ) -> Floats:
-        """Return rates (N, states) at the nodes of a step, with which its iteration starts.
+        """Return a first guess of the state's rates (N, states) at the nodes of a step.
 
-        They are the rates of the step before, continued as a polynomial. Without such a
-        step they are the rates at the start, at all nodes.
+        The iteration for the step starts with it. The guess continues the polynomial of the
+        step before. Without such a step it is the rate at the start, at all nodes.
 
         Parameters
         ----------
         t
-            (N,) times of the nodes, s.
+            (N,) times of the nodes (at which the step evaluates the equations), s.
         start
             Time at the start of the step, s.
         state
             (states,) state at the start.
         previous
-            The step before, None after a kink of a load.
+            The step before. None if its polynomial does not continue: after a kink of a
+            load, or in new coordinates.
         """
         if previous is None:
             dynamics = self._evaluate_dynamics(np.array([start]), state[None])
@@ -649,23 +658,22 @@ class Collocation:
     ) -> Floats:
         """Return the derivative (N,) of the momentum's rate by the momentum, at N nodes.
 
-        There is one degree of freedom, so a state has a single momentum p. The derivative
-        of dp/dt by p is computed by a difference quotient. It is 0 where this is not
-        finite.
+        Newton's method uses it where abrupt changes of loads make the momentum stiff. There
+        is one degree of freedom, so a state has a single momentum p. The derivative of
+        dp/dt by p is computed by a difference quotient. It is 0 where this is not finite.
 
         Parameters
         ----------
         t
-            (N,) times of the nodes, s.
+            (N,) times of the nodes (at which the step evaluates the equations), s.
         states, rates
             (N, states) states at the nodes and their rates by time.
         scale
-            (states,) sizes of the state.
+            (states,) sizes of the quantities in a state.
         """
         # A state has the pair variables, then the momentum, then the works of the loads.
         momentum_column = self.equation.variable_count
-        # A larger difference has a larger truncation error, a smaller one a larger rounding
-        # error.
+
         difference = MOMENTUM_DIFFERENCE * scale[momentum_column]
         shifted_states = states.copy()
         shifted_states[:, momentum_column] += difference
@@ -679,17 +687,18 @@ class Collocation:
     def _passes_probes(
         self, step: CollocationStep, scale: Floats, tolerance: float
     ) -> bool:
-        """Return whether the loads within a step agree with its series.
+        """Return whether the loads within a step agree with the polynomial of the step.
 
-        A load that changes abruptly between two nodes of the step has no effect on the
-        series. The rates of the momenta are therefore compared at further times.
+        The polynomial is fitted at the nodes only. A load that changes abruptly between two
+        nodes would not be noticed. The rates of the momenta are therefore compared at
+        further times (probes).
 
         Parameters
         ----------
         step
             A step whose iteration has converged.
         scale
-            (states,) sizes of the state.
+            (states,) sizes of the quantities in a state.
         tolerance
             Tolerance of the step, rad.
         """
@@ -705,15 +714,15 @@ class Collocation:
             length=step.length,
         )
 
-        # `find_first_errors` examines several steps at once. Here there is only one, so the
-        # indices of the steps are not used.
+        # `find_first_errors` can examine several steps at once. There is only one step
+        # here, so the index of the step is not used.
         def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
             """Return relative errors (n,) and steep arguments (n, k) at n times."""
             rate_errors, steep_arguments = self._probe_step(step, fractions)
             return np.max(rate_errors, axis=1) / allowed_rate_error, steep_arguments
 
-        # Where in the step the first error is: a fraction of its length from 0 to 1, or
-        # infinity if no error is too large.
+        # Place of the first large error as a fraction of the step; infinity if there is
+        # none.
         (first_error_fraction,) = find_first_errors(probe, step_count=1)
         return bool(np.isinf(first_error_fraction))
 
@@ -723,22 +732,22 @@ class Collocation:
         """Compare the rates of the momenta within a step with the loads.
 
         The rates are computed in two ways: by the polynomial of the step, which was fitted
-        to the rates at its nodes, and from the loads at the given times. They differ if a
-        load changes abruptly between two nodes.
+        to the rates at its nodes, and from the loads at the times of the probes. They
+        differ if a load changes abruptly between two nodes.
 
         Parameters
         ----------
         step
             The step.
         fractions
-            (n,) times from 0 at the start of the step to 1 at its end.
+            (n,) times of the probes, from 0 at the start of the step to 1 at its end.
 
         Returns
         -------
         rate_errors
             (n, m) absolute differences of the rates of the m momenta.
         steep_arguments
-            (n, k) arguments of functions such as sign(x) or tanh(x) in the loads. Such a
+            (n, k) arguments x of functions such as sign(x) or tanh(x) in the loads. Such a
             load may change abruptly where x is zero or has an extremum.
         """
         equation = self.equation
@@ -757,14 +766,14 @@ class Collocation:
         return rate_errors, steep_arguments
 
     def _find_rate_weights(self, step: CollocationStep, fractions: Floats) -> Floats:
-        """Return the argument `rate_weights` of `EquationOfMotion.evaluate` within a step.
+        """Return the coordinates within a step, in the form that `EquationOfMotion` needs.
 
-        With several degrees of freedom, it has the weights that define the coordinates.
-        They are the same in the whole step.
+        With several degrees of freedom, these are the weights of the pair variables (joint
+        angles) in each coordinate. They are the same in the whole step.
 
-        With one degree of freedom, the coordinate is the arc length of the configuration
-        curve, and the argument only has to say in which of the two directions of the curve
-        the arc length increases. Tangents at the nearest nodes say this.
+        With one degree of freedom, the coordinate is the arc length of the curve of
+        configurations. Approximate tangents then say in which of two directions it
+        increases. The tangents at the nearest nodes will do.
 
         Parameters
         ----------
@@ -779,7 +788,7 @@ class Collocation:
         """
         if self.equation.freedoms > 1:
             return self.rate_weights
-        # The times of the nodes are in [-1, 1], from start to end of the step.
+        # The nodes `GAUSS_NODES` are times in [-1, 1], from start to end of a step.
         times = 2.0 * fractions[:, None] - 1.0
         nearest_nodes = np.argmin(np.abs(times - GAUSS_NODES), axis=1)
         return step.rate_weights[nearest_nodes]
@@ -797,18 +806,18 @@ class Collocation:
     def _stays_on_set(self, step: CollocationStep, determinants: Floats) -> bool:
         """Return whether a step stays on one set of configurations near a crossing.
 
-        A set of configurations is a curve, or a surface of several degrees of freedom. A
-        long step could lead from one set to another one that comes near. The question is
-        only examined if the user wants crossings to be passed: the step may then pass
-        through one crossing, and must end away from it.
+        A set of configurations is a curve, or a surface if there are several degrees of
+        freedom. Where two sets come near each other, a long step could change from one to
+        the other. This is tested only if the user wants the simulation to pass crossings.
+        The step may then pass through one crossing, but must end away from it.
 
         Parameters
         ----------
         step
             The step.
         determinants
-            (N,) closure determinants at its nodes. Their sign changes at a crossing, see
-            `CollocationStep.closure_determinants`.
+            (N,) closure determinants at its nodes. They are zero and change their sign at a
+            crossing, see `CollocationStep.closure_determinants`.
         """
         if not self.problem.passes_crossings:
             return True
@@ -816,7 +825,7 @@ class Collocation:
         is_near = np.abs(determinants) < CROSSING_RATIO * record.largest
         has_other_sign = determinants * record.sign < 0.0
         if not np.any(has_other_sign):
-            # The step passes no crossing. Then it must not come near one either.
+            # A step that does not pass a crossing must not come near one either.
             return not np.any(is_near)
         ends_near_crossing = np.any(is_near[-2:])  # at one of the last two nodes
         crossing_time = step.find_crossing(determinants, record)
@@ -827,9 +836,9 @@ class Collocation:
     def _is_true_crossing(self, step: CollocationStep, t: float) -> bool:
         """Return whether two sets of configurations really cross at a time (s) of a step.
 
-        Two sets may also come near each other without crossing. A step that changes from
-        one to the other passes configurations in which the loops are open and the closure
-        equations are regular. At a true crossing the loops are closed and the closure
+        The sets may also come near each other without crossing. A step that changes from
+        one set to the other then passes points at which the loops are open and the closure
+        equations are regular. At a true crossing, the loops are closed and the closure
         equations are singular.
         """
         equation = self.equation
@@ -843,19 +852,21 @@ class Collocation:
     def _may_end_at_crossing(self, determinants: Floats) -> bool:
         """Return whether a crossing at which the simulation would end may be in a step.
 
-        The answer is False if the simulation passes crossings instead of ending there.
-        `_stays_on_set` then tests the step.
+        Such a step is then computed more accurately. The answer is False if the simulation
+        passes crossings; `_stays_on_set` then tests the step.
 
-        Near a crossing, the computed path misses the exact curve of configurations by about
-        the tolerance e. The closure determinant is then about sqrt(2 e) of its usual size,
-        not 0. For example, the curves x y = 0 cross at the origin. The determinant is
-        proportional to the gradient (y, x). On the path x y = e its length is at least
-        sqrt(2 e). The limit is therefore sqrt(e), relative to the largest determinant.
+        The computed path misses the exact curve of configurations by about the tolerance e.
+        Near a crossing, the closure determinant is therefore about sqrt(2 e) of its usual
+        size instead of 0. For example, the curves x y = 0 cross at the origin, and the
+        determinant is proportional to the gradient (y, x). On the path x y = e the gradient
+        is at least sqrt(2 e) long. The limit is sqrt(e), relative to the largest
+        determinant.
 
         Parameters
         ----------
         determinants
-            (N,) closure determinants at the nodes of the step.
+            (N,) closure determinants at the nodes of the step. They change their sign at a
+            crossing.
         """
         if self.problem.passes_crossings:
             return False
@@ -874,13 +885,11 @@ class Collocation:
         step
             A step whose error is small enough.
         rates
-            (N, m, variables) derivatives of the pair variables with respect to the m
-            coordinates of the motion, at the N nodes of the step.
+            (N, m, variables) derivatives of the pair variables (joint angles) by the m
+            coordinates, at the N nodes of the step.
         determinants
-            (N,) determinants at its nodes. The matrix is the Jacobian of the loop-closure
-            equations with `rates` as further rows. It is singular only where the closure
-            equations lose rank. Curves of configurations cross there, and the determinant
-            changes its sign.
+            (N,) closure determinants at the nodes, whose sign changes where curves of
+            configurations cross; see `CollocationStep.closure_determinants`.
         """
         self.steps.append(step)
         step_events = list(self._find_step_events(step, rates, determinants))
@@ -890,10 +899,10 @@ class Collocation:
                 event.kind in ("singularity", "crossing") for event in step_events
             ),
         )
-        # Sorting is stable: events at one time keep their order.
+        # In order of time. Events at the same time stay in their order.
         for t, kind, pair in sorted(step_events, key=lambda step_event: step_event.t):
-            # A simulation either passes crossings, whose kind is then "crossing", or ends
-            # at the first one, whose kind is then "singularity".
+            # A crossing of curves at which the simulation ends is a "singularity". One that
+            # it passes is a "crossing".
             if kind == "singularity":
                 return SimulationEnd(kind, t, CROSSING_MESSAGE)
             values = self._record_event(kind, t, step, pair)  # variables (rad) at t
@@ -905,20 +914,20 @@ class Collocation:
     def _find_step_events(
         self, step: CollocationStep, rates: Floats, determinants: Floats
     ) -> Iterator[StepEvent]:
-        """Yield the events within a step.
+        """Yield the events within a step, not in order of time.
 
-        They are, in this order: exceeded joint limits, a crossing of curves, reversals of
-        the input (or singularities of type II with several inputs), and moments of rest.
+        They are: exceeded joint limits; a crossing of curves of configurations; reversals
+        of the input (with several inputs, singularities of type II); and moments of rest.
 
         Parameters
         ----------
         step
             The step.
         rates
-            (N, m, variables) derivatives of the pair variables with respect to the m
-            coordinates of the motion, at the N nodes of the step.
+            (N, m, variables) derivatives of the pair variables (joint angles) by the m
+            coordinates, at the N nodes of the step.
         determinants
-            (N,) determinants at its nodes, whose sign changes where curves of
+            (N,) closure determinants at the nodes, whose sign changes where curves of
             configurations cross.
         """
         mechanism = self.equation.mechanism
@@ -944,15 +953,15 @@ class Collocation:
         """Yield the events within a step at which the inputs do not determine the motion.
 
         A single input reverses there (dead centre of the input). With several inputs it is
-        a singularity of type II. The determinant of the inputs' rates by the coordinates is
-        zero.
+        a singularity of type II. In both cases the determinant of the inputs' rates by the
+        coordinates of the motion is zero.
 
         Parameters
         ----------
         step
             The step.
         rates
-            (N, m, variables) derivatives of the pair variables with respect to the m
+            (N, m, variables) derivatives of the pair variables (joint angles) by the m
             coordinates of the motion, at the N nodes of the step.
         """
         driven = list(self.problem.driven)
@@ -980,20 +989,18 @@ class Collocation:
     def _diagnose_failure(
         self, step: CollocationStep, error: float, dynamics: StateDynamics
     ) -> SimulationEnd:
-        """Return the end of a simulation in which even very short steps are rejected.
+        """Return the reason why a simulation ends if even very short steps are rejected.
 
-        The reasons are, in this order: a configuration without rates, such as a contact
-        beyond its profile; a crossing of curves of configurations, which is a singularity;
-        an inertia that vanishes compared with that of earlier steps; a load that changes
-        too fast.
+        Possible reasons are tested in this order: a configuration without rates, such as a
+        contact beyond its profile; a crossing of curves of configurations; an inertia that
+        vanishes compared with that of earlier steps; a load that changes too fast.
 
         Parameters
         ----------
         step
             The last rejected step.
         error
-            The remaining error of the iteration by which the equations of this step were
-            solved, divided by the tolerance.
+            The remaining error of the iteration for this step, divided by the tolerance.
         dynamics
             Motion and forces at the nodes of this step.
         """
@@ -1025,9 +1032,9 @@ class StepAttempt:
         The step, which may be rejected.
     error
         Error relative to the tolerance; at most 1 if the step can be accepted. It is
-        infinite if the iteration failed, or if there are no rates at a node. It is also
-        infinite if a load changes abruptly between two nodes: the polynomial of the step
-        is fitted to the rates at the nodes, and does not contain this change.
+        infinite in three cases: the iteration failed, there are no rates at a node (time
+        at which the equations are evaluated), or a load changes abruptly between two
+        nodes, where the polynomial of the step does not follow it.
     iterations
         Number of iterations.
     dynamics
@@ -1041,13 +1048,15 @@ class StepAttempt:
 
 
 def _make_state_scales(problem: Problem, state_size: int) -> Floats:
-    """Return the sizes (state_size,) of the quantities in a state, which divide errors.
+    """Return the typical sizes (state_size,) of the quantities in a state.
 
-    - Pair variables: 1 rad.
-    - Momenta p = R u: sqrt(B), the largest momentum at unit rates u of the coordinates.
-      B is the largest principal inertia (kg m2) at the start, and R the root of the inertia
-      matrix M = R R.
-    - Works of the loads: B, which is p^2, twice the kinetic energy at unit rates.
+    Errors are divided by these sizes, so that they can be compared:
+
+    - Pair variables (joint angles): 1 rad.
+    - Momenta: sqrt(B), the largest momentum p = R u at unit rates u of the coordinates. R
+      is the symmetric root of the inertia matrix M = R R at the start, and B the largest
+      principal inertia (kg m2).
+    - Works of the loads: B, twice the kinetic energy at unit rates.
     """
     equation = problem.equation
     motion = equation.compute_motion(problem.values[None], problem.rate_weights)
@@ -1068,11 +1077,11 @@ def _truncation_errors(step: CollocationStep) -> Floats:
 def _momentum_newton_matrix(slopes: Floats, length: float) -> Floats:
     """Return the matrix (N, N) by which Newton's method corrects the momenta at N nodes.
 
-    The momenta p_k at the nodes satisfy p = p_start + h/2 A p'. Here h is the length of the
-    step, and A (`INTEGRATION_MATRIX`) turns the rates p' at the nodes into their integrals
-    from the start of the step. A belongs to the interval from -1 to 1, and h/2 converts it
-    to seconds. The matrix is the inverse of the Jacobian 1 - h/2 A diag(d) of these
-    equations. It turns their residuals into corrections of p.
+    With one degree of freedom, the momenta p at the N nodes (times of the step) satisfy
+    p = p_start + h/2 A p'. A (`INTEGRATION_MATRIX`) integrates the rates p' from the
+    start of the step to each node. It belongs to the interval from -1 to 1, and h/2
+    converts it to seconds. The result is the inverse of the Jacobian 1 - h/2 A diag(d)
+    of these equations. It turns their residuals into corrections of p.
 
     Parameters
     ----------
@@ -1090,14 +1099,14 @@ def _allowed_momentum_rate_error(
 ) -> float:
     """Return the error of momentum rates that is allowed between the nodes of a step.
 
-    An error e of the rates counts as an error e * length / ERROR_DIVISOR of the momentum,
-    as the last coefficients of a step do. This must not exceed MAX_PROBE_ERROR_RATIO *
-    tolerance * momentum_size.
+    An error e of the rates is assumed to cause the error e * length / ERROR_DIVISOR of the
+    momentum. The same is assumed when the error of a step is estimated. The error of the
+    momentum must not exceed MAX_PROBE_ERROR_RATIO * tolerance * momentum_size.
 
     Parameters
     ----------
     tolerance
-        Tolerance of the state relative to its sizes, which is in rad for pair variables.
+        Tolerance of the state relative to the sizes of its quantities.
     momentum_size
         Size of the momenta.
     length
@@ -1121,9 +1130,8 @@ def _length_factor(error: float, iterations: int) -> float:
     if not np.isfinite(error):
         return MIN_STEP_SHRINKAGE
     factor = STEP_SAFETY * max(error, EPS) ** (-1.0 / NODE_COUNT)
-    # The number of iterations grows faster than the length. After many iterations, a
-    # shorter step covers more time per iteration. The length is then multiplied by
-    # `STEP_SAFETY`, 0.8, or by less.
+    # The number of iterations grows faster than the length. After many iterations, shorter
+    # steps therefore need less computing time, so the length must not grow.
     has_many_iterations = iterations > MANY_ITERATIONS
     largest_factor = STEP_SAFETY if has_many_iterations else MAX_STEP_GROWTH
     return min(max(factor, MIN_STEP_SHRINKAGE), largest_factor)

@@ -26,16 +26,16 @@ count as motion.
 
 @dataclass(frozen=True)
 class Stiffness:
-    """The effect of the inputs on a link, relative to another link.
+    """The effect of the inputs on an output link, and its stiffness between them.
 
-    The link is held by the inputs, each of which yields like a spring; all other parts are
-    rigid. The arrays have n rows, one for each configuration.
+    The inputs hold the link relative to another link. Each input yields like a spring; all
+    other parts are rigid. The arrays have n rows, one for each configuration.
 
     Attributes
     ----------
     w
-        (n, inputs, 3) relative angular velocity of the link per unit rate of each input, in
-        ground axes.
+        (n, inputs, 3) angular velocity of the link relative to the other link, per unit
+        rate of each input, in ground axes.
     advantage
         (n, inputs) mechanical advantage ``1 / |w|``: the moment about the axis of w that a
         unit torque at this input balances while the other inputs are locked. Infinite if
@@ -44,7 +44,8 @@ class Stiffness:
         (n, 3) principal stiffnesses of the link in rising order, N m/rad. Infinite about
         axes that do not yield.
     axes
-        (n, 3, 3) in rows the principal axes in ground axes. NaN for axes that do not yield.
+        (n, 3, 3) the principal axes in rows, in ground axes. NaN for axes that do not
+        yield.
     """
 
     w: Floats

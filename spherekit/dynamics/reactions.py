@@ -89,12 +89,13 @@ class Reactions(JointReactions):
 
     @property
     def on_bearings(self) -> Mapping[str, Floats]:
-        """The forces (n, bearings, 3) on the bearings of pairs, N, in pair axes.
+        """The forces (n, bearings, 3) on the bearings of pairs (joints), N, in pair axes.
 
-        The key is the name of the load (`Bearings`) that describes the bearings of a pair.
-        The component along the axis is NaN if the file does not say how the bearings share
-        the axial force. The other components are NaN if the force of the pair through the
-        centre O is undetermined.
+        There are n rows (samples of the motion). The key is the name of the load
+        (`Bearings`) that describes the bearings of a pair. The component along the axis is
+        NaN if the file does not say how the bearings share the axial force. The other
+        components are NaN if the force in the pair through the centre O of the sphere is
+        undetermined.
         """
         forces: dict[str, Floats] = {}
         for load in self._bearing_loads:
@@ -146,11 +147,11 @@ class Reactions(JointReactions):
         return np.where(self.contacts, self.moments[..., 1], np.nan)
 
     def in_first(self, vectors: Floats) -> Floats:
-        """Return x and y components of vectors at R pairs, in axes fixed in the first link.
+        """Convert vectors at R pairs (revolute joints) to axes fixed in the first link.
 
-        The given components are along the axes of each pair, which are fixed in its second
-        link. Relative to the axes fixed in the first link, they are turned about z by the
-        angle of the pair.
+        The components are along pair axes, which are fixed in the second link of the pair.
+        Both frames have the same z axis; the angle between their x axes is the angle of the
+        pair.
 
         Parameters
         ----------
@@ -162,7 +163,7 @@ class Reactions(JointReactions):
         (n, pairs, 2) components x and y; NaN for contacts, which have no angle.
         """
         mechanism = self.torques.mechanism
-        # `mechanism.angles` has the column of each R pair's angle among the pair variables.
+        # `mechanism.angles` has the column of the angle of each R pair in `values`.
         angles = nans(vectors.shape[:2])
         pair_numbers = [mechanism.pair_number[pair] for pair in mechanism.angles]
         angles[:, pair_numbers] = self.torques.values[:, [*mechanism.angles.values()]]

@@ -139,9 +139,8 @@ class StoredModel:
             of those outside are NaN instead.
         """
         if self._is_single(x):
-            # At a single point, numbers take less time than arrays. First the values of
-            # inertia, its derivatives and load velocities at this point are computed, then
-            # the torques from these values.
+            # Computing with numbers takes less time than with arrays. The stored functions
+            # (inertia, its derivatives, load velocities) come first, then the torques.
             configuration_values = self.evaluate_configuration(x)
             return self.torque_from_values(configuration_values, x, dx, ddx, t)
         points = self._flatten_points(x, dx, ddx, t=t)
@@ -155,20 +154,20 @@ class StoredModel:
         Parameters
         ----------
         x, dx
-            Coordinates (rad) and their rates by time.
+            Coordinates of the model (rad) at one or more points, and their rates by time.
         t
             Time (s) for loads that depend on it.
 
         Returns
         -------
-        For each load an array with the shape of `x`. Over a box, the last axis is the
-        coordinate to which a force belongs.
+        For each load an array with the shape of `x`. In a model over a box of several
+        inputs, the last axis is the coordinate to which a force belongs.
         """
-        # The expressions of the forces have the accelerations as arguments, too, because
-        # they share their arguments with the torques. Forces do not depend on them, so any
-        # array of the same shape will do: here the rates once more.
+        # Forces and torques are functions of the same arguments, which include
+        # accelerations. Forces do not depend on them, so any array of this shape will do:
+        # `dx` once more.
         points = self._flatten_points(x, dx, dx, t=t)
-        # The heading describes the model: names of loads, of coordinates (`by`), ...
+        # The heading describes the model, with its loads and its coordinates (`by`).
         loads = self.heading.loads
         force_rows = self._force_function(self._arguments(points))
         # The axes are: load, coordinate, point.
@@ -230,14 +229,13 @@ class StoredModel:
         Parameters
         ----------
         names
-            Names of the functions. All of them belong to one group of functions whose
-            series are stored together: the functions of the motion, or of one pole.
+            Names of the functions. All of them must belong to one group (functions whose
+            series are stored together): the functions of the motion, or of one pole.
         x
             (...) coordinates along a curve of configurations, or (..., m) the m inputs over
             a box of their ranges.
         """
         points = self._flatten_points(x)
-        # The heading lists the stored functions and their groups.
         group, _ = self.heading.locate_function(names[0])
         values = self._evaluate_group(group, points.coordinates)
         selected = values[:, self._indices_in_group(names)]
@@ -261,21 +259,22 @@ class StoredModel:
     def accelerations(
         self, q: ArrayLike, dq: ArrayLike, torques: ArrayLike, t: float = 0.0
     ) -> Floats:
-        """Return the accelerations (m,) of the inputs (rad/s2) at one point.
+        """Return the accelerations (m,) of the m inputs (rad/s2) at one point.
 
-        They solve M q'' = T - T_0, with the inertia matrix M, the given torques T, and the
-        torques T_0 that the motion needs without acceleration.
+        They solve M q'' = T - T_0. M is the inertia matrix, T are the torques at the
+        inputs, and T_0 the torques that the motion would need without acceleration.
 
         Parameters
         ----------
         q, dq
             (m,) inputs (rad) and their rates (rad/s).
         torques
-            (m,) torques at the inputs, N m.
+            (m,) torques T at the inputs, N m.
         t
             Time (s) for loads that depend on it.
         """
         needed_torques = self.torque(q, dq, np.zeros(np.shape(q)), t)
+        # A model with one input returns numbers, which become arrays here.
         accelerating_torques = np.atleast_1d(np.asarray(torques) - needed_torques)
         return np.linalg.solve(np.atleast_2d(self.inertia(q)), accelerating_torques)
 
@@ -291,16 +290,17 @@ class StoredModel:
         """Return the unit vector (3,) or (..., 3) of a pole axis along a curve.
 
         A pole axis is the instantaneous axis of the motion of one link relative to another
-        one. The vector has its components in ground axes.
+        one. The curve is that of the configurations of a mechanism with one coordinate. The
+        vector has its components in ground axes.
 
         Parameters
         ----------
         name
-            LINK/RELATIVE_TO, such as "3/1". Either order names the same axis.
+            LINK/RELATIVE_TO, such as "3/1". Both orders of the links name the same axis.
         x
             Coordinate of a point of the curve (rad), or coordinates (...) of many points.
         """
-        # A pole is stored for one order of its two links.
+        # A pole is stored for one order of its links, perhaps the other one.
         stored_name, _ = self.heading.pole(name)
         names = [f"pole {stored_name} {axis}" for axis in "xyz"]
         if self._is_single(x):
@@ -309,11 +309,12 @@ class StoredModel:
         return self.functions(names, x)
 
     def rate(self, name: str, x: Coordinate) -> Coordinate:
-        """Return the velocity coefficient of a pole along a curve.
+        """Return the velocity coefficient of a pole along a curve of configurations.
 
         A pole is the axis about which two links rotate relative to each other. The velocity
-        coefficient times the unit vector of the pole is the angular velocity of the first
-        link relative to the second, per unit rate of the coordinate x.
+        coefficient is the angular velocity about it, per unit rate of the coordinate x.
+        Times the unit vector of the pole, it gives the angular velocity of the first link
+        relative to the second.
 
         Parameters
         ----------
@@ -322,8 +323,7 @@ class StoredModel:
         x
             Coordinate of a point of the curve (rad), or coordinates (...) of many points.
         """
-        # The heading lists the stored functions. A pole is stored for one order of its two
-        # links; the sense is -1 for the other order.
+        # A pole is stored for one order of its links. For the other order, the sense is -1.
         stored_name, sense = self.heading.pole(name)
         return sense * self.value(f"rate {stored_name}", x)
 
@@ -333,48 +333,47 @@ class StoredModel:
         return sense * self.value(self.heading.derivative(f"rate {stored_name}"), x)
 
     def velocity(self, pole: str, q: ArrayLike) -> Floats:
-        """Return the relative angular velocity of two links by each input, over a box.
+        """Return the relative angular velocity of two links by each of m inputs.
 
-        The box consists of the ranges of the m inputs of the model.
+        This is for a model over a box (the ranges of the inputs).
 
         Parameters
         ----------
         pole
-            LINK/RELATIVE_TO, such as "3/1".
+            The two links, LINK/RELATIVE_TO, such as "3/1".
         q
             (..., m) inputs, rad.
 
         Returns
         -------
         (..., m, 3) angular velocities of the first link relative to the second per unit
-        rate of each input, in ground axes. The direction of each is the pole axis (the
-        instantaneous axis of rotation) while this input moves alone. Its length is the
-        velocity coefficient.
+        rate of each input, in ground axes. Each vector is along the pole (the instantaneous
+        axis of rotation) while this input moves alone. Its length is the velocity
+        coefficient.
         """
-        # A pole is stored for one order of its two links; the sense is -1 for the other
-        # order.
+        # A pole is stored for one order of its links. For the other order, the sense is -1.
         stored_name, sense = self.heading.pole(pole)
-        # For each component x, y, z the names of the stored functions: the component of the
-        # angular velocity per unit rate of each input.
+        # For each component x, y, z the names of the stored functions, one for each input.
         names_by_axis = [
             self.heading.by_coordinates(f"velocity {stored_name} {axis}") for axis in "xyz"
         ]
-        # The result has the components of one input next to each other.
+        # Put the three components of each input next to each other.
         names: list[str] = []
         for names_of_input in zip(*names_by_axis, strict=True):
             names += names_of_input
         return sense * self.functions(names, q).reshape(*np.shape(q), 3)
 
     def places(self, variable: str, value: float) -> Floats:
-        """Return the coordinates (k,) at which a pair variable has a given value.
+        """Return the coordinates (k,) at which a pair variable has a certain value.
 
-        They are positions on the curve of configurations, in rising order. The model has
-        one coordinate: the arc length of this curve or the variable of the input.
+        The model has one coordinate, along the curve of configurations: the arc length of
+        this curve or the variable of the input. The result is in rising order.
 
         Parameters
         ----------
         variable
-            Name of a pair variable, such as "theta_21" for the angle of the R pair 21.
+            Name of a pair variable (joint angle), such as "theta_21" for the angle of the R
+            pair (revolute joint) 21.
         value
             Its value (rad). Angles that differ from it by whole revolutions count as equal.
 
@@ -384,8 +383,7 @@ class StoredModel:
             If there is no such variable.
         """
         heading = self.heading
-        # Group 0 has the functions of the motion, the pair variables first. The others have
-        # the functions of one pole each.
+        # Stored functions are in groups. Group 0 has those of the motion.
         series = self.groups[0]
         if variable not in heading.variables:
             raise SolveError(
@@ -405,28 +403,27 @@ class StoredModel:
             values, rates = series.evaluate(x)[:, columns].T
             half_difference = 0.5 * (values - value)
             if is_angle:
-                # The sine of half the difference is zero exactly where the difference is a
-                # whole number of revolutions.
+                # This sine is zero wherever the angle differs from `value` by a whole
+                # number of revolutions.
                 sines = np.sin(half_difference)
                 return sines, 0.5 * np.cos(half_difference) * rates
-            # Arc lengths of contacts have no revolutions. Half the difference has the same
-            # zeros as the difference.
+            # The variable is the arc length of a contact, which has no revolutions.
             return half_difference, 0.5 * rates
 
-        # Zeros are sought between neighbours of these positions. With more divisions of
-        # each cell, two zeros that are closer together are both detected.
+        # Zeros are sought between neighbouring positions of this grid, which has several
+        # positions in each cell (interval with a series of its own).
         search_grid = series.spread_positions(ZERO_SEARCH_DIVISIONS)
         return find_zeros(evaluate_distance, search_grid).places
 
     def with_torque(self, torque: str | Mapping[str, str]) -> "StoredModel":
-        """Return the model with torques (N m) at inputs as further loads.
+        """Return a copy of the model with further loads: torques (N m) at inputs.
 
         Parameters
         ----------
         torque
-            An expression in pair variables, their rates and the time, in the syntax of
-            mechanism files. It acts at the first input. A mapping has one expression for
-            each driven input, by the name of the input.
+            An expression in pair variables (joint angles), their rates and the time, in the
+            syntax of mechanism files. It acts at the first input. Or a mapping: an
+            expression for each driven input, by the name of the input.
 
         Raises
         ------
@@ -444,8 +441,7 @@ class StoredModel:
                     f'{heading.mechanism}: torque: "{pair}" is not an input'
                     f"{choices(pair, heading.inputs, 'Inputs')}"
                 )
-            # A model with one input is stored along the curve of its configurations. The
-            # torque at this input needs no pair name.
+            # A model along a curve has one input, so the name of the load need not name it.
             name = DRIVE_LOAD_NAME if heading.is_curve else f"{DRIVE_LOAD_NAME}_{pair}"
             if any(load.name == name for load in loads):
                 raise ModelError(
@@ -453,31 +449,30 @@ class StoredModel:
                     "driving torque; leave this one out"
                 )
             try:
-                # Only to check the expression. The load stores the text.
+                # This only checks the expression. The load stores the text.
                 parse(text, load_names(heading.angles))
             except ModelError as error:
                 raise ModelError(f"{heading.mechanism}: torque: {error}") from None
             loads.append(StoredLoad(name, (f"theta_{pair}",), (text,)))
-        # `self.groups` are the series of the stored functions. They stay the same.
+        # The series of the stored functions, `self.groups`, stay the same.
         return StoredModel(replace(heading, loads=tuple(loads)), self.groups)
 
     def save(self, path: AnyPath) -> None:
         """Write the model to a NumPy archive (.npz) that describes itself.
 
         The archive has a heading as text: names of functions and coordinates, loads, and a
-        description of the arrays. The functions of a model depend on one coordinate along a
-        curve of configurations, or on all inputs in a box of their ranges. This domain is
-        divided into cells. A group has the functions that share one division. For each
-        group k the archive has arrays such as "coefficients_k", the coefficients of the
-        Chebyshev series.
+        description of the arrays. The functions depend on one coordinate along a curve of
+        configurations, or on all inputs in a box of their ranges. This domain is divided
+        into cells, each with its own Chebyshev series. A group has the functions that share
+        one division. Group k has arrays such as "coefficients_k".
 
         Raises
         ------
         OutputError
-            If it cannot be written; an older file is then unchanged.
+            If the file can't be written; an older file is then unchanged.
         """
-        # The names depend on the cells. Along a curve, cells are intervals between "edges".
-        # In a box, "splits" and "bounds" describe smaller boxes.
+        # Along a curve, cells are intervals between "edges". In a box, cells are smaller
+        # boxes, described by "splits" and "bounds".
         array_names = _array_names(self.heading)
         arrays = {
             f"{name}_{k}": getattr(group, name)
@@ -514,14 +509,16 @@ class StoredModel:
 
     @cached_property
     def _configuration_symbols(self) -> list[ExpressionNode]:
-        """Symbols of the stored functions in the torques, each once.
+        """Symbols of the stored functions in the expressions of the torques, each once.
 
-        With one coordinate x, the inertia B is the first one, and dB/dx the second.
+        The stored functions depend on the configuration alone. The symbols are the
+        arguments of the function that computes the torques at a single point. With one
+        coordinate x, the first is the inertia B, and the second dB/dx.
         """
         heading = self.heading
         first_names = ["B", heading.derivative("B")] if heading.is_curve else []
-        # Symbols appear in the order in which the expressions contain them for the first
-        # time. B and dB/dx alone are expressions, too, so they become the first symbols.
+        # Symbols come in the order in which they first occur, so B and dB/dx are put before
+        # the expressions of the torques.
         nodes = iterate_nodes([*symbols(first_names), *heading.torques])
         return [
             node
@@ -532,10 +529,10 @@ class StoredModel:
     def torque_from_values(
         self, configuration_values: list[float], x: Any, dx: Any, ddx: Any, t: Any
     ) -> Any:
-        """Return the torques (N m) at a point from values of the functions of the model.
+        """Return the torques (N m) at one point from values of the stored functions there.
 
-        `torque` computes these values itself. A simulation, which also needs them for other
-        purposes, computes them once and calls this method.
+        `torque` computes these values itself. A simulation needs them for other purposes,
+        too. It computes them once and then calls this method.
 
         Parameters
         ----------
@@ -554,15 +551,15 @@ class StoredModel:
         """
         has_one_coordinate = self.heading.is_curve
         rates = (dx, ddx) if has_one_coordinate else (*dx, *ddx)
-        # Some loads are torques that tables give over time.
+        # The present torques of loads that are tables over time.
         table_torques = [float(table.at(t)) for table in self.heading.tables]
         try:
             torques = self._evaluate_torques(
                 [*configuration_values, *rates, t, *table_torques]
             )
         except (ValueError, ArithmeticError):
-            # Operations on floats raise an error where those on arrays give infinity or
-            # NaN. The torques are therefore computed once more for arrays with one row.
+            # Python floats raise errors where arrays become infinite or NaN. Compute the
+            # torques again with arrays of one row, so that the result is such a number.
             rows = [np.array([argument], dtype=float) for argument in (x, dx, ddx, t)]
             torque_rows = self.torque(*rows)
             return torque_rows[0]
@@ -597,11 +594,11 @@ class StoredModel:
     def _flatten_points(
         self, coordinates: ArrayLike, *derivatives: ArrayLike, t: ArrayLike = 0.0
     ) -> "PointRows":
-        """Return points as rows, with one row for each point.
+        """Return points of the model as rows, one for each point.
 
-        The points may be given as arrays of several axes. Coordinates, derivatives and
-        times are broadcast together by the rules of NumPy, for example if all points have
-        the same time.
+        The points may be arrays of several axes. Coordinates, derivatives and times are
+        broadcast together by the rules of NumPy. All points may have the same time, for
+        example.
 
         Parameters
         ----------
@@ -641,8 +638,9 @@ class StoredModel:
     def _check_inputs(self, inputs: Floats) -> None:
         """Raise an error unless inputs have the shape (n, m), or (m,) within the domain.
 
-        A single point (m,) outside the domain is an error. Many points (n, m) are not
-        compared with the domain, because functions are NaN at those outside.
+        This is for a model over a box of m inputs. A single point (m,) outside the domain
+        is an error. Many points (n, m) are not compared with the domain here, because the
+        stored functions become NaN outside.
 
         Raises
         ------
@@ -662,11 +660,11 @@ class StoredModel:
             self._find_cell(inputs.tolist())
 
     def _restore_shape(self, values: Floats, shape: tuple[int, ...]) -> Floats:
-        """Return torques or forces in the shape in which the caller gave the points.
+        """Return torques or forces in the shape in which the caller passed the points.
 
-        There is one value for each of the m coordinates of a point, such as the torque at
-        an input. Along a curve a point has a single coordinate, and the caller gives an
-        array (...) of these, without an axis for coordinates.
+        A point has m coordinates, and a value for each of them, such as the torque at an
+        input. Along a curve a point has a single coordinate. The caller's array (...) then
+        has no axis for coordinates, and neither has the result.
 
         Parameters
         ----------
@@ -684,15 +682,17 @@ class StoredModel:
     def _evaluate_group(self, group: int, coordinates: Floats) -> Floats:
         """Return the values (n, F) of the F functions of a group at n points.
 
+        A group has the functions that are stored together, as Chebyshev series.
+
         Parameters
         ----------
         group
-            Index of a group, the functions that are stored together.
+            Index of the group.
         coordinates
             (n, m) coordinates (rad). A model of one coordinate (m = 1) is along a curve of
-            configurations. If the curve is periodic, coordinates of further laps are
-            possible. A model of several coordinates is over a box of their ranges; points
-            outside its domain give NaN.
+            configurations. If the curve is periodic, coordinates may be beyond its ends, in
+            further laps. A model of several coordinates is over a box of their ranges;
+            points outside its domain give NaN.
 
         Raises
         ------
@@ -710,8 +710,8 @@ class StoredModel:
         x = coordinates[:, 0]
         laps = heading.count_laps(x)
         values = series.evaluate(x - laps * (high - low))
-        # The pair variables grow by `rise` in each lap. They are the first functions of
-        # group 0. All other functions are the same in each lap.
+        # The pair variables (joint angles), the first functions of group 0, grow by `rise`
+        # in each lap. All other functions are the same in each lap.
         if group == 0:
             values[:, : len(heading.rise)] += laps[:, None] * np.array(heading.rise)
         return values
@@ -790,8 +790,9 @@ class StoredModel:
     def _find_cell(self, q: Sequence[float]) -> int:
         """Return the index of the cell of a box that contains a point q (m,), rad.
 
-        The functions of the model are stored as series, one for each cell of a box of input
-        ranges. The domain consists of these cells. It may be smaller than the box.
+        The box consists of the ranges of m inputs. The functions of the model are stored as
+        series, one for each cell (a smaller box). Together, the cells are the domain of the
+        model. They may leave out parts of the box.
 
         Raises
         ------
@@ -825,7 +826,9 @@ class StoredModel:
 
 @dataclass(frozen=True)
 class PointRows:
-    """The n points at which a model with m coordinates is evaluated, in rows.
+    """The n points at which a reduced model is evaluated, in rows.
+
+    A reduced model has stored functions of m coordinates.
 
     Attributes
     ----------
@@ -836,7 +839,8 @@ class PointRows:
     t
         (n,) times, s.
     shape
-        The shape (..., m) of the coordinates before the points were flattened to rows.
+        The shape (..., m) in which the caller passed the coordinates. The results get it
+        again.
     """
 
     coordinates: Floats
@@ -861,7 +865,7 @@ def load_reduced(path: AnyPath) -> StoredModel:
 def _construct_model(
     where: str, header: Mapping[str, Any], arrays: Mapping[str, Floats]
 ) -> StoredModel:
-    """Return the model of a file after checking it.
+    """Return the reduced model that is stored in a file, after checking it.
 
     Parameters
     ----------
@@ -880,7 +884,8 @@ def _construct_model(
         tuple(StoredFunction(**item) for item in group) for group in header["groups"]
     )
     heading = StoredHeading(**fields)
-    # Ends of the ranges, and the growth of each variable over a period of a closed curve.
+    # All numbers of the heading must be finite: the ends of the ranges, and the growth of
+    # each variable over a period of a closed curve (`rise`).
     numbers = [*heading.low, *heading.high, *heading.rise]
     for function in heading.functions:
         numbers += [function.largest, function.error]

@@ -25,10 +25,10 @@ functions are stored less accurately.
 class FunctionKind(Enum):
     """The kinds of functions that a reduced model stores.
 
-    The error of a stored function is judged relative to the function's scale, its largest
-    absolute value. The scale is at least a fraction of the largest scale of the same kind.
-    Otherwise the series of a function that is nearly zero would have to follow its rounding
-    errors.
+    A reduced model has functions of the configuration of a mechanism, stored as series. The
+    error of a function is judged relative to its scale: its largest absolute value, or a
+    fraction of the largest scale of its kind if that is larger. Otherwise the series of a
+    function that is nearly zero would have to follow rounding errors.
 
     The coordinates of the model are the arc length of the configuration curve, or the
     inputs. "Derivative" means that by a coordinate, and a velocity is that per unit rate of
@@ -81,11 +81,11 @@ class FunctionLabel:
     name, unit
         Name and unit in the heading of the model.
     kind
-        Kind of the function, such as an angle or an inertia. Errors of functions of one
-        kind are judged by comparable scales, see `function_scales`.
+        Kind of the function, such as an angle or an inertia. Functions of one kind are
+        compared in size to judge their errors, see `function_scales`.
     vector
-        Name that the components of a vector share. Their common scale is the largest of
-        their absolute values. Empty if the function is no component of such a vector.
+        Name that the components of one vector share; their errors are judged relative to
+        the largest component. Empty if the function is not a component of a vector.
     derivative_of
         Name of the function whose derivative by a coordinate this is, or empty.
     """
@@ -98,11 +98,11 @@ class FunctionLabel:
 
 
 def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
-    """Return the scale of each function, to which its error is relative.
+    """Return the scale of each stored function, relative to which its error is judged.
 
     The scale is the largest absolute value. The components of a vector share the largest of
-    their scales. A function that is zero up to rounding has no scale of its own, and the
-    fit would resolve its rounding errors. Each scale is therefore at least
+    their scales. A function that is zero up to rounding would get a tiny scale, and its
+    series would follow rounding errors. Each scale is therefore at least
     `MIN_RELATIVE_SCALE` times the scale of
 
     - the largest function of the same kind,

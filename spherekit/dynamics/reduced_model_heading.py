@@ -31,14 +31,15 @@ Larger: models are extrapolated. Smaller: computed ends of the range can be refu
 
 @dataclass(frozen=True)
 class StoredFunction:
-    """Name, unit and accuracy of a function that a reduced model stores.
+    """Name, unit and accuracy of a function that a reduced model stores as a series.
 
     Attributes
     ----------
     name, unit
         Name and unit of the function.
     largest
-        Largest absolute value of the function. The components of a vector share one value.
+        Largest absolute value of the function. The components of a vector share the value
+        of the largest component.
     error
         Largest measured error of the stored series, relative to `largest`.
     """
@@ -53,18 +54,19 @@ class StoredFunction:
 class StoredLoad:
     """A load of a mechanism, as a reduced model stores it.
 
-    A load is the sum of its components. The power of a component is its magnitude times a
-    velocity: the rate of a pair variable, or a velocity that is stored for this load.
+    A load is the sum of its components, such as the three components of a force. The power
+    of a component is its magnitude times a velocity. This velocity is the rate of a pair
+    variable (joint angle), or a function that the model stores for this load.
 
     Attributes
     ----------
     name
         Name of the load.
     works_on
-        For each component the name of this pair variable, or of this stored velocity.
+        For each component the name of the pair variable, or of the stored velocity.
     components
         Expressions of the magnitudes in pair variables, their rates and the time. Empty if
-        the torque is given by a table.
+        the torque is a table.
     times, torques
         The times (s) and the torques (N m) of the table, if there is one.
     repeats
@@ -87,9 +89,9 @@ class StoredLoad:
 
 
 class VelocityTerm(NamedTuple):
-    """A term of the torque at a coordinate that is quadratic in the rates of coordinates.
+    """A term of a torque: a factor, times a stored function, times two rates.
 
-    It is the factor times a stored function times two rates.
+    The sum of such terms is the Coriolis and centrifugal torque of a reduced model.
 
     Attributes
     ----------
@@ -203,12 +205,12 @@ class StoredHeading:
 
     @property
     def velocity_terms(self) -> list[list[VelocityTerm]]:
-        """The terms of the torque that are quadratic in the rates, for each coordinate.
+        """The Coriolis and centrifugal terms of the torque, listed for each coordinate.
 
         The torque at coordinate i has the part sum c_i,ab x_a' x_b' over all a and b, with
         the rates x_a' of the coordinates and the Christoffel symbols c_i,ab of the inertia
-        matrix. Because c_i,ab = c_i,ba, only the symbols with b up to a are stored, and one
-        term stands for c_i,ab and c_i,ba.
+        matrix. Since c_i,ab = c_i,ba, only symbols with b <= a are stored. For b < a the
+        term therefore gets the factor 2.
 
         Along a curve there is one coordinate x, and the only symbol is 1/2 dB/dx with the
         inertia B. The derivative dB/dx is stored, so its factor is 0.5.
@@ -307,11 +309,12 @@ class StoredHeading:
 
     @cached_property
     def forces(self) -> list[list[Expr]]:
-        """The generalised forces of each load by each coordinate, as expressions.
+        """The generalised force of each load by each coordinate, as expressions.
 
-        The power of a component of a load is its magnitude times a velocity. Its force by a
-        coordinate is therefore the magnitude times this velocity per unit rate of the
-        coordinate. The force of the load is the sum over its components.
+        The first index is the load, the second the coordinate. The power of a component of
+        a load is its magnitude times a velocity. The force by a coordinate is therefore the
+        magnitude times this velocity per unit rate of the coordinate. The force of the load
+        is the sum over its components.
         """
         forces: list[list[Expr]] = []
         for load in self.loads:
@@ -416,13 +419,14 @@ class StoredHeading:
         """Return the name under which a pole is stored, and its sense.
 
         A pole is the axis about which one link rotates relative to another one. Its name is
-        LINK/RELATIVE_TO. The sense is 1.0, or -1.0 if the pole is stored with the two links
-        exchanged, so that its velocities have the opposite sign.
+        LINK/RELATIVE_TO. Each pole is stored for one order of the links. The sense is 1.0
+        for this order. It is -1.0 for the other order, in which velocities have the
+        opposite sign.
 
         Raises
         ------
         SolveError
-            If it is not stored.
+            If it is not stored in either order.
         """
         exchanged = "/".join(reversed(name.split("/")))
         for stored_name, sense in ((name, 1.0), (exchanged, -1.0)):
@@ -445,8 +449,9 @@ class StoredHeading:
     def reduce_to_range(self, x: float) -> tuple[float, int]:
         """Return the coordinate of a curve within its range, and the number of laps.
 
-        If the curve is periodic, whole laps are subtracted from the coordinate x (rad). The
-        second value is the number of these laps, otherwise 0.
+        The curve consists of the configurations of a mechanism. If it is closed, its
+        functions are periodic, and whole laps can be subtracted from the coordinate x
+        (rad). Otherwise the number of laps is 0.
 
         Raises
         ------
@@ -460,6 +465,7 @@ class StoredHeading:
         if self.periodic and math.isfinite(x):
             laps = math.floor((x - low) / period)
             return x - laps * period, laps
+        # A coordinate that was computed may exceed an end by rounding.
         slack = RANGE_SLACK_RATIO * period
         if low - slack <= x <= high + slack:
             return x, 0
@@ -468,7 +474,9 @@ class StoredHeading:
     def count_laps(self, x: Floats) -> Floats:
         """Return the numbers of whole laps in coordinates x (n,) of a curve, rad.
 
-        They are 0 if the curve is not periodic.
+        The curve consists of the configurations of a mechanism. If it is closed,
+        coordinates beyond its ends are in further laps. The numbers are 0 if it is not
+        periodic.
 
         Raises
         ------
