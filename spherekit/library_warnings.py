@@ -51,8 +51,8 @@ def warnings_as_sentences(
         if category is UserWarning:
             report(f"warning: {text}")
             return
-        # In result tables, a row without some of its numbers has a status with the reason.
-        # Rows without a status count as valid, so the user should check these.
+        # Rows of result tables that lack numbers state the reason as a status. Other rows
+        # count as valid, so the user should check them.
         report(
             f"warning: {_name_library(filename)} reports: {text}; spherekit did not expect "
             "this warning, which may concern results; check results that have no status; "

@@ -42,11 +42,11 @@ def html_table(
     note
         Explanation below the table, or empty.
     is_centred
-        Whether all cells are centred, as the marks of a square table.
+        Whether all cells are centred, such as in a square table of marks.
     """
     row_list = [list(row) for row in rows]
     alignments = ["center" if is_centred else "left"] * len(header)
-    # All cells of a column are of the kind of its first cell.
+    # The first row shows whether a column has numbers or texts.
     if row_list and not is_centred:
         alignments = [
             "right" if isinstance(cell, int | float) else "left" for cell in row_list[0]

@@ -102,17 +102,18 @@ class ArcLength:
     def _inverse_deviation(self) -> PiecewiseChebyshev:
         """Interpolant of the curve parameter u minus its linear part, as a function of s.
 
-        Here s is the arc length. The linear part is s times the mean slope of u over s, and
-        `invert` adds it again. The rest is zero if the speed ds/du is constant.
+        Here s is the arc length. The inverse of s(u) gives the point at an arc length. The
+        linear part, s times the mean slope of u over s, is left out here, and `invert` adds
+        it again. The rest is zero if the speed ds/du is constant.
         """
 
         def find_deviations(s: Floats) -> Floats:
             """Return the parameters at arc lengths s (n,), minus the linear part (n, 1)."""
             return (self._find_parameters(s) - s * self._mean_slope)[:, None]
 
-        # The error is relative to the largest parameter. The fit begins with one cell for
-        # each panel and halves cells until the first tolerance is reached. Where halving no
-        # longer reduces the error, which is then due to rounding, the second one suffices.
+        # Errors are relative to the largest parameter. The fit begins with one cell for
+        # each panel (part of the curve), and halves cells until the first tolerance is
+        # reached. The second tolerance counts where rounding prevents this.
         return PiecewiseChebyshev.fit(
             find_deviations,
             low=0.0,
@@ -141,8 +142,8 @@ class ArcLength:
     ) -> Floats:
         """Return the positions x in panels at which the arc length has given values.
 
-        The arc length rises from x = -1, the start of a panel, to x = 1, its end. So there
-        is one position for each value.
+        The curve is divided into panels. Along a panel, x runs from -1 to 1 and the arc
+        length rises. So there is one position for each value.
 
         Parameters
         ----------
@@ -167,7 +168,8 @@ class ArcLength:
             evaluate_excess,
             low=-ones,
             high=ones,
-            # The arc length is zero at the start of a panel, and the whole one at its end.
+            # At the start of a panel the arc length is zero, at its end that of the whole
+            # panel.
             values_at_low=-length_in_panel,
             values_at_high=panel_length - length_in_panel,
             tolerance=EPS,
@@ -192,13 +194,13 @@ def measure_arc_length(path: FourierPath | SplinePath, edges: Floats) -> ArcLeng
     path
         A path that is smooth between the edges.
     edges
-        (panels + 1,) parameters that divide the path into panels. On each panel the speed
-        is approximated by a series. Panels are halved until the series is accurate enough.
+        (panels + 1,) parameters that divide the path into panels. In each panel a series
+        approximates the speed. Panels are halved until the series is accurate enough.
 
     Raises
     ------
     ValueError
-        If the path has a cusp.
+        If the path has a cusp (point without speed and tangent).
     """
     arc_length = integrate_rate(path.speed, edges)
     # The speed is zero at a cusp. It is checked at the edges and middles of all panels.

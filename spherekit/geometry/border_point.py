@@ -34,20 +34,20 @@ times its rounding error."""
 
 
 def points_on_arcs(start: Floats, end: Floats, angle: Floats) -> Floats:
-    """Return points on arcs of great circles.
+    """Return one point on each arc of a great circle, at an angle from its start.
 
     Parameters
     ----------
     start, end
         (n, 3) unit vectors, the ends of the arcs.
     angle
-        (n,) angle (rad) from the start.
+        (n,) angle (rad) of each point from the start of its arc.
 
     Returns
     -------
     (n, 3) unit vectors.
     """
-    # The difference of the ends keeps the digits of short arcs.
+    # The cross product with the difference of both ends is accurate also for short arcs.
     toward = unit_rows(cross(cross(start, end - start), start))
     return np.cos(angle)[:, None] * start + np.sin(angle)[:, None] * toward
 
@@ -59,7 +59,8 @@ class ArcMargins:
     Attributes
     ----------
     evaluate
-        The function that returns all margins at directions.
+        The function that returns all k margins at directions. The region consists of the
+        directions at which all margins are at least 0.
     inside, outside
         (n, 3) unit vectors, the ends of the arcs inside and outside the region.
     """
@@ -83,9 +84,8 @@ def find_crossings(
     """Return the points where arcs leave a region, and the margins that end it there.
 
     The region consists of the directions at which all margins (functions of the direction)
-    are at least 0. Each arc, which is part of a great circle, crosses the border of the
-    region once. There the smallest margin changes its sign. The margin that ends the region
-    is the one that becomes negative.
+    are at least 0. Each arc of a great circle leaves the region at one point, a zero of the
+    smallest margin. The margin that ends the region is the one that becomes negative there.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ def find_crossings(
     """
     arc_margins = ArcMargins(evaluate, inside, outside)
     length = arc(inside, outside)
-    # Angles (rad) from the end inside: the zero of the smallest margin on each arc, and the
-    # end outside of the last interval of the search.
+    # Angles (rad) from the inner end of each arc: the zero of the smallest margin, and the
+    # outer end of the last search interval.
     crossing_angle, angle_outside = find_bracketed_zeros(
         arc_margins.smallest_margin,
         low=np.zeros(len(length)),
@@ -118,7 +118,7 @@ def find_crossings(
     )
     angle_beyond = _find_angles_beyond(arc_margins, length, crossing_angle, angle_outside)
     margins_beyond = arc_margins.margins(angle_beyond, np.arange(len(length)))
-    # Of margins that are equal up to their rounding errors, the first one is returned.
+    # If several margins are equal up to rounding, the first one is returned.
     return (
         points_on_arcs(inside, outside, crossing_angle),
         find_active_margins(margins_beyond, evaluate.rounding_errors),
@@ -128,7 +128,9 @@ def find_crossings(
 def _find_angles_beyond(
     arc_margins: ArcMargins, length: Floats, crossing_angle: Floats, angle_outside: Floats
 ) -> Floats:
-    """Return angles (n,), rad, on arcs just beyond the points where they leave a region.
+    """Return angles (n,), rad, just beyond the points where arcs leave a region.
+
+    The margin that is negative there is the one that ends the region.
 
     Parameters
     ----------
@@ -139,10 +141,9 @@ def _find_angles_beyond(
     crossing_angle
         (n,) angles (rad) from the start of the arcs to the border.
     angle_outside
-        (n,) angles at the end outside of the last interval of the search. The search stops
-        early if the smallest margin is exactly 0 at a point. The interval may then still be
-        wide, and other margins may be negative at its end. A point at a small step beyond
-        the crossing is taken instead.
+        (n,) angles at the outer end of the last search interval. If the search meets a
+        margin of exactly 0, it stops early, and this end can be far from the border. A
+        small step beyond the crossing is then taken instead.
     """
     value = arc_margins.smallest_margin(crossing_angle, np.arange(len(length)))
     one_step_beyond = crossing_angle + STEP_BEYOND_BORDER * length

@@ -52,7 +52,7 @@ def chord_frames(start: Floats, end: Floats) -> Floats:
     """Return the frames of chords.
 
     On the unit sphere, the chord of a curve is the arc of the great circle between its
-    ends.
+    ends. A frame is a set of three perpendicular unit vectors.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def chord_frames(start: Floats, end: Floats) -> Floats:
     (n, 3, 3) matrices. Their rows are unit vectors: to the start, along the chord at its
     start, and to its left. The last two are 0 if start and end coincide.
     """
-    # The difference of the ends keeps the digits of short chords.
+    # The cross product with the difference of both ends is accurate also for short chords.
     side = cross(start, end - start)
     size = np.linalg.norm(side, axis=1, keepdims=True)
     to_left = side / np.where(size > 0.0, size, 1.0)
@@ -87,7 +87,8 @@ def points_beside_chords(
     length
         (n,) arcs of the chords (rad).
     u
-        Parameter from -1 to 1 along the chords, of a shape that broadcasts with `height`.
+        Parameter along each chord, -1 at its start and 1 at its end. Its shape broadcasts
+        with `height`.
     height
         (n, ...) angles (rad) from the chord to the left.
 
@@ -95,8 +96,8 @@ def points_beside_chords(
     -------
     (n, ..., 3) unit vectors.
     """
-    # Angle (rad) from the start along the chord. The lengths (n,) get as many axes as the
-    # heights (n, ...).
+    # Angle (rad) from the start along the chord. The lengths (n,) get the same number of
+    # axes as the heights (n, ...).
     later_axes = tuple(range(1, np.ndim(height)))
     angle = 0.5 * np.expand_dims(length, later_axes) * (1.0 + u)
     level = np.cos(height)
@@ -133,8 +134,9 @@ def interpolation_matrix(order: int, u: Floats) -> Floats:
 def areas_beside_chords(height: Floats, length: Floats) -> Floats:
     """Return the signed areas (sr) between chords and the border of a region.
 
-    The region is to the left of its border. An area is positive where the border is to the
-    right of the chord, so that the region extends beyond the chord.
+    A chord is the great-circle arc between the ends of a piece (segment) of the border. The
+    region is to the left of its border. The area is positive where the border is to the
+    right of the chord, because the region then extends beyond the chord.
 
     The element of area at the angle a from the chord is cos(a) da ds, with the arc length
     s along the chord. Its integral over a, from 0 to the height h, is sin(h) ds. The
@@ -143,14 +145,13 @@ def areas_beside_chords(height: Floats, length: Floats) -> Floats:
     Parameters
     ----------
     height
-        (k, order + 1) heights (rad) of the border to the left of each chord, at the
-        Chebyshev nodes of this order.
+        (k, order + 1) heights (rad): angles from the chord to the border, positive to the
+        left. They are at the Chebyshev nodes (points of polynomial interpolation) of this
+        order along the chord.
     length
         (k,) arcs of the chords (rad).
 
-    Returns
-    -------
-    (k,) areas.
+    (k,) areas (sr).
     """
     order = height.shape[1] - 1
     # The weights are for a parameter u from -1 to 1, and ds = (length / 2) du.
@@ -160,11 +161,14 @@ def areas_beside_chords(height: Floats, length: Floats) -> Floats:
 def estimate_area_errors(height: Floats, length: Floats) -> Floats:
     """Return the errors (sr) of the areas between chords and the border of a region.
 
+    A chord is the great-circle arc between the ends of a piece (segment) of the border.
+
     Parameters
     ----------
     height
-        (k, order + 1) heights (rad) of the border to the left of each chord, at the
-        Chebyshev nodes of this order.
+        (k, order + 1) heights (rad): angles from the chord to the border, positive to the
+        left. They are at the Chebyshev nodes (points of polynomial interpolation) of this
+        order along the chord.
     length
         (k,) arcs of the chords (rad).
 
@@ -172,13 +176,13 @@ def estimate_area_errors(height: Floats, length: Floats) -> Floats:
     -------
     (k,) errors of `areas_beside_chords`.
     """
-    # The truncation error is estimated by the change of the area if every second node is
-    # left out. The remaining ones are the nodes of half the order.
+    # The truncation error is estimated by the change of the area when every second node is
+    # left out. The others are the nodes of half the order.
     coarse_area = areas_beside_chords(height[:, ::2], length)
     truncation = np.abs(areas_beside_chords(height, length) - coarse_area)
     rounding = EPS * length
-    # The border beside a very short chord is not searched. Its height is taken to be at
-    # most the length of the chord, and so the area to be at most its square.
+    # Beside a very short chord the border is not searched. Its height is at most the length
+    # of the chord, so the area is at most the square of this length.
     not_searched = np.where(length > MIN_BORDER_CHORD_RAD, 0.0, length**2)
     return truncation + rounding + not_searched
 
@@ -186,9 +190,9 @@ def estimate_area_errors(height: Floats, length: Floats) -> Floats:
 def parabola_minima(samples: Floats) -> Floats:
     """Return the smallest value at or beside each inner sample of functions.
 
-    A parabola is laid through each sample and its two neighbours. If it has its extremum
-    between the neighbours, the smaller one of the sample and the extremum is returned,
-    otherwise the sample itself.
+    A minimum between two samples would otherwise be missed. A parabola is laid through each
+    sample and its two neighbours. If its extremum is between the neighbours, the smaller
+    one of extremum and sample is returned, otherwise the sample.
 
     Parameters
     ----------
@@ -215,7 +219,9 @@ def parabola_minima(samples: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class BorderNodes:
-    """Points on the border of a region that lie on several segments, one after another.
+    """Interpolation points (nodes) on the border of a region.
+
+    The border consists of segments (smooth pieces). Their nodes follow one another.
 
     Attributes
     ----------
@@ -224,7 +230,7 @@ class BorderNodes:
     segment
         (m,) index of the segment of each point, ascending from 0.
     node
-        (m,) number of the point on its segment. It is 0 at the start of the segment.
+        (m,) number of the point on its segment, from 0 at the start of the segment.
     """
 
     points: Floats
@@ -291,7 +297,7 @@ class BorderSegments(ArrayRows):
 
     @staticmethod
     def empty() -> "BorderSegments":
-        """Return an object without segments, to which other segments can be joined."""
+        """Return an object without segments (pieces of the border of a region)."""
         no_index = np.zeros(0, np.intp)
         no_number = np.zeros(0)
         no_flag = np.zeros(0, dtype=bool)
@@ -395,23 +401,23 @@ class BorderSegments(ArrayRows):
         """Compute and store heights, areas and errors of some segments at a new order.
 
         A segment is a piece of the border of a region. Its chord is the arc of the great
-        circle between its ends. The height of the border over the chord is a polynomial
-        along the chord, given by its values at Chebyshev nodes. The order of the segment is
-        the degree of this polynomial. If the border is not found at a node, the chord takes
-        the place of the whole segment.
+        circle between its ends. The height (angle) of the border over the chord is a
+        polynomial along the chord. It is stored by its values at Chebyshev nodes. The order
+        of the segment is the degree of this polynomial. If the border is not found at a
+        node, the chord takes the place of the whole segment.
 
         Parameters
         ----------
         evaluate
-            The margins, functions that are at least 0 in the region. One is zero on the
-            border.
+            The margins: functions of the direction that are at least 0 in the region. One
+            of them is zero on the border.
         selected
             (k,) numbers of the segments.
         order
             Their new order.
         known_height
-            (k, order + 1) heights (rad) of the border at the nodes, to the left of the
-            chord, NaN if not known yet.
+            (k, order + 1) heights (rad) of the border at the nodes, positive to the left of
+            the chord. NaN if not known yet.
         """
         height, is_found = self._complete_heights(evaluate, selected, known_height)
         length = self.length[selected]
@@ -426,12 +432,15 @@ class BorderSegments(ArrayRows):
     ) -> tuple[Floats, Bools]:
         """Return the heights of the border over some chords at all Chebyshev nodes.
 
+        A chord is the great-circle arc between the ends of a piece of the border. Heights
+        that are known from a lower order are used again.
+
         Parameters
         ----------
         evaluate
-            The margins, functions that are at least 0 in the region.
+            The margins: functions of the direction that are at least 0 in the region.
         selected
-            (k,) numbers of the segments.
+            (k,) numbers of the segments (pieces of the border).
         known_height
             (k, order + 1) heights (rad) at the nodes of this order, NaN if not known.
 
@@ -544,11 +553,11 @@ class BorderSegments(ArrayRows):
     ) -> None:
         """Replace new segments by their chords if another margin excludes a part of them.
 
-        A margin is a function of the direction that is at least 0 in the region. One of
-        them, the border margin, is zero on a segment. If another margin is negative
-        somewhere on the segment, this part is outside the region, and so the segment is not
-        the border. The chord (the arc of a great circle between its ends) then takes its
-        place, and the segment is marked as not sound.
+        A segment is a piece of the border of a region, on which one margin (the border
+        margin) is zero. Margins are functions of the direction that are at least 0 in the
+        region. If another margin is negative on a part of the segment, this part is outside
+        the region and not its border. The chord (great-circle arc between the ends) then
+        replaces the segment, which is marked as not sound.
 
         Parameters
         ----------
@@ -558,21 +567,21 @@ class BorderSegments(ArrayRows):
             (k,) numbers of the segments, whose polynomials have degree 4.
         """
         excess = self._sample_excess(evaluate, selected)
-        # A minimum between samples is found by parabolas through every three of them.
+        # A minimum between samples is found by a parabola through three of them.
         is_negative = parabola_minima(excess) < -evaluate.rounding_errors
         self._replace_by_chords(selected[np.any(is_negative, axis=(1, 2))])
 
     def _sample_excess(self, evaluate: MarginEvaluator, selected: Indices) -> Floats:
         """Return by how much the margins exceed the border margin along new segments.
 
-        The border margin is the one that is zero on the border. On the computed segment,
-        which is a polynomial, it is only nearly zero. The other margins are therefore
-        compared with it instead of with zero.
+        A segment is a piece of the border. The border margin is zero there. On the computed
+        segment, a polynomial, the border margin is only nearly zero. All margins are
+        therefore compared with the border margin and not with zero.
 
         Parameters
         ----------
         evaluate
-            The margins, functions that are at least 0 in the region.
+            The margins: functions of the direction that are at least 0 in the region.
         selected
             (k,) numbers of the segments, whose polynomials have degree 4.
 
@@ -581,8 +590,8 @@ class BorderSegments(ArrayRows):
         (k, samples, margins) differences at equally spaced points of each segment.
         """
         u = np.linspace(-1.0, 1.0, CHECK_STEPS + 1)
-        # New segments have the order `ORDERS[1]`. The height over the chord is stored by
-        # its values at order + 1 nodes, from which it is interpolated.
+        # New segments have the order `ORDERS[1]`. Their height over the chord (arc between
+        # the ends) is interpolated from its values at order + 1 nodes.
         order = ORDERS[1]
         nodes_to_samples = interpolation_matrix(order, u)
         height = self.height[selected, : order + 1] @ nodes_to_samples.T
@@ -606,12 +615,12 @@ class BorderSegments(ArrayRows):
         )
 
     def node_points(self, selected: Indices) -> BorderNodes:
-        """Return the nodes of some segments (k,): points on the border of the region.
+        """Return the interpolation points (nodes) of some segments (k,) of a border.
 
-        A segment is a piece of the border. Its height over the chord, the arc of a great
-        circle between its ends, is a polynomial along the chord. The order of the segment
-        is the degree of this polynomial, and the heights at order + 1 Chebyshev nodes are
-        stored. The nodes include both ends.
+        A segment is a piece of the border of a region. Its height (angle) over the chord,
+        the great-circle arc between its ends, is a polynomial along the chord. The order of
+        the segment is the degree of this polynomial. It has order + 1 Chebyshev nodes,
+        which include both ends.
         """
         # Each node has an index in `selected` and a number on its segment, from 0 to the
         # order of the segment.
@@ -648,7 +657,8 @@ class BorderSegments(ArrayRows):
         Parameters
         ----------
         number
-            Number of a sound segment of the highest order.
+            Number of a segment (piece of the border) that has the highest order and is
+            sound: the border was found on all of it.
         direction
             (3,) unit vector.
 
@@ -659,8 +669,8 @@ class BorderSegments(ArrayRows):
         """
         order = ORDERS[-1]
         segment = np.array([number])  # the methods take arrays of numbers
-        # The cosine of the distance as a Chebyshev series in u, which is -1 and 1 at the
-        # ends of the chord.
+        # The cosine of the distance as a Chebyshev series in the parameter u, which runs
+        # from -1 to 1 along the chord.
         cosine = np.vecdot(self.node_points(segment).points, direction)
         cosine_series = coefficient_matrix(order) @ cosine
         u = find_real_zeros(chebyshev.chebder(cosine_series))
@@ -674,16 +684,16 @@ def find_nearest_point(
 ) -> Floats:
     """Return the point of a border that is nearest to a direction.
 
-    The border consists of segments, curves beside great-circle arcs (chords). The nearest
-    point is the end of a segment, or a point within it at which the distance has a minimum.
-    Segments whose border was not found have their ends only.
+    The border consists of segments (smooth pieces). The nearest point is the end of a
+    segment, or a point within it at which the distance has a minimum. Of segments on which
+    the border was not found, only the ends are examined.
 
     Parameters
     ----------
     segments
         The border of a region.
     evaluate
-        The margins of the region.
+        The margins of the region: functions of the direction that are at least 0 in it.
     direction
         (3,) unit vector outside the region.
 
@@ -697,8 +707,8 @@ def find_nearest_point(
     for number in np.flatnonzero(nearby.is_sound):
         candidates.append(nearby.find_extremal_points(int(number), direction))
     points = np.concatenate(candidates)
-    # The polynomials are approximate, so that their points can be outside of the region.
-    # Candidates outside are left out, unless all are.
+    # Segments are approximate polynomials, so their points can be a little outside of the
+    # region. Such candidates are left out if others are inside.
     tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)
     is_inside = smallest_margins(evaluate(points)) >= -tolerance
     points = points[is_inside] if is_inside.any() else points
@@ -708,11 +718,12 @@ def find_nearest_point(
 def _select_nearby_segments(segments: BorderSegments, direction: Floats) -> BorderSegments:
     """Return the segments that can contain the point of the border nearest to a direction.
 
-    The height of a border is at most `MAX_HEIGHT_RATIO` (0.4) times the length of its
-    chord. Each of its points is therefore nearer to one end of the chord than this length.
-    By the triangle inequality, no point of the segment is nearer to the direction than the
-    distance of its nearer end minus the length. A segment is selected if this limit does
-    not exceed the distance of the nearest end of all segments.
+    A segment is a piece of the border, its chord the great-circle arc between its ends. Its
+    height over the chord is at most `MAX_HEIGHT_RATIO` (0.4) times the length of the chord.
+    Each point of the segment is therefore nearer than this length to one end. So its
+    distance from the direction is at least that of the nearer end minus the length. A
+    segment is selected if this limit does not exceed the distance of the nearest end of all
+    segments.
 
     Parameters
     ----------

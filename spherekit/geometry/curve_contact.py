@@ -57,9 +57,9 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     along the tangent, and at right angles to both. If two curves touch, their frames there
     are equal.
 
-    Both curves are sampled. From several pairs of samples with similar frames, the angle
-    between the frames is minimised (`_find_starts` chooses the pairs). The best of these
-    minima is returned.
+    Both curves are sampled, and `_find_starts` chooses pairs of samples with similar
+    frames. From each pair, the angle between the frames is minimised. The best minimum is
+    returned.
 
     Parameters
     ----------
@@ -74,14 +74,14 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     angle
         Angle (rad) of the rotation between the two frames; 0 if the curves touch.
     """
-    # Arc lengths on closed curves are not limited while the search goes on.
+    # A closed curve may be searched over several laps, so its arc length has no limits
+    # here.
     curves = (first, second)
     lengths = np.array([curve.length for curve in curves])
     is_closed = np.array([curve.closed for curve in curves])
     low = np.where(is_closed, -np.inf, 0.0)
     high = np.where(is_closed, np.inf, lengths)
-    # The residual is the rotation vector between both frames, so the root of the sum of its
-    # squares is the angle.
+    # The residual is the rotation vector between both frames. Its length is the angle.
     arc_lengths, squares = minimize_squares(
         lambda s, _: _frame_differences(curves, s),
         start=_find_starts(curves),
@@ -92,10 +92,8 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     angles = np.sqrt(squares)
     arc_lengths = np.where(is_closed, np.mod(arc_lengths, lengths), arc_lengths)
     # Among equally good contacts, the first one along the first curve is chosen. Rounding
-    # can move a contact at the start of a closed curve to its end. Before the comparison
-    # all arc lengths are therefore increased by a small amount, which takes such a contact
-    # beyond the end, back to the start. (The same is done with open curves, where a contact
-    # at the very end counts like one at the start.)
+    # can move a contact from the start of a closed curve to its end. A small amount is
+    # therefore added to all arc lengths, which moves such a contact back to the start.
     best = np.flatnonzero(angles <= np.min(angles) + EQUAL_CONTACT_RAD)
     from_start = np.mod(arc_lengths[best, 0] + START_SLACK_RAD, lengths[0])
     chosen = best[np.argmin(from_start)]
@@ -107,9 +105,8 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
 
     The frame of a curve on the unit sphere consists of its tangent, its normal and its
     point. Two curves touch where their frames are equal. Both curves are sampled. A pair of
-    samples, one of each curve, is a start if its frames are similar enough for a contact
-    next to it. For each sample of the first curve, only the samples of the second curve
-    with locally the most similar frames are used.
+    samples, one of each curve, is a start if a contact can be next to it. For each sample
+    of the first curve, only local maxima of similarity along the second curve count.
     """
     first_samples = _sample_evenly(curves[0])
     second_samples = _sample_evenly(curves[1])
@@ -117,9 +114,9 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
         curves[0].evaluate(first_samples.arc_lengths).frame,
         curves[1].evaluate(second_samples.arc_lengths).frame,
     )
-    # Next to a contact there is a sample of each curve whose frame differs from that of the
-    # contact by less than the angle between samples. So the frames of this pair differ by
-    # less than both angles together.
+    # The frame of some sample of each curve differs from the frame at a contact by less
+    # than the angle between samples. So the frames of this pair differ by less than both
+    # angles together.
     largest_angle = first_samples.frame_step + second_samples.frame_step
     is_maximum = _find_row_maxima(cosine, curves[1].closed)
     is_start = is_maximum & (cosine > np.cos(largest_angle))
@@ -148,7 +145,7 @@ def _frame_cosines(first_frames: Floats, second_frames: Floats) -> Floats:
 
 
 def _find_row_maxima(values: Floats, closed: bool) -> Bools:
-    """Return which values (n, m) are not smaller than both neighbours in their row.
+    """Return which values (n, m) are local maxima of their row.
 
     Parameters
     ----------
@@ -187,6 +184,10 @@ def _frame_differences(
 ) -> tuple[Floats, Floats]:
     """Return the rotation vectors between the frames of two curves, and their derivatives.
 
+    A frame consists of the tangent, the normal and the point of a curve on the unit sphere.
+    Two curves touch where their frames are equal, so these vectors are the residuals of a
+    search for a contact.
+
     Parameters
     ----------
     curves
@@ -199,14 +200,13 @@ def _frame_differences(
     vectors
         (m, 3) rotation vectors (rad) from the second frame to the first.
     derivatives
-        (m, 3, 2) their derivatives by both arc lengths, exact if the frames are equal.
+        (m, 3, 2) their derivatives by both arc lengths, exact where the frames are equal.
     """
     first = curves[0].evaluate(arc_lengths[:, 0])
     second = curves[1].evaluate(arc_lengths[:, 1])
     vectors = rotation_vector(first.frame @ transpose(second.frame))
     # The derivative of a small rotation vector is the difference of the rotation rates of
-    # both frames. This is exact only if the frames are equal, which is enough for quadratic
-    # convergence to a contact.
+    # both frames. Near a contact this is accurate enough for fast convergence.
     by_first = _frame_rotation_rates(first)
     by_second = -_frame_rotation_rates(second)
     return vectors, np.stack([by_first, by_second], axis=2)

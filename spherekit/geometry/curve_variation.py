@@ -113,9 +113,10 @@ def quintic_panels(
 class PathVariation:
     """A path that carries its derivative by a design variable as a complex step.
 
-    Complex step: a quantity a and its derivative da are one complex number a + i h da. The
-    step h is so tiny that the imaginary part does not change the real one. A function
-    of such numbers then has its derivative, times h, as imaginary part.
+    A path is a curve on the unit sphere by a parameter u. A design variable is a quantity
+    that changes the curve. Complex step: a quantity a and its derivative da are one complex
+    number a + i h da. The step h is so tiny that the real part does not change. Any
+    function of such numbers has its own derivative, times h, as imaginary part.
 
     Attributes
     ----------
@@ -145,10 +146,9 @@ class PathVariation:
     def find_parameter_rates(self, u: Floats, length_rates: Floats) -> Floats:
         """Return the derivatives of parameters u by the design variable x.
 
-        If the design variable changes the path, the point at an arc length gets another
-        parameter. The derivative u' follows from the chain rule for the arc length s(u, x):
-        ds/du u' + ds/dx = s'. Here ds/du is the speed of the path, and ds/dx is
-        `arc_length_rate`.
+        If x changes the path, the point at an arc length gets another parameter. The
+        derivative u' follows from the chain rule for the arc length s(u, x): ds/du u' +
+        ds/dx = s'. Here ds/du is the speed of the path, and ds/dx is `arc_length_rate`.
 
         Parameters
         ----------
@@ -177,11 +177,13 @@ class MovingFit:
     Attributes
     ----------
     path
-        The spline. Its numbers carry derivatives by the design variable as complex steps.
+        The spline. Its numbers carry derivatives by the design variable as complex steps:
+        the imaginary part of a number is its derivative times a tiny number.
     arc_length_rate
         Derivative of the arc length by the design variable, at a fixed parameter.
     step_rates
-        (panels,) derivatives of the lengths of the curve between successive points.
+        (panels,) derivatives by the design variable of the lengths of the curve between
+        successive points.
     """
 
     path: SplinePath
@@ -190,13 +192,13 @@ class MovingFit:
 
 
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
-    """Return the smooth curve through moving points, with its derivative.
+    """Return the smooth curve through moving points, and its derivative.
 
-    The curve is a spline, whose knots are the parameters of the points. The parameters
-    should be nearly arc lengths, but the arc lengths depend on the spline. The spline is
-    therefore fitted several times. The steps between the knots of the first fit are the
-    great-circle arcs between the points. Those of every other fit are the lengths between
-    the points on the fit before it. All of these steps change with the design variable.
+    The curve is a spline. Its knots are the parameters of the points, and should be nearly
+    arc lengths, which depend on the spline. The spline is therefore fitted several times.
+    The knots of the first fit are the sums of great-circle arcs between the points. Those
+    of every later fit are the arc lengths on the fit before. All knots change with the
+    design variable.
 
     Parameters
     ----------
@@ -225,14 +227,16 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
 
 
 def _make_moving_points(points: Floats, change: Floats, closed: bool) -> Floats:
-    """Return points that carry their derivatives as complex steps, with unit length.
+    """Return unit vectors that carry their derivatives as complex steps.
+
+    Complex step: the imaginary part of a number is its derivative times a tiny number.
 
     Parameters
     ----------
     points, change
         (m, 3) unit vectors, and their derivatives by the design variable.
     closed
-        Whether the first point is repeated at the end.
+        Whether the curve is closed. The first point is then repeated at the end.
     """
     moving_points = add_complex_step(points, change)
     moving_points = moving_points / np.sqrt(dot(moving_points, moving_points))[:, None]
@@ -244,19 +248,21 @@ def _make_moving_points(points: Floats, change: Floats, closed: bool) -> Floats:
 def _differentiate_fit(
     path: SplinePath, moving_points: Floats, knot_step_rates: Floats
 ) -> MovingFit:
-    """Return a spline through points again, with its derivative by the design variable.
+    """Return a spline through moving points, with its derivative by the design variable.
 
     Parameters
     ----------
     path
-        The spline, with real numbers.
+        The spline through the same points, with real numbers.
     moving_points
-        (panels + 1, 3) its points with their derivatives (complex step).
+        (panels + 1, 3) its points, which carry their derivatives as complex steps: the
+        imaginary part of a number is its derivative times a tiny number.
     knot_step_rates
-        (panels,) derivatives of the differences between its successive knots.
+        (panels,) derivatives of the differences of successive knots (parameters of the
+        points).
     """
-    # SciPy has no splines with complex knots, so the same spline is made here. `SplinePath`
-    # evaluates `spline`, which has the complex knots. Those that `SplinePath` itself stores
+    # SciPy has no splines with complex knots, so the same spline is computed here.
+    # `SplinePath` evaluates `spline`, with complex knots. The knots that it stores beside
     # are real.
     knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
     moving_knots = add_complex_step(path.knots, knot_rates)
@@ -285,7 +291,7 @@ def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
         The path as a complex step: the imaginary part of each number is its derivative by
         the design variable, times a tiny number.
     edges
-        (m,) parameters u between which the path is smooth.
+        (m,) parameters u. The path is smooth between them.
 
     Returns
     -------
@@ -312,11 +318,11 @@ def _differentiate_arcs(points: Floats) -> Floats:
     (m - 1,) derivatives.
     """
     across = cross(points[:-1], points[1:])
-    # `dot` does not conjugate, so sine and cosine of an arc carry their derivatives, too.
+    # `dot` does not conjugate its arguments, so sine and cosine carry their derivatives
+    # too.
     sine = np.sqrt(dot(across, across))
     cosine = dot(points[:-1], points[1:])
-    # The derivative of an angle a is cos(a) times that of its sine, less sin(a) times that
-    # of its cosine.
+    # The derivative of an angle a is cos(a) (sin a)' - sin(a) (cos a)'.
     return np.real(cosine) * extract_derivative(sine) - np.real(sine) * extract_derivative(
         cosine
     )
@@ -344,7 +350,7 @@ class CurveDerivative:
     def __call__(self, s: Floats) -> Floats:
         """Return the derivatives by the design variable at fixed arc lengths s (n,), rad.
 
-        The derivative of each step is carried on to the next one:
+        The derivatives follow step by step:
 
         1. The arc length on the path is +s or -s plus a number of laps, each of the length
            of the path. Only this length depends on the design variable.
@@ -366,16 +372,16 @@ class CurveDerivative:
         u = variation.find_parameters(path_lengths)
         u_rates = variation.find_parameter_rates(u, path_length_rates)
 
-        # The numbers of the path carry its own derivative, and u carries that of u, both as
-        # scaled imaginary parts (complex step). The results carry the sum of both effects.
+        # The numbers of the path carry its own derivative, and u carries u', both as scaled
+        # imaginary parts (complex step). The results have the sum of both effects.
         frames = variation.path.frames(add_complex_step(u, u_rates))
         return self._differentiate_points(frames)
 
     def _count_laps(self, signed_lengths: Floats) -> Floats:
-        """Return how many lengths of the path are added to reach its range.
+        """Return how many lengths of the path bring arc lengths into its range.
 
-        The arc length on the path, from 0 to its length, is the signed length plus the
-        number of laps times the length of the path.
+        The path has arc lengths from 0 to its length. The arc length on the path is the
+        signed length plus the number of laps times the length of the path.
 
         Parameters
         ----------
@@ -431,9 +437,9 @@ def differentiate_fourier(
 ) -> CurveDerivative:
     """Return the derivative of the curve of `spherekit.geometry.profile_curve.fourier`.
 
-    The colatitude of the curve about its centre is a Fourier series of the azimuth. With a
-    single coefficient, the radius, the curve is a circle. All quantities are functions of a
-    design variable, and are given with their derivatives by it.
+    The colatitude (angle from the centre) of the curve is a Fourier series of the azimuth
+    about the centre. With one coefficient, the radius, the curve is a circle. All arguments
+    depend on a design variable. Each one has two parts: value and derivative.
 
     Parameters
     ----------
@@ -442,7 +448,7 @@ def differentiate_fourier(
     cosines, sines
         Coefficients (rad) of the colatitude, and their derivatives.
     backwards
-        Whether the curve is run backwards.
+        Whether the curve is run in the opposite direction.
     """
     order_count = max(np.size(cosines[0]), np.size(sines[0]))
     cosine_values = _append_zeros(cosines[0], order_count)
@@ -461,8 +467,8 @@ def differentiate_fourier(
         add_complex_step(cosine_values, cosine_rates),
         add_complex_step(sine_values, sine_rates),
     )
-    # Four azimuths for each order of the series. Between them the path is smooth enough for
-    # an accurate integral of its speed, the arc length.
+    # Four azimuths for each order of the series. Between them, the speed is smooth enough
+    # for an accurate integral, the arc length.
     edges = azimuth_panels(order_count)
     arc_length_rate = _integrate_speed_rate(moving_path, edges)
     variation = PathVariation(
@@ -488,8 +494,8 @@ def differentiate_spline(
 ) -> CurveDerivative:
     """Return the derivative of the smooth spline curve through points by a design variable.
 
-    The points change with this variable, and the curve with them.
-    `spherekit.geometry.profile_curve.through` makes the curve.
+    The points depend on this variable. `spherekit.geometry.profile_curve.through` computes
+    the curve itself.
 
     Parameters
     ----------
@@ -500,7 +506,7 @@ def differentiate_spline(
     closed
         Whether the curve is closed.
     backwards
-        Whether the curve is run backwards.
+        Whether the curve is run in the opposite direction.
     """
     variation = _vary_spline(
         np.asarray(points, dtype=float), np.asarray(change, dtype=float), closed

@@ -89,17 +89,17 @@ class Part:
     """A connected part of a region of directions, or of the directions outside of it.
 
     In the region all margins (functions of the direction) are at least 0. The depth of a
-    direction is its smallest margin: it is negative outside.
+    direction is its smallest margin, which is negative outside.
 
     Attributes
     ----------
     area
         Area (sr).
     boundaries
-        Numbers of the closed curves around it.
+        Numbers of the closed boundary curves around the part.
     place
-        (3,) unit vector: the vertex of the mesh in this part whose depth has the largest
-        absolute value, so that it is farthest inside the part.
+        (3,) unit vector: of the vertices of the mesh in this part, the one that is farthest
+        inside the part. Its depth has the largest absolute value.
     depth
         Depth of this vertex, negative for a part of the outside.
     """
@@ -190,8 +190,8 @@ class Region:
         """Return the unit vector (3,) of the region that is nearest to a direction (3,).
 
         The region has the directions in which all margins are at least 0. Margins are
-        functions of the direction, which the user has given. A direction in the region is
-        returned itself, scaled to length 1.
+        functions of the direction, such as a distance to a limit. A direction inside the
+        region is returned itself, scaled to length 1.
 
         Raises
         ------
@@ -205,14 +205,12 @@ class Region:
                 f"{point!r} is not a direction; give three finite numbers, not all 0"
             )
         direction = direction / length
-        # `sampled`: the evaluator estimates the rounding error of each margin from its
-        # values at the vertices of the mesh on which the region was computed.
+        # `sampled` has known values, from which the evaluator estimates rounding errors.
         evaluate = MarginEvaluator(self.margins, sampled=self.values)
         if smallest_margins(evaluate(direction[None]))[0] >= 0.0:
             return direction
-        # For a direction outside, the nearest point is on the border. Each segment of the
-        # border has the number of its margin. Without segments the region is empty, and
-        # `excluding` has the sets of margins that no direction satisfies together.
+        # Outside, the nearest point is on the border. The border has segments, each with
+        # its margin. A region without segments is empty. `excluding` then explains why.
         if not len(self.border.margin):
             raise RegionError(
                 "the region is empty, so no point of it is nearest; sets of margins that "
@@ -398,20 +396,21 @@ def _find_excluding_sets(
 ) -> tuple[tuple[int, ...], ...]:
     """Return the smallest sets of margins that no direction satisfies together.
 
-    A direction satisfies a margin (a function of the direction) that is at least 0 there.
-    A set of margins is searched with a mesh of triangles, so narrow regions may be missed.
+    They explain to the user why a region is empty. A direction satisfies a margin (function
+    of the direction) that is at least 0 there. The search uses a mesh of triangles, so it
+    can miss narrow regions.
 
     Parameters
     ----------
     evaluate
         Returns all k margins.
     values
-        (V, k) margins at directions that were evaluated before.
+        (V, k) margins at V directions that are already known.
     spacing
-        Longest edge (rad) of the first triangles of a mesh.
+        Longest edge (rad) of the triangles with which the search begins.
     feature
-        Triangles in which a part of a region may be hidden are cut until their edges are
-        shorter than this (rad).
+        Size (rad) of the smallest part to be found. Triangles that may contain a hidden
+        part are cut until their edges are shorter.
 
     Returns
     -------
@@ -425,14 +424,13 @@ def _find_excluding_sets(
         # Search the region of these margins alone.
         selected = MarginEvaluator(lambda points: evaluate(points)[:, margins])
         refinement = RegionRefinement(selected, spacing)
-        # The question is only whether there is a region. Triangles are not cut for the
-        # accuracy of its area, so the tolerance of the area is infinite.
+        # Only the existence of a region matters, so the tolerance of its area is infinite.
         refinement.refine(
             tolerance=np.inf, feature=feature, max_evaluations=EVALUATIONS_PER_SET
         )
         return not refinement.is_inside.any()
 
-    # Small sets are tried first. A set that contains an excluding one is left out.
+    # Small sets are tried first. A larger set that contains an excluding set is skipped.
     excluding: list[tuple[int, ...]] = []
     for size in range(1, MAX_EXCLUDING_MARGINS + 1):
         for margins in combinations(range(values.shape[1]), size):

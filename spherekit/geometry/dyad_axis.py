@@ -24,10 +24,9 @@ import numpy as np
 
 @dataclass(frozen=True)
 class HalfAngle:
-    """An arc on the unit sphere, given by the sine and the cosine of half the arc.
+    """An arc on the unit sphere by the sine and cosine of half the arc.
 
-    Half angles keep the digits of short arcs. Arcs are added and subtracted by the addition
-    theorems.
+    Half angles lose no digits for short arcs. `+` and `-` add and subtract arcs.
 
     Attributes
     ----------
@@ -59,15 +58,16 @@ def triple_square(
     """Return t^2, the square of the triple product b . (a x c) of the axes of a dyad.
 
     A dyad is a chain of two bodies between two outer axes a and c, and b is the axis of the
-    pair between its bodies. The arcs of the bodies are A and C, and cos B is a . c. The
-    square of a triple product is the Gram determinant of the three vectors,
+    pair (joint) between its bodies. The sign of t tells in which of two ways the dyad is
+    assembled. The arcs of the bodies are A and C, and cos B is a . c. The square of a
+    triple product is the Gram determinant of the three vectors,
 
         t^2 = 1 + 2 cos A cos B cos C - cos^2 A - cos^2 B - cos^2 C
             = (cos(A - C) - cos B) (cos B - cos(A + C)).
 
-    It is negative if the arcs are too short or too long for the outer axes. The product is
-    computed. Its factors are differences of cosines, which `_cosine_minus_dot` forms
-    without loss of digits. It needs |a - c|^2 and |a + c|^2 instead of a . c.
+    t^2 is negative if the dyad cannot be assembled. It is computed as the product of the
+    two factors in brackets. `_cosine_minus_dot` computes each factor without loss of
+    digits, from |a - c|^2 and |a + c|^2.
 
     Parameters
     ----------
@@ -91,12 +91,12 @@ def middle_axis(
     difference_square: Any,
     root: Any,
 ) -> tuple[Any, Any, Any]:
-    """Return the factors of a + c, a - c and a x c in the middle axis b of a dyad.
+    """Return three factors by which vectors add up to the middle axis b of a dyad.
 
-    The dyad is a chain of two bodies between the outer axes a and c, both unit vectors. The
-    axis b of the pair between its bodies is the sum of the three vectors times the factors.
-    Two axes b are possible, at mirror images about the plane of a and c. They differ in the
-    sign of the triple product t = b . (a x c).
+    A dyad is a chain of two bodies between the outer axes a and c, both unit vectors. The
+    axis b of the pair (joint) between its bodies is a sum of a + c, a - c and a x c, times
+    the factors. Two axes b are possible, at mirror images about the plane of a and c. They
+    differ in the sign of the triple product t = b . (a x c).
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def middle_axis(
     -------
     The factors (cos A + cos C) / |a + c|^2, (cos A - cos C) / |a - c|^2 and t / |a x c|^2.
     """
-    # A `HalfAngle` has the sine and the cosine of half an arc, here of A + C and A - C.
+    # `total` and `difference` have the sines and cosines of (A + C) / 2 and (A - C) / 2.
     total = first_arc + second_arc
     difference = first_arc - second_arc
     # cos A + cos C = 2 cos((A + C) / 2) cos((A - C) / 2), and similar for the difference.
@@ -130,17 +130,15 @@ def _cosine_minus_dot(arc: HalfAngle, sum_square: Any, difference_square: Any) -
     Parameters
     ----------
     arc
-        An arc, of numbers or of expressions.
+        The arc, as a number or a symbolic expression.
     sum_square, difference_square
         |a + c|^2 and |a - c|^2.
 
-    Notes
-    -----
-    The first formula |a - c|^2 / 2 - 2 sin^2(arc / 2) keeps its digits if a and c nearly
-    coincide. The second formula 2 cos^2(arc / 2) - |a + c|^2 / 2 does if they are nearly
-    opposite. If the arc is a number, it decides between the two. If it varies, their
-    weighted mean is used. The weights are the squares |a + c|^2 and |a - c|^2, whose sum
-    is 4.
+    Two formulas are exact in different cases. |a - c|^2 / 2 - 2 sin^2(arc / 2) keeps its
+    digits if a and c nearly coincide. 2 cos^2(arc / 2) - |a + c|^2 / 2 keeps them if a and
+    c are nearly opposite. A number as arc selects one of them. For an expression, their
+    weighted mean is used. Its weights are the squares |a + c|^2 and |a - c|^2, which add up
+    to 4.
     """
     first = 0.5 * difference_square - 2.0 * (arc.sine * arc.sine)
     second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * sum_square

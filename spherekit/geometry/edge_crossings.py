@@ -11,7 +11,7 @@ KEY_BITS = 32
 
 
 class EdgeCrossings:
-    """Crossings of mesh edges with the border of a region. Each one is computed once.
+    """Crossings of mesh edges with the border of a region, each computed once.
 
     The region has the directions in which all margins (functions of the direction) are at
     least 0. Edges are great-circle arcs between a vertex inside the region and one outside.
@@ -44,7 +44,7 @@ class EdgeCrossings:
         Parameters
         ----------
         evaluate
-            The margins of the region.
+            The margins of the region: functions of the direction that are at least 0 in it.
         vertices
             (V, 3) unit vectors, the vertices of the mesh.
         inside, outside

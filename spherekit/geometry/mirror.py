@@ -68,7 +68,7 @@ def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
     half_gamma = 0.5 * np.asarray(gamma, dtype=float)
     x = -np.sin(half_phi)
     y = np.sin(half_gamma)
-    # This product equals 1 - x^2 - y^2, which would lose digits where it is nearly zero.
+    # This product equals 1 - x^2 - y^2, but loses no digits where it is nearly zero.
     z_square = np.cos(half_phi + half_gamma) * np.cos(half_phi - half_gamma)
     with np.errstate(invalid="ignore"):
         z = np.sqrt(z_square)
@@ -79,10 +79,10 @@ def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
 def normal_at(phi: float, gamma: float) -> Floats:
     """Return the unit normal (3,) of the mirror with the angles phi and gamma, rad.
 
-    A mirror is a plane through the centre of the sphere. A mechanism may have a base and an
-    output that are mirror images of each other in it. The angles are defined by the normal
-    (-sin(phi / 2), sin(gamma / 2), n_z) with n_z >= 0 (Chen et al. 2021). The sizes of phi
-    and gamma are the arcs from the points (1, 0, 0) and (0, 1, 0) to their mirror images.
+    A mirror is a plane through the centre of the sphere. In some mechanisms, base and
+    output are mirror images of each other. The angles are defined by the normal (-sin(phi /
+    2), sin(gamma / 2), n_z) with n_z >= 0 (Chen et al. 2021). The sizes of phi and gamma
+    are the arcs from the points (1, 0, 0) and (0, 1, 0) to their mirror images.
 
     Raises
     ------
@@ -112,14 +112,12 @@ def mirror_of(matrices: Floats) -> tuple[Floats, Floats]:
     normals
         (n, 3) unit normals of the mirrors, with n_z >= 0.
     deviation
-        (n,) angle (rad) of the rotation between the mirror and the matrix; 0 if the matrix
-        is a reflection.
+        (n,) angle (rad) by which mirror and matrix differ; 0 if the matrix is a reflection.
     """
     # Each matrix is a reflection with a normal n, followed by a rotation about n by an
-    # angle d. Its symmetric part has the eigenvalue -1 for the eigenvector n, and the
-    # double eigenvalue cos(d) at right angles to n. `eigh` sorts by size, so that n is the
-    # first column. The reflection with this normal differs from the matrix by the angle d,
-    # every other one by more.
+    # angle d. Its symmetric part has the eigenvalue -1 for n, and cos(d) twice at right
+    # angles to n. `eigh` sorts the eigenvalues, so n is the first column. No other
+    # reflection is closer to the matrix than the one with this normal.
     _, eigenvectors = np.linalg.eigh(0.5 * (matrices + transpose(matrices)))
     normals = upward(eigenvectors[..., 0])
     return normals, angles_between(reflections(normals), matrices)

@@ -89,11 +89,10 @@ class Orientations:
     Attributes
     ----------
     volume
-        Volume of these orientations, a sum over cells. All orientations together have the
-        volume 8 pi^2.
+        Volume of these orientations. All orientations together have the volume 8 pi^2.
     error
-        Estimate of the error of the volume: its change when cells were halved the last
-        time.
+        Estimate of the error of the volume: its change when cells (small cubes of the space
+        of orientations) were halved the last time.
     place
         (4,) unit quaternion xyzw of the orientation deepest inside the set. Only the
         orientations at which margins were evaluated are compared.
@@ -229,13 +228,13 @@ def find_orientations(
 
 @dataclass(frozen=True)
 class _Boxes(ArrayRows):
-    """n cells: cubic boxes in the four cubes of unit quaternions.
+    """n cells (cubic boxes) that divide the space of orientations.
 
-    Unit quaternions up to their sign are divided into four cubes, one for each component
-    that is the largest. The other three components, divided by the largest, are coordinates
-    from -1 to 1 in the cube. Here they are counted in whole units from the lowest corner of
-    the cube, which is 2**CUBE_BITS units wide. So halving a cell is exact, and equal points
-    of neighbouring cells have equal coordinates.
+    An orientation is a unit quaternion, up to its sign. Quaternions are divided into four
+    cubes by their largest component. The other three components, divided by the largest,
+    are coordinates from -1 to 1 in the cube. They are stored as whole units from the lowest
+    corner of the cube, which is 2**CUBE_BITS units wide. Halving a cell is then exact, and
+    equal points of neighbouring cells have equal coordinates.
 
     Attributes
     ----------
@@ -287,6 +286,8 @@ class _MeasuredVolumes:
 class _MeasuredCells(ArrayRows):
     """n cells of the space of orientations, each with the volume of its part of a set.
 
+    The set consists of the orientations at which all margins are at least 0.
+
     Attributes
     ----------
     boxes
@@ -329,11 +330,11 @@ def _halve_boxes(boxes: _Boxes) -> _Boxes:
 
 
 def _divide_change(parts: _MeasuredVolumes, whole_volume: Floats) -> Floats:
-    """Return errors of the volumes of parts, from their changes against the whole cells.
+    """Return errors of the volumes in parts of cells, from a comparison with whole cells.
 
-    The sum of the volumes in eight parts is more accurate than the volume in the whole
-    cell. Its change is therefore taken as an estimate of the error. The parts whose volumes
-    are not certain share it equally.
+    The space of orientations is divided into cells. When a cell is cut into eight parts,
+    the sum of their volumes is more accurate than the volume of the whole cell. The change
+    estimates the error. Only parts with uncertain volume share it, in equal amounts.
 
     Parameters
     ----------
@@ -378,18 +379,19 @@ class _OrientationCells:
     def __init__(self, evaluate: MarginEvaluator) -> None:
         """Divide the space of orientations into the first cells, and measure these.
 
-        `evaluate` returns margins (n, k) at unit quaternions (n, 4). The orientations at
-        which all margins are at least 0 form the set to be measured.
+        `evaluate` returns margins (n, k) at unit quaternions (n, 4). The set to be measured
+        consists of the orientations at which all margins are at least 0. The depth of an
+        orientation is its smallest margin.
         """
         self.evaluate = evaluate
-        # Evaluations replace these if the smallest margin of an orientation is larger.
+        # The deepest orientation so far and its depth. Any evaluated orientation is deeper.
         self.deepest = np.array([0.0, 0.0, 0.0, 1.0])
         self.depth = -np.inf
 
         boxes = _make_first_boxes()
         measured = self._measure(boxes)
-        # The part of the set in a cell is between nothing and the whole cell. The volume of
-        # the whole cell is therefore the largest possible error.
+        # In an uncertain cell, the set may fill nothing or the whole cell. The volume of
+        # the cell is therefore the largest possible error.
         whole_volume = _subcell_volumes(boxes).sum(axis=1)
         error = np.where(measured.is_certain, 0.0, whole_volume)
         self.cells = _MeasuredCells(boxes, measured.volume, error)
@@ -419,7 +421,7 @@ class _OrientationCells:
         Parameters
         ----------
         boxes
-            The boxes of the n cells in the space of orientations.
+            The cells: cubic boxes in the space of orientations.
         """
         margins = _replace_nan_margins(self._evaluate_margins(boxes))
         samples = margins[:SAMPLE_COUNT]
@@ -428,7 +430,7 @@ class _OrientationCells:
         is_outside = np.any(bounds.high < 0.0, axis=1)
         is_inside = np.all(bounds.low >= 0.0, axis=1)
 
-        # (n, subcells) volumes of the part of each subcell that belongs to the set.
+        # (n, subcells) volume of the set in each subcell. Certain cells are empty or full.
         volumes = _subcell_volumes(boxes)
         volumes[is_outside] = 0.0
         uncertain = np.flatnonzero(~(is_outside | is_inside))
@@ -438,13 +440,15 @@ class _OrientationCells:
     def _evaluate_margins(self, boxes: _Boxes) -> Floats:
         """Return the k margins at 31 points of each of n cells.
 
-        Neighbouring cells share points. The margins at a point are evaluated once. The
-        deepest orientation so far is updated, too.
+        Neighbouring cells share points, at which margins are evaluated only once. The
+        deepest orientation so far is updated.
+
+        Margins are functions of the orientation that are at least 0 in the measured set.
 
         Parameters
         ----------
         boxes
-            The boxes of the n cells.
+            The cells: cubic boxes in the space of orientations.
 
         Returns
         -------
@@ -464,7 +468,7 @@ class _OrientationCells:
         return margins[inverse].reshape(point_count, cell_count, -1)
 
     def _update_deepest(self, quaternions: Floats, margins: Floats) -> None:
-        """Store the orientation with the largest depth, if none before was as deep.
+        """Store the deepest of some orientations, if it is the deepest so far.
 
         Parameters
         ----------
@@ -492,12 +496,15 @@ def _sample_points(boxes: _Boxes) -> Indices:
 
 
 def _point_keys(cubes: Indices, points: Indices) -> Indices:
-    """Return an integer for each point that identifies it.
+    """Return an integer for each point of the space of orientations that identifies it.
+
+    Points that several cells share are found by equal integers.
 
     Parameters
     ----------
     cubes
-        (m,) numbers of the cubes of quaternions that contain the points.
+        (m,) numbers of the cubes that contain the points. There are four cubes, one for
+        each component of a quaternion that can be the largest.
     points
         (m, 3) integer coordinates in the cube.
 
@@ -512,14 +519,15 @@ def _point_keys(cubes: Indices, points: Indices) -> Indices:
 def _replace_nan_margins(margins: Floats) -> Floats:
     """Return the margins with numbers in place of NaN, so that they can be interpolated.
 
-    A margin is a function that is negative outside of a set of orientations, and NaN where
-    it is not defined. A point with NaN is outside of the set. There are two cases:
+    A margin is a function of the orientation that is negative outside of the set to be
+    measured, and NaN where it is not defined. A point with NaN is outside of the set. There
+    are two cases:
 
     - No other margin is negative at the point. The NaN becomes -1, so that it excludes the
       point from the set.
     - Another margin is negative at the point, and excludes it already. The NaN becomes the
-      largest value that its margin has in the cell, or 1 if it has none. A value of -1
-      beside positive ones would add a border of the set to the cell.
+      largest value that its margin has in the cell, or 1 if there is none. A value of -1
+      beside positive ones would add a false border to the cell.
 
     For example, two margins have the values (0.5, 2), (NaN, 3) and (NaN, -1) at three
     points of a cell. The NaN of the second point becomes -1, that of the third one 0.5.
@@ -542,20 +550,20 @@ def _replace_nan_margins(margins: Floats) -> Floats:
 
 
 def _bound_margins(samples: Floats, checks: Floats) -> _MarginRange:
-    """Return bounds of k margins in n cells.
+    """Return lower and upper bounds of k margins in each of n cells.
 
-    In a cell a margin is interpolated by a polynomial of degree 2 in each coordinate. The
-    bounds of the polynomial are widened by an estimate of the interpolation error, so they
-    are no proof.
+    The bounds tell whether a cell is inside or outside the measured set. In a cell a margin
+    is interpolated by a polynomial of degree 2 in each coordinate. The bounds of the
+    polynomial are widened by an estimate of the interpolation error, so they are no proof.
 
     Parameters
     ----------
     samples
         (27, n, k) margins at a grid of 3 x 3 x 3 points of each cell.
     checks
-        (4, n, k) margins at the points `_CHECK_QUARTERS`.
+        (4, n, k) margins at the four check points `_CHECK_QUARTERS` between these.
     """
-    # The smallest and the largest Bernstein coefficient bound a polynomial in the cell.
+    # A polynomial stays between its smallest and largest Bernstein coefficients.
     bernstein = np.tensordot(_CUBE_BERNSTEIN, samples, axes=1)
     # The interpolation error is estimated as the largest one at the check points, times a
     # safety factor.
@@ -567,16 +575,16 @@ def _bound_margins(samples: Floats, checks: Floats) -> _MarginRange:
 
 
 def _filled_parts(samples: Floats) -> Floats:
-    """Return which part of each subcell belongs to the set of orientations.
+    """Return which part of each subcell of n cells belongs to the set of orientations.
 
-    If several margins exclude parts of a subcell, only the largest part counts. This is
-    exact if it contains the others. How the parts overlap is not examined, so volumes near
-    edges are approximate.
+    Where several margins exclude parts of a subcell, only the largest excluded part counts.
+    Overlaps are not examined, so volumes near edges of the set are approximate.
 
     Parameters
     ----------
     samples
-        (27, n, k) k margins, which are positive in the set, at the samples of n cells.
+        (27, n, k) the k margins at the 27 sample points of each cell. In the set all
+        margins are at least 0.
 
     Returns
     -------
@@ -599,18 +607,16 @@ def _filled_parts(samples: Floats) -> Floats:
 def _filled_fractions(polynomials: Floats) -> Floats:
     """Return the fraction of each subcell of a cell in which a polynomial is positive.
 
-    The fraction is estimated as 1/2 + f / S, limited to the range from 0 to 1. Here f is
-    the value of the polynomial at the centre of the subcell and S the difference between
-    its largest and smallest values there. The estimate treats the polynomial as linear, and
-    its values as spread evenly over the range. It is inaccurate for a single subcell, but
-    only the sum over many subcells matters. `_curvature_correction` is added because the
-    sum would be wrong at a curved border.
+    A cell is divided into subcells. The fraction is estimated as 1/2 + f / S, limited to
+    the range from 0 to 1. Here f is the value at the centre of the subcell, and S the
+    difference between its largest and smallest values. The estimate treats the polynomial
+    as linear. It is inaccurate for a single subcell, but only the sum over many subcells
+    matters. `_curvature_correction` is added for borders that are curved.
 
     Parameters
     ----------
     polynomials
-        (27, m) values of m polynomials at the 27 samples of a cell, of which they are
-        interpolants.
+        (27, m) values of m polynomials at the 27 sample points of their cells.
 
     Returns
     -------
@@ -618,7 +624,7 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     """
     centre_value = _AT_CENTRES @ polynomials  # (subcells, m)
     mean_value = _SUBCELL_MEANS @ polynomials  # (subcells, m)
-    # (3, subcells, m) size of the change over a subcell in each of its three directions.
+    # (3, subcells, m) how much the polynomial changes over a subcell in each direction.
     changes = np.abs(_CHANGES @ polynomials)
     value_range = changes.sum(axis=0)
     squared_gradient = np.sum(changes**2, axis=0)
@@ -638,15 +644,15 @@ def _curvature_correction(
 ) -> Floats:
     """Return d S / g^2, which is added to estimated fractions of subcells at the border.
 
-    The estimated fraction of a subcell in which a polynomial f is positive is 1/2 + f / S.
-    Its sum over the subcells at a plane border f = 0 is right. At a border that is curved
-    like a sphere, the volume would be too large or too small without this correction. It
-    assumes that the length of the gradient does not change across the border.
+    Cells of the space of orientations are divided into subcells. The estimated fraction of
+    a subcell in which a polynomial f is positive is 1/2 + f / S. The sum over subcells is
+    right at a plane border f = 0. At a curved border the sum needs this correction, which
+    assumes that the gradient has the same length on both sides of the border.
 
     Parameters
     ----------
     mean_difference
-        (...,) d, mean of the polynomial over the subcell less its value at the centre.
+        (...,) d, mean of the polynomial over the subcell minus its value at the centre.
     value_range
         (...,) S, difference of its largest and smallest values in the subcell.
     squared_gradient
@@ -698,10 +704,10 @@ def _subcell_volumes(boxes: _Boxes) -> Floats:
 
     Each cell is divided into SUBCELLS_PER_SIDE equal parts along each side. An orientation
     is a unit quaternion, divided by its largest component. The other components x, y, z,
-    from -1 to 1, are coordinates in one of four cubes. The volume element that is invariant
-    under rotations is 8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz. It is evaluated at the centre
-    of each subcell. The volumes are then scaled so that their sum is the volume of the cell
-    by Gauss's rule, which is far more accurate.
+    from -1 to 1, are coordinates in one of four cubes. The volume element 8 / (1 + x^2 +
+    y^2 + z^2)^2 dx dy dz does not depend on the choice of axes. It is evaluated at the
+    centre of each subcell. The volumes are then scaled so that their sum is the volume of
+    the cell by Gauss's rule, which is far more accurate.
     """
     # The coordinates of boxes are integers from 0 to 2**CUBE_BITS. They are converted to
     # coordinates from -1 to 1. Axes: cell, point, coordinate.

@@ -77,13 +77,13 @@ class CirclePath:
     def frames(self, u: Floats) -> PathFrames:
         """Return point, tangent, normal and geodesic curvature at parameters u (n,).
 
-        The derivative of the curvature by the arc length is returned, too.
+        The derivative of the geodesic curvature by the arc length is returned too.
         """
         # The azimuth about the centre is u / sine. `outward` (n, 3) points from the centre
         # to this azimuth, and `tangent` is 90 degrees ahead.
         outward, tangent = radial_directions(self.axes, u / self.sine)
         point = (self.cosine * self.axes[:, 2, None] + self.sine * outward.T).T
-        # Adding 0 u gives constants the shape (n,), and NaN where u is unknown (NaN).
+        # 0 u has the shape (n,), and is NaN where u is NaN.
         zeros = 0.0 * u
         return PathFrames(
             frame=orthonormal_frame(point, tangent),
@@ -113,12 +113,12 @@ class FourierPath:
     sines: Floats
 
     def colatitude(self, azimuth: Floats, derivatives: int) -> list[Floats]:
-        """Return the colatitude (rad) and as many derivatives by the azimuth.
+        """Return the colatitude (rad from the centre) and derivatives by the azimuth.
 
         Parameters
         ----------
         azimuth
-            Azimuths (rad) of any shape.
+            Azimuths (rad) about the centre of the curve, of any shape.
         derivatives
             Number of derivatives, at most 3.
         """
@@ -127,8 +127,8 @@ class FourierPath:
         c = np.cos(angles)
         s = np.sin(angles)
         shape = (-1, *[1] * np.ndim(azimuth))
-        # The terms are added one after another, so that one azimuth gives the same bits as
-        # many.
+        # The terms are added one by one. The result for an azimuth then does not depend on
+        # how many azimuths there are, to the last bit.
         return [
             np.add.accumulate(
                 cosines.reshape(shape) * c + sines.reshape(shape) * s, axis=0
@@ -155,7 +155,9 @@ class FourierPath:
     def frames(self, u: Floats) -> PathFrames:
         """Return point, tangent, normal and geodesic curvature at azimuths u (n,).
 
-        The derivative of the curvature by the arc length is returned, too.
+        The curve is described by its colatitude (angle from a centre) over the azimuth
+        about this centre. The derivative of the curvature by the arc length is returned
+        too.
         """
         # d1, d2 and d3 are derivatives of the colatitude by the azimuth; s and c are the
         # sine and the cosine of the colatitude.
@@ -183,6 +185,8 @@ class FourierPath:
         s: Floats, c: Floats, derivatives: tuple[Floats, Floats, Floats]
     ) -> tuple[Floats, Floats]:
         """Return the geodesic curvature k and dk/ds of the path.
+
+        The path is described by its colatitude (angle from a centre) over the azimuth.
 
         Parameters
         ----------
@@ -263,7 +267,7 @@ class SplinePath:
     def frames(self, u: Floats) -> PathFrames:
         """Return point, tangent, normal and geodesic curvature at parameters u (n,).
 
-        The derivative of the curvature by the arc length is returned, too. The curve on the
+        The derivative of the curvature by the arc length is returned too. The curve on the
         unit sphere is p = x / |x|, the projection of a spline x(u) in space.
         """
         x = self._differentiate(u, 0)
@@ -339,8 +343,9 @@ def quintic(knots: Floats, points: Floats, closed: bool) -> Any:
 def axes_about(centre: ArrayLike) -> Floats:
     """Return the axes (3, 3) in which azimuths about a centre are measured.
 
-    The columns point to azimuth 0, to azimuth 90 degrees and to the centre. Azimuth 0 is
-    the projection of the x axis, or of the y axis if the centre is close to the x axis.
+    The columns are unit vectors to azimuth 0, to azimuth 90 degrees and to the centre.
+    Azimuth 0 is the direction of the x axis, projected perpendicular to the centre. If the
+    centre is close to the x axis, the y axis takes its place.
 
     Parameters
     ----------
@@ -354,14 +359,14 @@ def axes_about(centre: ArrayLike) -> Floats:
         If the centre is not a unit vector.
     """
     vector = np.array(centre)
-    # The imaginary part of a complex step is too small to affect `abs`.
+    # `abs` ignores the tiny imaginary part of a complex step.
     size = _length(vector)
     if not abs(size - 1.0) <= UNIT_LENGTH_TOLERANCE:
         raise ValueError(
             f"the centre has length {abs(size):.9g}; it has to be a unit vector"
         )
     unit = vector / size
-    # Digits would be lost if the projected axis were too close to the centre.
+    # If the projected axis were too close to the centre, digits would be lost.
     is_near_x_axis = abs(unit[0]) > MAX_FIRST_COMPONENT
     y_axis = np.array([0.0, 1.0, 0.0])
     x_axis = np.array([1.0, 0.0, 0.0])
@@ -383,7 +388,7 @@ def _length(vector: Floats) -> Any:
 
 
 def radial_directions(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
-    """Return unit vectors perpendicular to the third axis, at given azimuths.
+    """Return unit vectors perpendicular to the third of three axes, at azimuths about it.
 
     Parameters
     ----------

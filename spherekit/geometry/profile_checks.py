@@ -49,12 +49,14 @@ matter are lost.
 
 
 def check_colatitude(path: FourierPath) -> None:
-    """Check that a Fourier colatitude stays between 0 and 180 degrees.
+    """Check that the colatitude of a curve stays between 0 and 180 degrees.
+
+    The colatitude (angle from the centre) is a Fourier series of the azimuth.
 
     Raises
     ------
     ValueError
-        If it does not.
+        If the colatitude reaches 0 or 180 degrees.
     """
     azimuths = _find_extremum_azimuths(path)
     (colatitudes,) = path.colatitude(azimuths, derivatives=0)
@@ -68,31 +70,31 @@ def check_colatitude(path: FourierPath) -> None:
 
 
 def _find_extremum_azimuths(path: FourierPath) -> Floats:
-    """Return azimuths (m,), rad, that include all extrema of a Fourier colatitude.
+    """Return azimuths (m,), rad, among which are all extrema of the colatitude of a curve.
 
-    The slope of the colatitude at the azimuth a is the sum of c_k cos(k a) + s_k sin(k a).
-    With z = e^(i a) it is the sum of b_k z^k for k from -n to n, where b_k = (c_k - i s_k)
-    / 2 and b_(-k) is the conjugate of b_k. Times z^n it is a polynomial. The extrema are at
-    the angles of its roots with |z| = 1.
+    The colatitude (angle from the centre) is a Fourier series. Its slope at the azimuth a
+    is the sum of c_k cos(k a) + s_k sin(k a). With z = e^(i a) the slope is the sum of b_k
+    z^k for k from -n to n, with b_k = (c_k - i s_k) / 2 and b_(-k) the conjugate of b_k.
+    Times z^n it is a polynomial. The extrema are at the angles of its roots with |z| = 1.
     """
     cosines, sines = path.derivative_coefficients[1]  # those of the first derivative
-    # Otherwise quotients of extremely small coefficients, which do not change the
-    # colatitude in float64, would overflow.
+    # Coefficients that are too small to change the colatitude are rounded to 0. Otherwise
+    # their quotients would overflow.
     not_negative = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)  # k = 0, 1, ..., n
     negative = np.conj(not_negative[1:])  # k = -1, ..., -n
     highest_first = np.concatenate([not_negative[::-1], negative])
-    # The angles of all roots are returned, because rounding moves roots off |z| = 1. The
-    # root 1, for azimuth 0, is added for the case without any root.
+    # Rounding moves roots off |z| = 1, so the angles of all roots are returned. The root 1
+    # (azimuth 0) is added, because there may be no roots.
     return np.angle(np.append(np.roots(highest_first), 1.0))
 
 
 def normalised_points(points: ArrayLike, closed: bool) -> Floats:
-    """Return the points of a curve with exactly unit length, after checks.
+    """Check the points of a curve, and return them with exactly unit length.
 
     Parameters
     ----------
     points
-        (m, 3) unit vectors up to `UNIT_LENGTH_TOLERANCE`.
+        (m, 3) points. Their lengths are 1 up to `UNIT_LENGTH_TOLERANCE`.
     closed
         Whether the curve is closed.
 
@@ -139,9 +141,9 @@ def _check_steps(unit_points: Floats, point_count: int) -> None:
     Parameters
     ----------
     unit_points
-        Unit vectors. The first point may be repeated at the end.
+        Unit vectors. If the curve is closed, the first point is repeated at the end.
     point_count
-        Number of points, each counted once.
+        Number of different points.
 
     Raises
     ------
@@ -164,7 +166,7 @@ def _check_steps(unit_points: Floats, point_count: int) -> None:
 def check_no_self_intersection(path: SplinePath) -> None:
     """Check that a closed curve through points neither crosses nor touches itself.
 
-    The curve is replaced by a polyline of short great-circle arcs, so loops that are
+    The curve is replaced by a chain of short great-circle arcs (polyline). Loops that are
     smaller than an arc are not found.
 
     Raises
@@ -203,15 +205,15 @@ def _sample_panels(path: SplinePath, samples_per_panel: int) -> Floats:
 
 
 def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
-    """Return pairs of arcs of a closed polyline that are near enough to meet.
+    """Return pairs of arcs of a closed chain of arcs that are near enough to meet.
 
-    Two arcs can meet only if their middles are closer than the length of the longer one.
-    Arcs that follow one another share an end and are left out.
+    Two arcs can meet only if their middles are closer than the length of the longer arc.
+    Successive arcs share an end, so such pairs are left out.
 
     Parameters
     ----------
     starts, ends
-        (n, 3) ends of the arcs, in the order of the polyline.
+        (n, 3) unit vectors: the ends of the arcs, in their order.
 
     Returns
     -------
@@ -227,7 +229,7 @@ def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
     arc_count = len(starts)
     i = np.repeat(np.arange(arc_count), neighbour_counts)
     j = np.concatenate(list(neighbours))
-    # Number of arcs from one to the other along the closed polyline, the shorter way.
+    # Number of steps between both arcs along the chain, the shorter way round.
     steps_between = np.minimum((i - j) % arc_count, (j - i) % arc_count)
     are_separate = steps_between > 1
     return i[are_separate], j[are_separate]
@@ -236,14 +238,13 @@ def _find_close_arcs(starts: Floats, ends: Floats) -> tuple[Indices, Indices]:
 def _lie_on_both_sides(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
     """Return (n,) whether c and d are on different sides of a great circle, or on it.
 
-    An arc from c to d then meets the circle. A vector that is within `ON_CIRCLE_TOLERANCE`
-    of the circle counts as being on it: otherwise arcs that touch would be missed because
-    of rounding errors.
+    Then an arc from c to d meets the circle. A vector within `ON_CIRCLE_TOLERANCE` of the
+    circle counts as on it. Otherwise rounding errors would hide arcs that touch.
 
     Parameters
     ----------
     a, b
-        (n, 3) unit vectors that span great circles.
+        (n, 3) unit vectors. The great circle runs through both.
     c, d
         (n, 3) unit vectors whose sides are compared.
     """

@@ -51,9 +51,9 @@ class CurvePoint:
     frame
         (n, 3, 3) frames with the columns t, n = p x t and p.
     curvature
-        (n,) geodesic curvatures k.
+        (n,) geodesic curvatures k, positive where the curve turns left.
     curvature_rate
-        (n,) derivatives dk/ds.
+        (n,) derivatives dk/ds by the arc length.
     inside
         (n,) whether the arc length belongs to the curve. Beyond the end of an open curve
         the values are those at the end. For an arc length that is not finite they are NaN.
@@ -99,9 +99,9 @@ class Curve:
     def _find_parameters(self, s: ArrayLike) -> tuple[Floats, Bools]:
         """Return the parameters of the path at arc lengths s (n,), rad, of the curve.
 
-        The path has the same points as the curve. A curve may run backwards, against its
-        path. It then starts at the end of the path if it is open, and at the start of the
-        path if it is closed.
+        The path has the same points as the curve, but another parameter. A curve may run
+        backwards, against its path. If it is open, it then starts at the end of the path.
+        If it is closed, it starts at the start of the path.
 
         Returns
         -------
@@ -123,7 +123,7 @@ class Curve:
             slack = PROFILE_END_ROUNDING * self.length
             inside = (path_length >= -slack) & (path_length <= self.length + slack)
             path_length = np.clip(path_length, 0.0, self.length)
-        # Without a table, the parameter of the path is its arc length.
+        # A path without a table has its arc length as parameter.
         u = path_length if self.table is None else self.table.invert(path_length)
         return u, inside
 
@@ -153,8 +153,9 @@ class Curve:
 def circle(centre: ArrayLike, radius: float) -> Curve:
     """Return a circle, which runs counter-clockwise about its centre.
 
-    Its geodesic curvature is cot(radius), positive because the circle turns left. With the
-    point p and the tangent t of the circle, the centre is on the side of n = p x t.
+    Its geodesic curvature is cot(radius): positive for radii below 90 degrees, where the
+    circle turns left. The normal n = p x t, with the point p and the tangent t, points to
+    the side of the centre.
 
     Parameters
     ----------
@@ -191,11 +192,11 @@ def great_circle(centre: ArrayLike) -> Curve:
 
 
 def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Curve:
-    """Return the closed curve whose colatitude about a centre is a Fourier series.
+    """Return a closed curve by a Fourier series of its colatitude (angle from a centre).
 
     The colatitude at the azimuth a is the sum of cosines[k] cos(k a) + sines[k] sin(k a).
-    The azimuth runs counter-clockwise about the centre, as `axes_about` defines it, and
-    s = 0 is at azimuth 0. Such a curve never meets itself.
+    The azimuth runs counter-clockwise about the centre, as `axes_about` defines it. The arc
+    length s is 0 at azimuth 0. Such a curve never meets itself.
 
     Parameters
     ----------
@@ -239,9 +240,10 @@ def azimuth_panels(order_count: int) -> Floats:
 def through(points: ArrayLike, closed: bool = True) -> Curve:
     """Return the smooth curve through points in their order.
 
-    It is the radial projection of an interpolating quintic spline, whose parameter is
-    nearly its arc length s. The geodesic curvature has two continuous derivatives by s,
-    also at the first point of a closed curve. Open curves may meet themselves.
+    The curve is the radial projection of a quintic spline through the points. The parameter
+    of the spline is nearly the arc length s. The geodesic curvature has two continuous
+    derivatives by s, also at the first point of a closed curve. Open curves may meet
+    themselves.
 
     Parameters
     ----------
@@ -277,14 +279,14 @@ def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLeng
 def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, ArcLength]]:
     """Yield splines through the same points, each with its arc length.
 
-    The last one is the smooth curve through the points (`spline_through`). The derivatives
-    of this curve by the positions of the points need all splines, because the knots of each
-    spline follow from the one before.
+    The last spline is the smooth curve through the points (`spline_through`). Its knots
+    depend on the splines before, so derivatives of the curve by the points need all
+    splines.
 
-    Knots are the parameters of the spline at the points. The knots of the first spline are
-    the sums of the arcs between the points. The knots of every later spline are the arc
-    lengths of the points on the spline before it. So the parameter becomes nearly the arc
-    length.
+    Knots are the parameters of a spline at the points. For the first spline they are the
+    sums of the great-circle arcs between the points. For every later spline they are the
+    arc lengths of the points on the spline before. The parameter thus becomes nearly the
+    arc length.
 
     Parameters
     ----------

@@ -70,8 +70,8 @@ class ProfileSeries:
         """Return the series of a curve, with errors as small as rounding allows.
 
         The eight columns are functions of the arc length s: the tangent (3), the point (3),
-        the geodesic curvature k and dk/ds. A bound of |d2k/ds2| is added, which the error
-        bounds of velocities contain (`spherekit.velocities.carried_vectors`).
+        the geodesic curvature k and dk/ds. Error bounds of velocities
+        (`spherekit.velocities.carried_vectors`) also need a bound of |d2k/ds2|.
         """
         samples = _evaluate_columns(
             curve, np.linspace(0.0, curve.length, PROFILE_SCALE_SAMPLES)
@@ -86,14 +86,13 @@ class ProfileSeries:
             first_cells=curve.edges,
             degree=PROFILE_SERIES_DEGREE,
             max_cells=MAX_PROFILE_CELLS,
-            # If halving a cell does not make its error half as large, rounding errors of
-            # the curve are the cause. An error up to this limit is then accepted.
+            # Rounding errors of the curve do not become smaller in halved cells. Where
+            # halving does not help, errors up to this limit are accepted.
             rounding_tolerance=SERIES_ROUNDING_TOLERANCE,
         )
-        # The last column, 7, is dk/ds, so its derivative is d2k/ds2. Its largest value at
-        # `SLOPE_SAMPLES` positions of each cell, both ends included, is enlarged by a
-        # factor, because |d2k/ds2| can be larger between these positions. The argument
-        # does not count the upper end of a cell, which is the lower end of the next one.
+        # Column 7 is dk/ds, so its derivative is d2k/ds2. The largest sampled value is
+        # enlarged by a factor, because values between samples can be larger. Each cell has
+        # `SLOPE_SAMPLES` samples with both ends. The argument does not count the upper end.
         positions = series.spread_positions(SLOPE_SAMPLES - 1)
         curvature_second = np.abs(series.derivative.evaluate(positions)[:, 7])
         bound = SLOPE_SAFETY_FACTOR_OF_PROFILES * float(np.max(curvature_second))

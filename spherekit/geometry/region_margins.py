@@ -58,15 +58,18 @@ class MarginEvaluator:
         )
 
     def __call__(self, points: Floats) -> Floats:
-        """Return the margins (n, k) at points (n, d).
+        """Evaluate and check all k margins at n points: returns (n, k) for points (n, d).
+
+        A margin is a function of the user that is at least 0 inside a region. NaN means
+        that a point cannot be reached.
 
         Raises
         ------
         RegionError
-            The shape of the margins is wrong or has changed, or a margin is infinite.
+            If the shape of the margins is wrong or has changed, or a margin is infinite.
         """
-        # The function is not called without points. There is one rounding error for each
-        # margin. Before the first call, the number of margins is not known.
+        # Without points the function is not called. `rounding_errors` has one number for
+        # each margin, but is empty before the first call.
         if not len(points):
             margin_count = len(self.rounding_errors) or 1
             return np.zeros((0, margin_count))
@@ -84,7 +87,7 @@ class MarginEvaluator:
                 "a margin is infinite; return NaN where a point cannot be reached, and "
                 "finite values elsewhere"
             )
-        # All later calls use the same errors, so that a point is judged the same each time.
+        # Later calls use the same rounding errors, so that a point is always judged alike.
         if not self.rounding_errors.size:
             self.rounding_errors = estimate_rounding(values)
         if values.shape[1] != len(self.rounding_errors):
@@ -127,7 +130,7 @@ def smallest_margins(values: Floats) -> Floats:
 
 
 def select_margins(values: Floats, numbers: Indices) -> Floats:
-    """Return one margin of each point: the one that makes the border of a region there.
+    """Return one margin of each point: the margin that ends a region there.
 
     A margin is a function that is at least 0 inside the region and negative outside. It is
     NaN where it is not defined, and such points count as outside.
@@ -137,9 +140,9 @@ def select_margins(values: Floats, numbers: Indices) -> Floats:
     values
         (n, k) margins.
     numbers
-        (n,) for each point, the number of the margin to return. `UNDEFINED_MARGIN` stands
-        for the smallest one, which is negative if and only if the point is outside. It is
-        used at a border where a margin becomes NaN before any margin is 0.
+        (n,) number of the margin for each point. `UNDEFINED_MARGIN` stands for the smallest
+        margin. It is the number at a border where a margin becomes NaN before any margin is
+        0.
 
     Returns
     -------
@@ -152,7 +155,9 @@ def select_margins(values: Floats, numbers: Indices) -> Floats:
 
 
 def find_active_margins(values: Floats, rounding_errors: Floats) -> Indices:
-    """Return the number of the margin that excludes each point from the region.
+    """Return for each point the number of the margin that excludes it from a region.
+
+    A margin is a function that is at least 0 inside the region. NaN also excludes a point.
 
     Parameters
     ----------

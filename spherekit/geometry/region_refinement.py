@@ -147,7 +147,7 @@ class RegionRefinement:
     """
 
     def __init__(self, evaluate: MarginEvaluator, spacing: float) -> None:
-        """Make the first triangle mesh, in which the border of the region is not known yet.
+        """Begin with a coarse triangle mesh; the border of the region is not known yet.
 
         The region consists of the directions in which all margins are at least 0. A margin
         is a function of the direction.
@@ -155,28 +155,30 @@ class RegionRefinement:
         Parameters
         ----------
         evaluate
-            Function that evaluates the margins of directions.
+            Function that returns the margins at directions.
         spacing
-            Longest edge (rad) of the first triangles.
+            Longest edge (rad) of the triangles at the beginning.
         """
         self.evaluate = evaluate
         self.points, self.triangles = icosahedron(spacing)
         self.values = evaluate(self.points)  # margins at the vertices
-        # Properties of the triangles, which `_classify` determines: the class says whether
-        # the border crosses a triangle, and a margin is uncertain if it may be positive or
-        # negative there.
+        # Properties of the triangles, which `_classify` determines. The class says whether
+        # the border crosses a triangle. A margin is uncertain if it may have either sign
+        # there.
         count = len(self.triangles)
         self.classes = np.full(count, UNCLASSIFIED)
         self.longest_edges = np.zeros(count)
         self.has_several_uncertain = np.zeros(count, dtype=bool)
 
-        # The border, which `_find_border` searches: its crossings with edges, and the
-        # segments between them in the triangles.
+        # The border, which `_find_border` searches: its crossings with edges of the mesh,
+        # and the segments (pieces) between crossings.
         self.crossings = EdgeCrossings()
         self.segments = BorderSegments.empty()
 
     def refine(self, tolerance: float, feature: float, max_evaluations: int) -> None:
         """Cut triangles of the mesh until the area of the region is accurate enough.
+
+        Margins are functions of the direction that are at least 0 in the region.
 
         Parameters
         ----------
@@ -185,7 +187,7 @@ class RegionRefinement:
         feature
             Smallest size (rad) of parts and holes of the region that are to be found.
         max_evaluations
-            Number of points at which the margins may be evaluated. The refinement ends
+            Largest number of points at which margins are evaluated. The refinement ends
             before a cut that would exceed it.
         """
         while True:
@@ -195,14 +197,15 @@ class RegionRefinement:
             if not cost or self.evaluate.evaluations + cost > max_evaluations:
                 break
             self._cut(is_cut)
-        # The limit of evaluations can end the loop before the border in the newest
-        # triangles was searched.
+        # If the limit of evaluations ends the loop, the border in the newest triangles is
+        # still unknown.
         self._find_border()
 
     def _choose_triangles(self, tolerance: float, feature: float) -> Bools:
         """Return which triangles (T,) have to be cut next.
 
-        The first of these reasons for which there are triangles decides:
+        There are three reasons, in this order. The first one that applies to any triangle
+        decides:
 
         1. A large triangle is *open*: a part of the region, or a hole, may be hidden in it.
            Or it is *broken*: the margins, the functions that are at least 0 in the region,
@@ -215,9 +218,9 @@ class RegionRefinement:
         tolerance
             Accepted error of the area (sr).
         feature
-            Smallest size (rad) of parts and holes of the region that are to be found. An
-            open triangle is large if it has a longer edge. Smaller ones are cut for the
-            third reason only.
+            Smallest size (rad) of parts and holes of the region that are to be found. Open
+            triangles with a longer edge are large. Smaller ones are cut for the third
+            reason only.
         """
         is_large = self.longest_edges > feature
         is_large_broken = self.classes == TriangleClass.BROKEN
@@ -252,17 +255,17 @@ class RegionRefinement:
     def areas_inside(self) -> Floats:
         """Return the area (T,) of the region (sr) that is assigned to each triangle.
 
-        A triangle with all three vertices inside is counted as a whole. If one or two are
-        inside, the border of the region crosses the triangle in a segment from start to
+        A triangle with all vertices inside is counted as a whole. If one or two are inside,
+        the border crosses the triangle in a segment (piece of the border) from start to
         end. The chord is the great-circle arc between these points. The area is the sum of:
 
         - the triangle of the chord and of one vertex inside, the apex;
         - the area between the chord and the segment, negative if the segment bends inwards;
         - if two vertices are inside, the triangle of both and of the start of the segment.
 
-        `TriangleDivision` shows these parts. If a segment bends out of its triangle, the
-        area beyond the edge is still assigned to this triangle. Only sums over connected
-        triangles are therefore exact.
+        `TriangleDivision` shows these parts. A segment can bend out of its triangle. The
+        area beyond the edge is still assigned to this triangle, so only sums over connected
+        triangles are exact.
         """
         division = self._divide_triangles()
         # Areas for each segment (n,) of the border.
@@ -285,12 +288,11 @@ class RegionRefinement:
     def surface(self) -> tuple[Floats, Indices]:
         """Return a triangulation of the region alone, up to its border.
 
-        Triangles of the mesh with all vertices inside the region are taken as they are.
-        Triangles that the border crosses are divided, and only their part inside is taken.
-        The border in a triangle is a segment, a curve given by several nodes. The part
-        inside is a fan of triangles between one vertex, the apex, and these nodes. If
-        another vertex is inside, an extra triangle joins it to the apex and to the first
-        node.
+        Triangles of the mesh with all vertices inside the region stay whole. Triangles that
+        the border crosses are divided, and only their inner part is used. The border in a
+        triangle is a segment, a curve through several nodes. The inner part is a fan of
+        triangles between one vertex (the apex) and these nodes. If another vertex is
+        inside, an extra triangle joins this vertex to the apex and to the first node.
 
         Returns
         -------
@@ -323,8 +325,9 @@ class RegionRefinement:
         return order_chains(segment_count, links, directed=True)
 
     def _find_next_segments(self) -> Indices:
-        """Return the number of the segment (n,) that follows each one, -1 if there is none.
+        """Return the number of the segment (n,) after each one along the border, or -1.
 
+        The border curves are assembled from segments (pieces of the border) in this order.
         A crossing is a point at which the border crosses an edge of the mesh. The border
         enters a triangle at the crossing `start` and leaves it at the crossing `stop`. It
         consists of one segment there, or of two if it has a corner in the triangle::
@@ -353,11 +356,11 @@ class RegionRefinement:
         return np.where(ends_at_corner, second_in_triangle, leading_in_next_triangle)
 
     def _divide_triangles(self) -> TriangleDivision:
-        r"""Return how the segments of the border divide their triangles.
+        r"""Return how the border divides the triangles that it crosses.
 
-        A segment is the border in one triangle, with the region on its left. Three vertices
-        follow counter-clockwise: the odd one, which is alone inside or alone outside the
-        region, the second and the third one::
+        A segment is the piece of the border in one triangle, with the region on its left.
+        The corners follow counter-clockwise: the odd one, then the second and the third
+        one. The odd one alone is inside, or it alone is outside::
 
             one vertex inside               two vertices inside
 
@@ -368,17 +371,18 @@ class RegionRefinement:
                /       \                         / _.-'   \
             second --- third                second ------- third
 
-        The apex of the fan is a vertex inside. If two are inside, it is the second vertex,
-        because the segment starts on the edge of the third one. The fan then leaves out the
-        triangle of second, third and start.
+        The inner part is a fan of triangles from one vertex, the apex, to the segment. If
+        two vertices are inside, the apex is the second one, because the segment starts on
+        the edge of the third one. An extra triangle of second, third and start completes
+        the inner part.
         """
         # (T,) for every triangle of the mesh.
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         # (n,) for every segment.
         odd, second, third = self._odd_vertex_first(self.segments.triangle)
         has_one_inside = inside_count[self.segments.triangle] == 1
-        # If the border has a corner, it consists of two segments in this triangle, and only
-        # the first (leading) one starts on an edge.
+        # If the border has a corner in this triangle, it consists of two segments. Only the
+        # first (leading) one starts on an edge.
         has_extra_triangle = ~has_one_inside & self.segments.is_leading
         return TriangleDivision(
             inside_count=inside_count,
@@ -404,9 +408,10 @@ class RegionRefinement:
         """Determine the classes of the new triangles from samples of the margins.
 
         Margins are functions of the direction that are at least 0 in the region. A class
-        says whether the triangle is inside or outside the region, or whether the border
-        crosses it. `classes`, `longest_edges` and `has_several_uncertain` are updated. The
-        last one says whether several margins may have either sign in a triangle.
+        says whether a triangle of the mesh is inside or outside the region, or crossed by
+        the border. The method updates `classes`, `longest_edges` and
+        `has_several_uncertain`: whether several margins may have either sign in the
+        triangle.
         """
         new = np.flatnonzero(self.classes == UNCLASSIFIED)
         triangles = self.triangles[new]
@@ -419,10 +424,10 @@ class RegionRefinement:
     def _sample_margins(self, triangles: Indices) -> Floats:
         """Return the margins at ten points of each of n triangles.
 
-        A margin in a triangle is interpolated from the samples at the vertices and at the
-        middles of the edges. The others are check points, which show the interpolation
-        error. The interpolation is exact at the middle of an edge, so its check point is at
-        a quarter.
+        Margins are functions of the direction. In a triangle, each one is interpolated from
+        its values at the vertices and the middles of the edges. The other points are check
+        points, which show the interpolation error. At the middle of an edge there is no
+        error, so its check point is at a quarter.
 
         Parameters
         ----------
@@ -434,8 +439,8 @@ class RegionRefinement:
         (10, n, k) margins: at the three vertices, at the middles of the three edges, at
         their check points, and at the centroid.
         """
-        # Triangles with a common edge share its samples. Its check point is nearer to the
-        # vertex with the lower number, which comes first.
+        # Two triangles share the samples on a common edge. The check point is nearer to the
+        # vertex with the lower number, which is the first of the edge.
         edges, edges_of_triangle = list_edges(triangles)
         first = self.points[edges[:, 0]]
         second = self.points[edges[:, 1]]
@@ -531,7 +536,7 @@ class RegionRefinement:
         Parameters
         ----------
         first, second
-            (n,) vertices of the edges, one of each edge inside the region.
+            (n,) numbers of both vertices of each edge. One of them is inside the region.
         """
         first_is_inside = self.is_inside[first]
         return self.crossings.find(
@@ -560,7 +565,7 @@ class RegionRefinement:
         """Raise the degrees of border polynomials until the area is accurate enough.
 
         A segment is the border in one triangle, approximated by a polynomial. Its order is
-        the degree of this polynomial. Segments that have the highest order are not changed.
+        the degree of this polynomial. Segments with the highest order stay unchanged.
 
         Parameters
         ----------
@@ -574,15 +579,15 @@ class RegionRefinement:
             if not can_raise.any():
                 return
             segments.raise_order(self.evaluate, np.flatnonzero(can_raise))
-            # The border of a segment may be impossible to find at the nodes of a higher
-            # order. The segment is then not sound, and its triangle may hide a part of the
-            # region.
+            # A search at more nodes (points of the polynomial) may fail to find the border.
+            # The segment is then not sound, and its triangle may hide a part of the region.
             self.classes[segments.triangle[~segments.is_sound]] = TriangleClass.OPEN
 
     def _find_poor_segments(self, max_error: float) -> Bools:
         """Return the segments (n,) of the border that are to be approximated better.
 
-        If the sum of all errors is small enough, there are none.
+        A segment is the border in one triangle, with an error of the area. If the sum of
+        all errors is small enough, no segment is returned.
 
         Parameters
         ----------
@@ -590,17 +595,18 @@ class RegionRefinement:
             Largest error of the area (sr) that all segments together may cause.
         """
         segments = self.segments
-        # The whole area of an open triangle counts as an error, so its segment does not.
+        # An open triangle may hide a part of the region. Its whole area counts as an error
+        # elsewhere, so its segment does not count here.
         is_counted = ~self.is_open[segments.triangle]
-        # The area is integrated along the segments, so its rounding error grows with their
-        # lengths. An error of about this size cannot be reduced.
+        # The rounding error of an area grows with the length of the segment. An error of
+        # about this size cannot be reduced.
         rounding_error = EPS * segments.length
         can_improve = segments.error > ROUNDING_FACTOR * rounding_error
         error = np.where(is_counted & can_improve, segments.error, 0.0)
         if error.sum() <= max_error:
             return np.zeros(len(error), dtype=bool)
-        # If all segments had half of their equal share of `max_error`, the sum would be
-        # small enough. A smaller limit improves more segments at once.
+        # With half of an equal share of `max_error` for each segment, the sum is small
+        # enough. A smaller limit improves more segments at once.
         equal_share = max_error / np.count_nonzero(is_counted)
         return error > 0.5 * equal_share
 
@@ -618,16 +624,15 @@ class RegionRefinement:
         open_area = self.is_open * self.areas
         if open_area.sum() <= max_area:
             return np.zeros(len(open_area), dtype=bool)
-        # The largest triangles are cut first; small ones matter only after these. A larger
-        # factor than 0.1 cuts fewer triangles in a round, so that more rounds follow.
+        # The largest triangles are cut first. With a larger factor than 0.1, fewer
+        # triangles would be cut in a round, and more rounds would follow.
         return open_area > 0.1 * open_area.max()
 
     def _cut(self, is_cut: Bools) -> None:
         """Cut the triangles for which `is_cut` (T,) is true.
 
-        Their neighbours are cut too where a vertex would otherwise be in the middle of an
-        edge. Triangles that are not cut keep their segments (the parts of the border in
-        them) and what `_classify` determined for them.
+        A neighbour is cut too if a new vertex would otherwise be in the middle of its edge.
+        All other triangles retain their segments (pieces of the border) and their class.
         """
         mesh = bisect_triangles(self.points, self.triangles, is_cut)
         new_points = mesh.points[len(self.points) :]
@@ -645,7 +650,9 @@ class RegionRefinement:
         self._renumber_segments(mesh.origin, old_count=len(is_cut))
 
     def _renumber_segments(self, origin: Indices, old_count: int) -> None:
-        """Give segments the new numbers of their triangles, and remove those of cut ones.
+        """Adapt the segments to new numbers of triangles; drop those in cut triangles.
+
+        A segment is the piece of the border in one triangle.
 
         Parameters
         ----------
@@ -664,12 +671,12 @@ class RegionRefinement:
 
 
 def _carry_over(values: Array, origin: Indices, placeholder: float) -> Array:
-    """Return values of triangles in a new numbering.
+    """Return properties of triangles in the new numbering after some triangles were cut.
 
     Parameters
     ----------
     values
-        (old T,) values in the old numbering.
+        (old T,) one value for each triangle, in the old numbering.
     origin
         (T,) old number of each triangle, -1 for new ones.
     placeholder

@@ -61,8 +61,8 @@ def rotation_about_axis(axis: Floats, angle: ArrayLike) -> Floats:
 def from_quaternion(quaternions: Array) -> Array:
     """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4) xyzw.
 
-    Complex quaternions are accepted. The sum of the squares of their components, without
-    conjugation, must be 1.
+    Complex quaternions are accepted too, for derivatives by complex steps. The sum of the
+    squares of their components, without conjugation, must be 1.
     """
     vector = quaternions[..., :3]
     scalar = quaternions[..., 3, None, None]
@@ -78,8 +78,8 @@ def from_quaternion(quaternions: Array) -> Array:
 def quaternion(matrix: Floats) -> Floats:
     """Return the unit quaternions (n, 4) xyzw of rotation matrices (n, 3, 3).
 
-    Two quaternions with opposite signs belong to each rotation. The one with a positive
-    largest component is returned. The result is NaN if the matrix is NaN.
+    Each rotation has two quaternions with opposite signs. The one with a positive largest
+    component is returned. The result is NaN if the matrix is NaN.
     """
     # The elements of the matrix determine the symmetric matrix (n, 4, 4) with the elements
     # 4 q_i q_j. Each of its rows is the quaternion q times 4 q_i.
@@ -98,8 +98,8 @@ def quaternion(matrix: Floats) -> Floats:
     products[:, 3, :3] = vector_part
     products[:, :3, 3] = vector_part
     products[:, 3, 3] = 1.0 + trace
-    # The largest diagonal element 4 q_i^2 belongs to the largest component. Its row has the
-    # smallest rounding error. The component itself is positive there, since it is 4 q_i^2.
+    # The row of the largest diagonal element 4 q_i^2 has the smallest rounding error. The
+    # component q_i is positive in this row.
     diagonals = np.diagonal(products, axis1=1, axis2=2)
     largest = np.argmax(diagonals, axis=1)
     return unit_rows(products[np.arange(len(matrix)), largest])
@@ -109,7 +109,7 @@ def rotation_vector(matrix: Floats) -> Floats:
     """Return the rotation vectors (..., 3) of rotation matrices (..., 3, 3).
 
     A rotation vector is the unit axis times the angle (rad), from 0 to pi. Small angles are
-    accurate to rounding, which closure residuals need.
+    accurate to rounding, because closure residuals (how far loops are open) need this.
     """
     r = matrix
     # The vector (x, y, z) of the antisymmetric part is the axis times twice the sine of the
@@ -121,9 +121,8 @@ def rotation_vector(matrix: Floats) -> Floats:
     sine = 0.5 * np.sqrt(x * x + y * y + z * z)
     cosine = 0.5 * (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
-    # The quotient of angle and sine is computed from its series if both are small. The
-    # series is wrong near half a turn, where only the sine is small. These vectors are
-    # replaced below.
+    # For small angles, angle / sine is computed from its series. Near half a turn the sine
+    # is small too, but the series is wrong. The vectors there are replaced below.
     is_small = sine < SMALL_ANGLE_SINE
     angle_over_sine = np.where(
         is_small, 1.0 + angle * angle / 6.0, angle / np.where(is_small, 1.0, sine)
@@ -141,8 +140,8 @@ def rotation_vector(matrix: Floats) -> Floats:
 def _obtuse_rotation_vectors(matrix: Floats, angle: Floats) -> Floats:
     """Return the rotation vectors (n, 3) of rotations by nearly half a turn.
 
-    The antisymmetric part of the matrix nearly vanishes, so the axis follows from the
-    quaternion.
+    For other angles, the axis follows from the antisymmetric part of the matrix. Here this
+    part nearly vanishes, so the axis follows from the quaternion.
 
     Parameters
     ----------
@@ -152,7 +151,7 @@ def _obtuse_rotation_vectors(matrix: Floats, angle: Floats) -> Floats:
         (n,) angles (rad), at most pi.
     """
     xyzw = quaternion(matrix)
-    # With w >= 0 the vector part points along the axis whose angle is at most pi.
+    # For w >= 0 the vector part points along the axis of a rotation by at most pi.
     sign = np.where(xyzw[:, 3:] < 0.0, -1.0, 1.0)
     axis = unit_rows(xyzw[:, :3] * sign)
     return axis * angle[:, None]
@@ -179,15 +178,14 @@ def rotation_between_pairs(
     first, second
         (..., 3) the two vectors before the rotation, real or complex.
     to_first, to_second
-        (..., 3) the same two vectors after it. They have the same scalar product.
+        (..., 3) the same two vectors after the rotation. Their scalar product is the same.
 
     Returns
     -------
     (..., 3, 3) rotation matrices; NaN if the two vectors are parallel.
     """
-    # The rotation carries first, second and normal = first x second to the images of these
-    # vectors. The rows of `dual` give the components of a vector along the three,
-    # multiplied by |normal|^2.
+    # The rotation carries first, second and normal = first x second to their images. The
+    # rows of `dual` give the components of a vector along these three, times |normal|^2.
     normal = cross(first, second)
     dual = np.stack([cross(second, normal), cross(normal, first), normal], axis=-2)
     images = np.stack([to_first, to_second, cross(to_first, to_second)], axis=-1)
@@ -195,10 +193,10 @@ def rotation_between_pairs(
 
 
 def log_rate(vector: Floats, w: Floats) -> Floats:
-    """Return the derivatives of rotation vectors by time while the body rotates.
+    """Return the derivatives by time of rotation vectors of rotating bodies.
 
-    The derivative of the vector d is d' = w - d x w / 2 + c d x (d x w), where
-    c = (1 - (a / 2) cot(a / 2)) / a^2 and a is the length of d.
+    A rotation vector d is the axis times the angle. Its derivative is d' = w - d x w / 2 +
+    c d x (d x w), where c = (1 - (a / 2) cot(a / 2)) / a^2 and a is the length of d.
 
     Parameters
     ----------
@@ -227,7 +225,8 @@ def log_rate(vector: Floats, w: Floats) -> Floats:
 def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     """Return second derivatives of rotation vectors by time at constant angular velocity.
 
-    The first derivative (`log_rate`) of the rotation vector d at the angular velocity w is
+    A rotation vector d is the axis times the angle. Its first derivative (`log_rate`) at
+    the angular velocity w is
 
         d' = w - d x w / 2 + c d x (d x w),    c = (1 - (a / 2) cot(a / 2)) / a^2,
 

@@ -27,8 +27,8 @@ them."""
 def spiral_directions(count: int, min_z: float = -1.0) -> Floats:
     """Return directions that are evenly distributed over a cap of the sphere.
 
-    They are on a spiral. Its azimuth increases by the golden section of a revolution from
-    one to the next, so that no direction is close to its neighbours on other turns.
+    They follow a spiral. From one to the next, the azimuth changes by the golden section of
+    a revolution. Directions on adjacent turns are then not close to each other.
 
     Parameters
     ----------
@@ -70,16 +70,16 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
     rectangle = np.array([[0.0, y, golden * z] for y, z in signs])
     points = unit_rows(np.concatenate([np.roll(rectangle, k, axis=1) for k in range(3)]))
-    # Three vertices that are neighbours make a face. The cosine between neighbours is
-    # 0.447, between other vertices at most -0.447.
+    # Three mutual neighbours form a face. The cosine between neighbours is 0.447, between
+    # other vertices at most -0.447.
     cosines = points @ points.T
     faces = np.array(
         [k for k in combinations(range(12), 3) if np.min(cosines[np.ix_(k, k)]) > 0.4]
     )
     is_inward = np.linalg.det(points[faces]) < 0.0
     faces[is_inward] = faces[is_inward, ::-1]
-    # Vertices on the coordinate axes would often be at corners and borders of regions,
-    # since regions of mechanisms are often symmetric about these axes.
+    # The mesh is rotated, so that no vertex is on a coordinate axis. Mechanisms are often
+    # symmetric about these axes, and corners of their regions lie there.
     return quarter_until_short(points @ _MESH_ROTATION.T, faces, spacing)
 
 
@@ -107,8 +107,8 @@ def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, Indices]:
     Returns
     -------
     points, triangles
-        (V, 3) vertices and (T, 3) triangles. The poles, and the meridian at longitude 0,
-        are repeated, so that each row has columns + 1 vertices.
+        (V, 3) vertices and (T, 3) numbers of the vertices of each triangle. Each parallel
+        has columns + 1 vertices, so the meridian at longitude 0 and the poles are repeated.
     """
     longitude, colatitude = np.meshgrid(
         np.linspace(0.0, 2.0 * np.pi, columns + 1), np.linspace(0.0, np.pi, rows + 1)
@@ -129,7 +129,8 @@ def quarter_until_short(
 ) -> tuple[Floats, Indices]:
     """Return a mesh of the unit sphere with no edge longer than `spacing`.
 
-    All triangles are divided into four by the middles of their edges, until this is so.
+    The middles of the edges divide all triangles into four. This is repeated until all
+    edges are short enough.
 
     Parameters
     ----------
@@ -176,13 +177,14 @@ def list_edges(triangles: Indices) -> tuple[Indices, Indices]:
     edges
         (E, 2) vertices of each edge, the lower number first.
     sides
-        (T, 3) numbers of the edges 12, 23 and 31 of each triangle.
+        (T, 3) for each triangle the numbers of its edges, between the vertices 1 and 2, 2
+        and 3, 3 and 1.
     """
     ends = triangles[:, TRIANGLE_EDGES]  # (T, 3, 2) vertices of the three edges
     lower = ends.min(axis=2)
     higher = ends.max(axis=2)
-    # Both numbers are put into one integer of 64 bits, the lower number in its upper 32
-    # bits: `np.unique` is much faster on integers than on rows.
+    # Both numbers form one integer of 64 bits, the lower number in its upper 32 bits.
+    # `np.unique` is much faster on integers than on rows.
     keys, sides = np.unique((lower << 32) | higher, return_inverse=True)
     edges = np.stack([keys >> 32, keys & (2**32 - 1)], axis=1)
     return edges, sides.reshape(len(triangles), 3)
@@ -203,7 +205,7 @@ def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
     -------
     (n,) areas (sr), positive if the corners are counter-clockwise seen from outside.
     """
-    # a . (b x c) by differences of the corners keeps the digits of small triangles.
+    # a . (b x c). Differences of the corners lose no digits for small triangles.
     volume = np.vecdot(a, cross(b - a, c - a))
     return 2.0 * np.arctan2(
         volume, 1.0 + np.vecdot(a, b) + np.vecdot(b, c) + np.vecdot(c, a)
@@ -212,15 +214,15 @@ def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class BisectedMesh:
-    """A mesh in which some triangles were cut.
+    """A triangle mesh after some of its triangles were cut.
 
     Attributes
     ----------
     points, triangles
-        (V, 3) vertices and (T, 3) triangles. The old vertices come first and keep their
-        numbers.
+        (V, 3) vertices and (T, 3) numbers of the vertices of each triangle. Old vertices
+        come first, with unchanged numbers.
     origin
-        (T,) number of the old triangle if it was not cut, else -1.
+        (T,) number that each triangle had before, or -1 for the parts of cut triangles.
     """
 
     points: Floats

@@ -65,18 +65,20 @@ def arc(a: Floats, b: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class TriangleAngles:
-    """Angles at the base of n spherical triangles.
+    """Angles at both ends of one side, the base, of n spherical triangles.
 
     Attributes
     ----------
     at_first
-        (n,) angle (rad, 0 to pi) at the first end of the base; meaningless if the triangle
-        does not close.
+        (n,) angle (rad, 0 to pi) at the first end of the base. It has no meaning if the
+        triangle does not close.
     at_second
-        (n,) angle (rad, 0 to pi) at the second end of the base, with the same restriction.
+        (n,) angle (rad, 0 to pi) at the second end of the base, also only if the triangle
+        closes.
     closes
-        (n,) whether the sides satisfy the triangle inequalities and their sum is at most a
-        full turn. A small violation, the slack (rad) of `vertex_angles`, is accepted.
+        (n,) whether a triangle with these sides exists: the sides satisfy the triangle
+        inequalities, and their sum is at most a full turn. A violation up to the slack
+        (rad) of `vertex_angles` is accepted.
     """
 
     at_first: Floats
@@ -95,8 +97,8 @@ def vertex_angles(
     Parameters
     ----------
     base, first_side, second_side
-        (n,) sides (rad, 0 to pi): the base, the side at its first end and the side at its
-        second end.
+        (n,) sides of n triangles (rad, 0 to pi): the base, the side at its first end and
+        the side at its second end.
     slack
         Error (rad) of the sides that is accepted, (n,) or the same for all.
     """
@@ -109,8 +111,8 @@ def vertex_angles(
     differences = np.stack([less_base, less_first, less_second, supplement])
     closes = np.all(differences >= -slack, axis=0)
 
-    # Sines of half the perimeter less each side. Differences within the slack count as
-    # zero. The sine of the supplement is that of half the perimeter itself.
+    # Sines of half the perimeter minus each side. Negative differences within the slack
+    # count as zero. The sine of the supplement is that of half the perimeter.
     sines = np.sin(np.clip(differences, 0.0, np.pi))
     sine_less_base, sine_less_first, sine_less_second, sine_half_perimeter = sines
     # The angle at the first end is between the first side and the base, and opposite to the
@@ -158,16 +160,16 @@ def _half_angle_formula(
 class DyadClosure:
     """Orientations of the two bodies of n dyads, and measures of their quality.
 
-    A dyad is a chain of two bodies and three R pairs. The arcs of its bodies lead from two
-    given outer axes to the middle axis, in which they meet. They are two sides of a
-    spherical triangle; the third side is the arc between the outer axes.
+    A dyad is a chain of two bodies and three R pairs (hinges). The arc of each body leads
+    from its outer axis, which is known, to the common middle axis. Both arcs are sides of a
+    spherical triangle. Its third side is the arc between the outer axes.
 
     Attributes
     ----------
     first_rotation, second_rotation
         (n, 3, 3) rotations from the axes of each body to base axes. If the outer axes lie
-        on one line, the whole dyad can rotate about it, and one of infinitely many
-        orientations is returned.
+        on one line, the whole dyad can rotate about this line. One of infinitely many
+        orientations is then returned.
     sine
         (n,) sine of the angle between the arcs of the two bodies at the middle axis. It is
         0 at a dead centre of the dyad, and if an arc is too short to have a direction.
@@ -235,11 +237,10 @@ def close_dyad(
     ) -> Floats:
         """Return the rotation (n, 3, 3) of a body of the dyad, from its axes to base axes.
 
-        The three axes of the dyad are the corners of a spherical triangle. The arc of the
-        body from its outer axis to the middle axis is one side, and the arc between both
-        outer axes is the base. `normal` is the unit normal of the plane of the base.
-        `sign`, +1 or -1, says whether the middle axis is on the side of this normal or on
-        the opposite one.
+        A dyad is a chain of two bodies and three axes, the corners of a spherical triangle.
+        The arc of the body from its outer axis to the middle axis is one side. The arc
+        between both outer axes is the base. `normal` is the unit normal of the plane of the
+        base. `sign`, +1 or -1, says on which side of this plane the middle axis is.
 
         Parameters
         ----------
@@ -250,7 +251,7 @@ def close_dyad(
         angle
             (n,) angle (rad, 0 to pi) of the triangle at this axis.
         body
-            Outer and middle axis (n, 3), in the axes of the body.
+            Outer and middle axis (n, 3) of the body, in its own axes.
         """
         # The direction of the body's arc at its outer axis: that of the base, turned by the
         # angle towards the side of the middle axis.

@@ -79,17 +79,15 @@ def _bernstein_matrix() -> Floats:
     """Return the matrix (6, 6) from samples of a function to Bernstein coefficients.
 
     The samples are at the vertices 1, 2, 3 and at the midpoints of the edges 12, 23, 31 of
-    a triangle. They determine a polynomial of degree 2. With the barycentric coordinates p,
-    q, r of a point and the Bernstein coefficients b it is b1 p^2 + b2 q^2 + b3 r^2 +
-    2 b12 p q + 2 b23 q r + 2 b31 r p. The smallest and the largest coefficient bound it in
-    the triangle.
+    a triangle. They determine a polynomial of degree 2. Its value is b1 p^2 + b2 q^2 + b3
+    r^2 + 2 b12 p q + 2 b23 q r + 2 b31 r p, with the barycentric coordinates p, q, r of a
+    point. The b are the Bernstein coefficients. In the triangle the polynomial is between
+    the smallest and the largest b.
 
-    Returns
-    -------
-    The rows give b1, b2, b3, b12, b23 and b31.
+    The matrix. Its rows give b1, b2, b3, b12, b23 and b31.
     """
-    # b1 is the sample at vertex 1. b12 is twice the sample at the midpoint of edge 12, less
-    # the mean of the samples at its ends.
+    # b1 is the sample at vertex 1. b12 is twice the sample at the midpoint of edge 12,
+    # minus the mean of the samples at both ends.
     half_sum_of_ends = 0.5 * np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]])
     from_vertices = np.vstack([np.eye(3), -half_sum_of_ends])
     from_midpoints = np.vstack([np.zeros((3, 3)), 2.0 * np.eye(3)])
@@ -97,17 +95,19 @@ def _bernstein_matrix() -> Floats:
 
 
 def _slope_matrix(bernstein: Floats) -> Floats:
-    """Return the matrix (3, 2, 6) from samples to derivatives at the vertices.
+    """Return the matrix (3, 2, 6) from samples in a triangle to derivatives at corners.
+
+    A function is known at six samples, the vertices and the midpoints of the edges. They
+    determine a polynomial of degree 2, which the matrix differentiates.
 
     Parameters
     ----------
     bernstein
         (6, 6) matrix from the samples to the Bernstein coefficients of the polynomial.
 
-    Returns
-    -------
-    Axes: vertex 1, 2, 3; derivative along the edge from 1 to 2 and from 1 to 3, per edge;
-    sample. For example, at vertex 2 the derivative along the edge 13 is 2 (b23 - b12).
+    The matrix. Axis 0 is the vertex 1, 2 or 3. Axis 1 is the direction: along the edge from
+    1 to 2, or from 1 to 3, with this edge as unit of length. Axis 2 is the sample. For
+    example, at vertex 2 the derivative along the edge 13 is 2 (b23 - b12).
     """
     # Each b is a row of the matrix: the factors of the samples that give the coefficient.
     b1, b2, b3, b12, b23, b31 = bernstein
@@ -222,8 +222,8 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
     """Return bounds of margins in triangles.
 
     Margins are functions that are at least 0 inside a region. They are known at ten samples
-    of each triangle only. The bounds are therefore as certain as the samples, and are
-    widened by `VALUE_SAFETY_FACTOR` times the error that the samples show.
+    of each triangle only. The samples show an interpolation error, and the bounds are
+    widened by `VALUE_SAFETY_FACTOR` times this error.
 
     Parameters
     ----------
@@ -234,8 +234,8 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
         31, at a check point on each of these edges, and at the centroid. A check point is
         at a quarter of its edge from the vertex with the lower number.
     """
-    # Six samples determine a polynomial of degree 2, which its Bernstein coefficients
-    # bound. Its error is measured at the other samples.
+    # Six samples determine a polynomial of degree 2. Its Bernstein coefficients are bounds.
+    # The other four samples show its error.
     nodes = samples[:6]
     check_values = samples[6:]
     coefficients = np.tensordot(_BERNSTEIN, nodes, axes=1)
@@ -251,8 +251,9 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
 def _interpolate_at_checks(triangles: Indices, nodes: Floats) -> Floats:
     """Return interpolated values at the check points of triangles.
 
-    The check point of an edge is at a quarter of it from the vertex with the lower number,
-    so that both triangles at the edge have the same one.
+    There the interpolation error is measured. The check point of an edge is at a quarter of
+    the edge, nearer to the vertex with the lower number. Both triangles at the edge then
+    have the same check point.
 
     Parameters
     ----------

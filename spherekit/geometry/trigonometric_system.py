@@ -121,16 +121,16 @@ MAX_STEP_RAD = 0.3
 class EliminantRoots:
     """Roots of the eliminants of n systems of equations.
 
-    The eliminant is the trigonometric polynomial in the first angle x that remains when the
-    other angles are eliminated. Its terms are e^(ikx) with k from -d to d, where d is its
-    degree. As a polynomial in e^(ix) it has twice as many roots as its degree. Each root
-    belongs to a solution of the system.
+    The equations contain cosines and sines of several angles. The eliminant is the
+    trigonometric polynomial in the first angle x that remains when the other angles are
+    eliminated. Its terms are e^(ikx) with k from -d to d, where d is its degree. As a
+    polynomial in e^(ix) it has 2 d roots, one for each solution of the system.
 
     Attributes
     ----------
     roots
-        (n, 2 * d) values of e^(ix). NaN or infinite if the coefficient of the highest
-        power is zero, so that there are fewer roots.
+        (n, 2 * d) values of e^(ix). NaN or infinite if there are fewer roots, because the
+        coefficient of the highest power is zero.
     relative_errors
         (n,) rounding error of the coefficients of each eliminant, relative to its largest
         coefficient.
@@ -166,7 +166,8 @@ class EliminantSamples:
 
     A system has two equations in two angles, or three equations in three angles. The
     eliminant is the polynomial in the cosine and sine of the first angle that remains when
-    the other angles are eliminated. It is zero at the solutions.
+    the other angles are eliminated. It is zero at the solutions. Samples determine its
+    coefficients.
 
     Attributes
     ----------
@@ -174,12 +175,11 @@ class EliminantSamples:
         (n, m) values of the eliminants.
     magnitude_limits
         (n, m) limits that the magnitudes of these values cannot exceed, by the sizes of the
-        equations. If an eliminant is far below them at all m angles, it counts as zero
+        equations. An eliminant far below its limits at all m angles counts as zero
         everywhere.
     can_eliminate
-        (n,) whether the second angle can be eliminated. It is eliminated from three
-        equations by solving the first one for it. That is impossible if the first equation
-        does not depend on it. True for systems of two equations.
+        (n,) whether the second angle can be eliminated. Of three equations, the first one
+        is solved for it, and must depend on it. Always true for two equations.
     """
 
     values: Complexes
@@ -237,17 +237,18 @@ class SecondAngleZeros:
 class NewtonResult:
     """Angles to which Newton's method leads, with their quality.
 
-    A system has t equations in t angles. Each term of an equation is a product with at most
-    one factor, a cosine or a sine, of each angle.
+    A system has t equations in t angles. Each term of an equation is a coefficient times
+    factors: for each angle at most one cosine or sine.
 
     Attributes
     ----------
     angles
         (n, m, t) angles (rad) of n systems with t unknowns, from m starts each.
     residual
-        (n, m) residual relative to the size of the equations.
+        (n, m) largest error of the equations, relative to the size of their terms.
     is_flat
-        (n, m) whether the Jacobian is almost singular. A solution there may be multiple.
+        (n, m) whether the matrix of derivatives (Jacobian) is almost singular. Several
+        solutions may coincide there.
     """
 
     angles: Complexes
@@ -259,8 +260,8 @@ class NewtonResult:
 class RootSolutions(ArrayRows):
     """Angles computed from roots of the eliminant, in the order of the roots.
 
-    The eliminant is the polynomial in e^(ix), x the first angle, that remains when the
-    other angles of a system of equations are eliminated.
+    The eliminant is the polynomial in e^(ix), with x the first angle, that remains when the
+    other angles of a system of equations are eliminated. Each root gives a first angle.
 
     Attributes
     ----------
@@ -270,7 +271,8 @@ class RootSolutions(ArrayRows):
         (n, m) whether Newton's method converged to a solution whose first angle belongs to
         the root.
     is_flat
-        (n, m) whether the Jacobian is almost singular. A solution there may be multiple.
+        (n, m) whether the matrix of derivatives (Jacobian) is almost singular. Several
+        solutions may coincide there.
     """
 
     angles: Complexes
@@ -295,9 +297,9 @@ def eliminant_degree(incidence: Bools) -> int:
     3     R(y1) R(y2) (a1^2 + a2^2)^p                  16
     ====  ===========================================  ======
 
-    With t = 3, R is the resultant of the last two equations, and p is its degree in y. The
-    first equation is a0 + a1 cos(y) + a2 sin(y) = 0 and has the zeros y1 and y2, whose
-    denominators the last factor removes.
+    With t = 3, R is the resultant of the last two equations: z is eliminated from them. p
+    is the degree of R in y. The first equation is a0 + a1 cos(y) + a2 sin(y) = 0, with the
+    zeros y1 and y2. R(y1) R(y2) is a fraction, and the last factor removes its denominator.
 
     Parameters
     ----------
@@ -326,9 +328,10 @@ def eliminant_degree(incidence: Bools) -> int:
 def _can_eliminate_in_order(incidence: Bools) -> bool:
     """Return whether all angles but the first can be eliminated, beginning with the last.
 
-    The last angle is eliminated from the last two equations, which must contain it. The
-    second of three angles is then eliminated by the first equation, which must contain it
-    but not the last angle. With a single angle, its equation must contain it.
+    A system has t equations in t angles. The last angle is eliminated from the last two
+    equations, which must contain it. Of three angles, the second is then eliminated by the
+    first equation, which must contain the second angle but not the last. A single equation
+    must contain its angle.
 
     Parameters
     ----------
@@ -344,11 +347,11 @@ def _can_eliminate_in_order(incidence: Bools) -> bool:
 
 
 def _resultant_degree(incidence: Bools, angle: int) -> int:
-    """Return the degree in an angle of the resultant of the last two equations.
+    """Return the degree, in one angle, of the resultant of the last two equations.
 
-    The resultant is what remains of them when the last angle is eliminated. It is a sum of
-    products with two coefficients of each equation. So each equation that contains the
-    angle adds 2 to its degree.
+    The resultant is what remains of both equations when the last angle is eliminated. Each
+    term is a product with two coefficients of each equation. So each equation that contains
+    the angle adds 2 to the degree.
 
     Parameters
     ----------
@@ -426,13 +429,14 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
 
 
 def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
-    """Return all complex solutions of n systems.
+    """Return all complex solutions of n systems of trigonometric equations.
 
-    If all angles but the first angle x are eliminated, the eliminant remains: a
-    trigonometric polynomial in x. With the degree d its terms are e^(ikx) with k from -d to
-    d, so it has 2 d roots e^(ix). The solutions of a system are complete if there are as
-    many different ones as roots. Most systems of three equations are solved by Newton's
-    method from the solutions of a neighbour, so neighbouring systems should be similar.
+    A system has t equations in t angles. When all angles but the first angle x are
+    eliminated, the eliminant remains: a trigonometric polynomial in x. With the degree d
+    its terms are e^(ikx) with k from -d to d, so it has 2 d roots e^(ix). The solutions of
+    a system are complete if 2 d different ones are found. Most systems of three equations
+    are solved by Newton's method from the solutions of a neighbour in the list. Neighbours
+    should therefore be similar.
 
     Parameters
     ----------
@@ -456,6 +460,7 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
         angles = np.full((n, 2 * eliminant_degree(incidence), t), np.nan, dtype=complex)
 
         # 1. Elimination for some systems, with one start of Newton's method for each root.
+        # Of systems with three equations, only every `ELIMINATION_STRIDE`-th is chosen.
         stride = ELIMINATION_STRIDE if t == 3 else 1
         systems = np.arange(0, n, stride)
         if len(systems):
@@ -551,10 +556,11 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
 
 
 def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> RootSolutions:
-    """Solve n systems by elimination.
+    """Solve n systems of trigonometric equations by elimination of all angles but one.
 
-    The eliminant is a polynomial in e^(ix), x the first angle. Each of its roots gives the
-    first angle of a solution, and starts of Newton's method for the others.
+    The eliminant is the polynomial in e^(ix), with x the first angle, that remains. Each of
+    its roots gives the first angle of a solution, and starts of Newton's method for all
+    angles.
 
     Parameters
     ----------
@@ -564,14 +570,12 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
     incidence
         (t, t) whether an equation (row) contains an angle (column).
     starts_per_root
-        Largest number of starts of Newton's method that are used for each root. There are 2
-        in a system of two equations and 4 in one of three, because the other angles have
-        several possible values. Those with the smallest residuals are used.
+        Largest number of starts of Newton's method for each root. The other angles have
+        several possible values: there are 2 starts for two equations and 4 for three. Those
+        with the smallest residuals are used.
 
-    Returns
-    -------
-    For each start the angles to which it leads. Nothing is a solution in a system with a
-    root that is zero or infinite, because such a root has no angle.
+    The angles to which each start leads. If a root of a system is zero or infinite, it has
+    no angle, and nothing counts as a solution of this system.
     """
     roots = _find_eliminant_roots(equations, incidence).roots
     has_angles = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
@@ -592,10 +596,11 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
 def _solve_at_roots(
     equations: Numbers, roots: Complexes, starts_per_root: int
 ) -> RootSolutions:
-    """Return the solutions of n systems, found from the roots of their eliminants.
+    """Return the solutions of n systems of equations from the roots of their eliminants.
 
-    A root is a value of e^(ix), from which the first angle x follows. The other angles
-    follow from the equations, and Newton's method corrects all of them.
+    The eliminant is the polynomial in e^(ix), with x the first angle, that remains when the
+    other angles are eliminated. A root gives x. The other angles follow from the equations,
+    and Newton's method corrects all of them.
 
     Parameters
     ----------
@@ -605,17 +610,15 @@ def _solve_at_roots(
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
-        Largest number s of starts of Newton's method that are used for each root. A root
-        has 2 starts in a system of two equations and 4 in a system of three, since the
-        other angles have several possible values. The s starts with the smallest residuals
-        are used.
+        Largest number s of starts of Newton's method for each root. The other angles have
+        several possible values: there are 2 starts for two equations and 4 for three. Those
+        with the smallest residuals are used.
     """
     # (n, k * s, t) angles, the starts of a root one after another.
     starts = _choose_starts(equations, roots, starts_per_root)
     result = _run_newton(equations, starts)
-    # A start that leads to the solution of another root says nothing about its own root.
-    # Newton's method changes angles in small steps and does not wrap them, so the first
-    # angle of a solution and its start can be subtracted. Both may be complex.
+    # A start can lead to the solution of another root, and then does not count. The first
+    # angle shows this. It has no jumps by 2 pi, because Newton's steps are small.
     first_angle_changes = np.abs(result.angles[:, :, 0] - starts[:, :, 0])  # (n, k * s)
     is_near_root = first_angle_changes < ROOT_CLUSTER_RAD
     is_converged = result.residual < MAX_SOLUTION_RESIDUAL
@@ -625,8 +628,9 @@ def _solve_at_roots(
 def _choose_starts(equations: Numbers, roots: Complexes, starts_per_root: int) -> Complexes:
     """Return starts of Newton's method with small residuals for each root.
 
-    The systems have t equations in t angles. A root gives the first angle. The other angles
-    have several possible values, and each combination with a small residual is a start.
+    The systems have t equations in t angles. Each root of the eliminant (polynomial in the
+    first angle) gives the first angle. The other angles have several possible values.
+    Combinations with a small residual are starts.
 
     Parameters
     ----------
@@ -657,7 +661,7 @@ def _choose_starts(equations: Numbers, roots: Complexes, starts_per_root: int) -
 def _store_complete(
     angles: Complexes, systems: Indices, solutions: Complexes, is_solution: Bools
 ) -> None:
-    """Store the solutions of each system for which all solutions were computed.
+    """Store the solutions of those systems for which all solutions were found.
 
     Parameters
     ----------
@@ -667,8 +671,8 @@ def _store_complete(
     systems
         (k,) indices of the systems for which solutions were computed.
     solutions, is_solution
-        (k, m, t) angles (rad), and (k, m) which of them are solutions. Several may be
-        copies of one solution.
+        (k, m, t) angles (rad), and (k, m) which of them are solutions. The same solution
+        may occur several times.
     """
     for system, candidates, is_valid in zip(systems, solutions, is_solution, strict=True):
         distinct = candidates[is_valid][_are_distinct(candidates[is_valid])]
@@ -698,7 +702,7 @@ def _angles_from_factors(factors: Complexes) -> Complexes:
 
 
 def _find_form_zeros(form: Numbers) -> FormZeros:
-    """Return the zeros of forms, equations c0 + c1 cos(y) + c2 sin(y) = 0 in one angle y.
+    """Return the zeros of equations c0 + c1 cos(y) + c2 sin(y) = 0 in one angle y.
 
     With w = c1^2 + c2^2 and r = sqrt(w - c0^2), a form has two zeros, one for each sign of
     r: cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w.
@@ -712,7 +716,7 @@ def _find_form_zeros(form: Numbers) -> FormZeros:
     c0, c1, c2 = np.moveaxis(form.astype(complex), -1, 0)
     w = c1 * c1 + c2 * c2
     r = np.sqrt(w - c0 * c0)
-    # (..., 3) w times the factors 1, cos(y) and sin(y), for each of both zeros.
+    # (..., 3) w times the factors 1, cos(y) and sin(y), for each of the two zeros.
     first_zero = np.stack([w, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1)
     second_zero = np.stack([w, -c0 * c1 + r * c2, -c0 * c2 - r * c1], axis=-1)
     both_zeros = np.stack([first_zero, second_zero], axis=-2)  # (..., 2, 3)
@@ -720,7 +724,7 @@ def _find_form_zeros(form: Numbers) -> FormZeros:
 
 
 def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
-    """Return the equations that remain at given values of the first angle.
+    """Insert values of the first angle into equations linear in cosines and sines.
 
     Parameters
     ----------
@@ -730,9 +734,7 @@ def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
     first_angles
         (n, r) values of the first angle (rad).
 
-    Returns
-    -------
-    (n, r, t, 3, ..., 3) coefficients, with one angle less.
+    (n, r, t, 3, ..., 3) coefficients of the remaining equations, with one angle less.
     """
     factors = angle_factors(first_angles).astype(complex)
     # n system, k equation, x factor of the first angle, r value of the first angle.
@@ -740,10 +742,10 @@ def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
 
 
 def _second_angle_forms(equations: Numbers, first_angles: Numbers) -> Complexes:
-    """Return the form in the second angle at given values of the first angle.
+    """Return the equation in the second angle at values of the first angle.
 
-    A form is an equation c0 + c1 cos + c2 sin = 0 in one angle. Here it is the first of
-    three equations, which does not contain the last angle.
+    Of three equations, the first one does not contain the last angle. With the first angle
+    inserted, it is a form c0 + c1 cos + c2 sin = 0 in the second angle.
 
     Parameters
     ----------
@@ -779,8 +781,8 @@ def _select_second_angle_form(remaining: Complexes) -> Complexes:
 def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngleZeros:
     """Return the second angle y of systems of three equations at given first angles.
 
-    The first equation does not contain the last angle z. It gives two values of y, and each
-    of them is inserted into the other two equations, in which only z remains.
+    The first of three equations does not contain the last angle z, so it gives two values
+    of y. Each of them is inserted into the other two equations, in which only z remains.
 
     Parameters
     ----------
@@ -803,10 +805,10 @@ def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngl
 def _sample_eliminants(
     equations: Numbers, incidence: Bools, first_angles: Floats
 ) -> EliminantSamples:
-    """Return the values of the eliminants of n systems at given first angles.
+    """Return the values of the eliminants of n systems at values of the first angle.
 
-    The eliminant is a polynomial in the cosine and sine of the first angle that is zero at
-    the solutions.
+    The eliminant is the polynomial in the cosine and sine of the first angle that remains
+    when the other angles are eliminated. It is zero at the solutions.
 
     Parameters
     ----------
@@ -836,11 +838,11 @@ def _sample_eliminants(
 def _sample_eliminants_of_two(
     equations: Numbers, first_angles: Numbers
 ) -> EliminantSamples:
-    """Return the values of the eliminants of systems of two equations.
+    """Return values of the eliminants of systems of two equations in two angles.
 
-    With a value of the first angle inserted, both equations are forms in the last angle:
-    c0 + c1 cos + c2 sin = 0. The eliminant is their resultant, an expression in their
-    coefficients that is zero if they have a common zero.
+    With a value of the first angle inserted, both equations are forms in the last angle: c0
+    + c1 cos + c2 sin = 0. The eliminant, in which this angle is eliminated, is their
+    resultant. This expression in the coefficients is zero if both forms have a common zero.
 
     Parameters
     ----------
@@ -853,7 +855,7 @@ def _sample_eliminants_of_two(
     forms = _insert_first_angle(equations, first_angles)  # (n, m, equations, 3)
     return EliminantSamples(
         values=_resultants(forms),
-        # See `_squared_norms`. The last axis belongs to the equations.
+        # The product of the squared norms of both forms limits the resultant.
         magnitude_limits=np.prod(_squared_norms(forms), axis=2),
         can_eliminate=np.ones(len(equations), dtype=bool),
     )
@@ -862,12 +864,13 @@ def _sample_eliminants_of_two(
 def _sample_eliminants_of_three(
     equations: Numbers, first_angles: Numbers, power: int
 ) -> EliminantSamples:
-    """Return the values of the eliminants of systems of three equations.
+    """Return values of the eliminants of systems of three equations in three angles.
 
     With a value of the first angle inserted, the first equation has two zeros of the second
-    angle. At each of them, the other two equations are forms in the last angle, and their
-    resultant is zero if they have a common zero. The product of both resultants is
-    therefore zero at the solutions. It is a fraction, and the eliminant is its numerator.
+    angle. At each of them, the other two equations are forms c0 + c1 cos + c2 sin = 0 in
+    the last angle. Their resultant is zero if they have a common zero. The product of both
+    resultants is therefore zero at the solutions. It is a fraction, and the eliminant is
+    its numerator.
 
     Parameters
     ----------
@@ -898,8 +901,9 @@ def _sample_eliminants_of_three(
 def _determines_second_angle(equations: Numbers, denominators: Complexes) -> Bools:
     """Return (n,) whether the first of three equations determines the second angle y.
 
-    With a value of the first angle inserted it is c0 + c1 cos(y) + c2 sin(y) = 0. If the
-    part with y is too small at all values, its zeros are meaningless.
+    With a value of the first angle inserted, this equation is c0 + c1 cos(y) + c2 sin(y) =
+    0. If the part with y is too small at all values of the first angle, its zeros have no
+    meaning.
 
     Parameters
     ----------
@@ -940,9 +944,10 @@ def _squared_norms(forms: Complexes) -> Floats:
 def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoots:
     """Return the roots of the eliminants of n systems of two or three equations.
 
-    The eliminant is sampled at equally spaced values of the first angle. A Fourier
-    transform gives its coefficients, and the eigenvalues of their companion matrix are the
-    roots.
+    The eliminant is the polynomial in the first angle x that remains when the other angles
+    are eliminated. It is sampled at equally spaced values of x. A Fourier transform gives
+    its coefficients. The eigenvalues of the companion matrix are the roots, values of
+    e^(ix).
 
     Parameters
     ----------
@@ -958,8 +963,8 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     samples = _sample_eliminants(equations, incidence, sample_angles)
     coefficients = _fourier_coefficients(samples.values, degree)
 
-    # The coefficients belong to powers of e^(i (x - FIRST_SAMPLE_RAD)), because the samples
-    # begin at this angle. The factor turns the roots into values of e^(ix).
+    # The samples begin at FIRST_SAMPLE_RAD, so the coefficients belong to powers of e^(i (x
+    # - FIRST_SAMPLE_RAD)). The factor turns the roots into values of e^(ix).
     highest_first = coefficients.by_order[:, ::-1]
     roots = _polynomial_roots(highest_first) * np.exp(1j * FIRST_SAMPLE_RAD)
     problems = _find_problems(equations, samples)
@@ -972,8 +977,8 @@ def _fourier_coefficients(samples: Complexes, degree: int) -> FourierCoefficient
     Parameters
     ----------
     samples
-        (n, count) values at equal steps of 2 pi / count, beginning at the angle 0. There
-        are more than 2 * degree + 1.
+        (n, count) values at equal steps of 2 pi / count from the angle 0. The count is
+        larger than 2 * degree + 1, so some coefficients show the rounding errors.
     degree
         Degree of the polynomials.
     """
@@ -984,7 +989,7 @@ def _fourier_coefficients(samples: Complexes, degree: int) -> FourierCoefficient
     not_negative = spectrum[:, : degree + 1]
     beyond_degree = spectrum[:, degree + 1 : count - degree]
     negative = spectrum[:, count - degree :]
-    # Those beyond the degree would be zero without rounding errors.
+    # Coefficients beyond the degree would be zero without rounding errors.
     largest_error = np.max(np.abs(beyond_degree), axis=1)
     return FourierCoefficients(
         by_order=np.concatenate([negative, not_negative], axis=1),
@@ -993,7 +998,7 @@ def _fourier_coefficients(samples: Complexes, degree: int) -> FourierCoefficient
 
 
 def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
-    """Return for each system why its eliminant does not give the solutions, or "".
+    """Return for each system why its solutions cannot be found by elimination, or "".
 
     The eliminant is the polynomial in the first angle that remains when the other angles
     are eliminated. There are two reasons:
@@ -1054,10 +1059,10 @@ def _polynomial_roots(coefficients: Complexes) -> Complexes:
 
 
 def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
-    """Return starts of Newton's method at values of the first angle.
+    """Return starts of Newton's method for all angles, at values of the first angle.
 
-    The other angles follow from the equations, which have several zeros. The starts are all
-    combinations of these.
+    With the first angle inserted, the equations have several zeros in the other angles. All
+    combinations of zeros are starts.
 
     Parameters
     ----------
@@ -1089,7 +1094,8 @@ def _start_angles_of_two(equations: Numbers, first_angles: Complexes) -> Complex
     Parameters
     ----------
     equations
-        (n, 2, 3, 3) coefficients.
+        (n, 2, 3, 3) coefficients of n systems. Each axis of length 3 belongs to an angle:
+        indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     first_angles
         (n, r) first angles (rad) of solutions.
 
@@ -1115,14 +1121,13 @@ def _start_angles_of_three(equations: Numbers, first_angles: Complexes) -> Compl
     Parameters
     ----------
     equations
-        (n, 3, 3, 3, 3) coefficients.
+        (n, 3, 3, 3, 3) coefficients of n systems. Each of the last three axes belongs to an
+        angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     first_angles
         (n, r) first angles (rad) of solutions.
 
-    Returns
-    -------
-    (n, r, 4, 3) angles (rad). Axis 2 belongs to the pairs of a second and a last angle,
-    axis 3 to the three angles.
+    (n, r, 4, 3) angles (rad). Axis 2 belongs to the four combinations of a second and a
+    last angle, axis 3 to the three angles.
     """
     zeros = _solve_second_angle(equations, first_angles)
     second_angles = _angles_from_factors(zeros.factors)  # (n, r, 2)
@@ -1137,10 +1142,10 @@ def _start_angles_of_three(equations: Numbers, first_angles: Complexes) -> Compl
 
 
 def _last_angles(forms: Complexes) -> Complexes:
-    """Return values of the last angle, of which one satisfies both forms at a solution.
+    """Return two values of the last angle, from two equations that contain only it.
 
     A form (c0, c1, c2) is an equation c0 + c1 cos + c2 sin = 0 in one angle, with two
-    zeros.
+    zeros. At a solution of the system, both forms have one zero in common.
 
     Parameters
     ----------
@@ -1162,7 +1167,10 @@ def _last_angles(forms: Complexes) -> Complexes:
 def _best_starts(
     equations: Numbers, starts: Complexes, root_count: int, starts_per_root: int
 ) -> Complexes:
-    """Return the starts of each root that have the smallest residuals.
+    """Select the starts of Newton's method with the smallest residuals, for each root.
+
+    Each root of the eliminant (polynomial in the first angle) has several starts, because
+    the other angles have several possible values.
 
     Parameters
     ----------
@@ -1189,7 +1197,7 @@ def _best_starts(
 
 
 def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
-    """Return the angles to which Newton's method leads.
+    """Solve trigonometric equations by Newton's method from several starts.
 
     Parameters
     ----------
@@ -1210,16 +1218,15 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
         change = np.zeros_like(angles)
         right_side = -values[is_regular][..., None]
         change[is_regular] = np.linalg.solve(jacobians[is_regular], right_side)[..., 0]
-        # Steps with a larger change of an angle than MAX_STEP_RAD are shortened. The small
-        # number avoids a division by 0.
+        # Long steps are shortened, so that no angle changes by more than MAX_STEP_RAD. The
+        # small number avoids a division by 0.
         length = np.max(np.abs(change), axis=2, initial=0.0, keepdims=True)
         shortening = np.minimum(1.0, MAX_STEP_RAD / np.maximum(length, 1e-300))
         angles = angles + change * shortening
-        # A step that was shortened is longer than the tolerance in any case.
+        # `length` is from before the shortening, so a shortened step never ends the loop.
         largest_change = np.nanmax(length, initial=0.0)
-    # A solution may be multiple if the Jacobian is almost singular there: if its
-    # determinant is small compared with its largest possible value, the product of the
-    # lengths of the columns (Hadamard's bound).
+    # Near a multiple solution the Jacobian is almost singular: its determinant is small
+    # compared with the product of the lengths of its columns (Hadamard's bound).
     bound = np.prod(np.linalg.norm(jacobians, axis=2), axis=2)
     is_flat = determinants < FLAT_JACOBIAN_RATIO * bound
     return NewtonResult(angles, _relative_residual(equations, angles), is_flat)
@@ -1229,10 +1236,9 @@ def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
     """Return the largest residual of each solution, relative to the size of its terms.
 
     A term of an equation is a coefficient times one factor (1, cosine or sine) of each
-    angle. Angles with large imaginary parts have large cosines and sines, so the rounding
-    errors of their residuals are larger. The residual is therefore divided by the product
-    over all angles of the norm of (1, cosine, sine), which is the norm of all products of
-    factors.
+    angle. Complex angles can have large cosines and sines, which cause larger rounding
+    errors. The residual is therefore divided by the product, over all angles, of the norm
+    of (1, cosine, sine).
 
     Parameters
     ----------
@@ -1260,7 +1266,7 @@ def _are_distinct(angles: Complexes) -> Bools:
 
 
 def jacobian_determinants(equations: Numbers, angles: Complexes) -> Complexes:
-    """Return the determinants of the derivatives of n systems by their angles.
+    """Return the determinants of the derivatives of n systems of equations by their angles.
 
     A determinant is zero where two solutions coincide.
 
@@ -1281,7 +1287,7 @@ def jacobian_determinants(equations: Numbers, angles: Complexes) -> Complexes:
 
 
 def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
-    """Return the values of n systems and their derivatives by the angles.
+    """Return the values of n systems of equations and their derivatives by the angles.
 
     An equation is a sum of coefficients, each multiplied by one factor (1, cosine or sine)
     of every angle. Its derivative by an angle is the same sum with 0, -sine and cosine in
@@ -1305,7 +1311,7 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
     factors = angle_factors(angles)  # (n, m, t, 3)
     cosines = factors[..., 1]
     sines = factors[..., 2]
-    # The product keeps NaN of unknown angles.
+    # A plain zero would hide NaN of unknown angles.
     zeros = 0.0 * angles
     factor_rates = np.stack([zeros, -sines, cosines], axis=-1)  # (n, m, t, 3)
 
@@ -1330,7 +1336,8 @@ def _insert_factors(equations: Numbers, factors: Numbers) -> Complexes:
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
         belongs to an angle.
     factors
-        (n, m, t, 3) factors of the t angles of m solutions of each system.
+        (n, m, t, 3) factors (1, cosine and sine, or their derivatives) of the t angles of m
+        solutions of each system.
 
     Returns
     -------

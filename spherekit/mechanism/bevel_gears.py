@@ -45,7 +45,7 @@ class GearCarrier(NamedTuple):
     link
         Name of the carrier.
     shafts
-        For each gear the R pair that joins it to the carrier.
+        For each gear the R pair (hinge) that joins it to the carrier.
     shaft_angle
         Angle (rad) between the two axes, 0 to pi.
     """
@@ -58,12 +58,12 @@ class GearCarrier(NamedTuple):
 def pitch_angles(
     teeth: tuple[int, int], shaft_angle: float, contact: Literal["external", "internal"]
 ) -> Ends:
-    """Return the half angles (rad) of the pitch cones of two bevel gears.
+    """Return the half angles (rad) of the pitch cones of two bevel gears by their teeth.
 
     Parameters
     ----------
     teeth
-        Numbers of teeth. In an internal contact the ring comes second.
+        Numbers of teeth. In an internal contact the second gear is the ring.
     shaft_angle
         Angle between the axes (rad), 0 to pi.
     contact
@@ -104,8 +104,8 @@ def check_half_angles(
     ----------
     half_angles
         Half angles of both cones (rad), between 0 and pi, or of the first cone alone. If
-        both are given and miss contact by more than rounding, but by at most
-        `PROFILE_GAP_RAD`, the second is replaced by the half angle that fits.
+        both are stated and miss contact by at most `PROFILE_GAP_RAD`, the second is
+        replaced by the half angle that fits.
     shaft_angle
         Angle between the axes (rad), 0 to pi.
     contact
@@ -151,7 +151,7 @@ def check_half_angles(
             f"differs by {_degrees_text(gap)} deg. If you leave the second half angle out, "
             "it is computed"
         )
-    # A given half angle that misses by rounding only keeps all its digits.
+    # A half angle that differs by rounding only is returned unchanged.
     return first, second if gap <= HALF_ANGLE_ROUNDING_RAD else fitting_second
 
 

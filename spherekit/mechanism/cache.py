@@ -12,22 +12,22 @@ Result = TypeVar("Result")
 class MechanismCache:
     """Stored results, found by the content of a mechanism and a request.
 
-    The content is a text of everything but source, description and user data. Mechanisms
-    of equal content share their results.
+    The content is a text with everything but source, description and user data. Mechanisms
+    with equal content share their results.
 
     Parameters
     ----------
     max_results
-        Number of results that are kept. If it is exceeded, the result that was not used for
-        the longest time is removed. None keeps all.
+        Largest number of stored results. Beyond it, the result that was not used for the
+        longest time is removed. None means no limit.
     """
 
     def __init__(self, max_results: int | None = None) -> None:
         """Begin without results."""
         self._max_results = max_results
-        # A dict keeps the order of insertion: the least recently used result comes first.
+        # A dict has the order of insertion, so the least recently used result comes first.
         self._results: dict[tuple[str, str], Any] = {}
-        # Locked also during a computation, so that two threads do not compute a result
+        # Locked also during a computation, so that two threads do not compute one result
         # twice.
         self._lock = RLock()
 
@@ -39,7 +39,7 @@ class MechanismCache:
         Parameters
         ----------
         mechanism
-            Mechanism whose content is part of the key.
+            The mechanism. Its content is part of the key.
         request
             Text that states everything else on which the result depends.
         compute

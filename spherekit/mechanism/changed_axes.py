@@ -38,8 +38,8 @@ def rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     rotation
         (3, 3) rotation from the old to the new link axes.
     pair
-        The contact. It has no influence here. `redescribe` can be given another function
-        with these three parameters, and such a function may need the pair.
+        The contact (unused). `redescribe` calls such a function, and other functions in its
+        place need the contact.
     """
     del pair
     centre = None if profile.centre is None else rotate_vector(rotation, profile.centre)
@@ -98,21 +98,20 @@ def redescribe(
     def redescribe_part(part: Any) -> Any:
         """Return a pair, output, mass or load with new names of links and in new axes.
 
-        The new names, and the rotations from old to new axes, are the arguments of
-        `redescribe`. Vectors, tensors, profiles and expressions are rotated.
+        `redescribe` has the new names and the rotations from old to new axes. Vectors,
+        tensors, profiles (contact curves) and expressions are rotated.
         """
-        # Vectors of numbers, such as a centre of mass, are in the axes of the link to which
-        # the part belongs. Those of a part without a link, such as the acceleration of
-        # gravity, are in ground axes. A rotation is None if the axes stay as they are.
+        # Vectors, such as a centre of mass, are in the axes of the link of the part. If the
+        # part has no link, they are in ground axes, such as gravity. A rotation of None
+        # leaves the axes as they are.
         link = getattr(part, "link", None)
         rotation = ground_rotation if link is None else rotations.get(link)
         # A force or moment has three expressions as components. Its field `axes` says
         # whether they are along link axes or ground axes.
         is_in_link_axes = getattr(part, "axes", "ground") == "link"
         component_rotation = rotation if is_in_link_axes else ground_rotation
-        # Each field of a part has a kind. A "text" is one expression, a scalar. "texts" are
-        # the three expressions of a force or moment, a vector that rotates with the axes.
-        # Expressions contain names such as "theta_41".
+        # Each field of a part has a kind. A "text" is one scalar expression with names such
+        # as "theta_41". "texts" are three expressions, the components of a force or moment.
         changes: dict[str, Any] = {}
         for name, kind in field_kinds(part).items():
             match kind, getattr(part, name):
@@ -121,11 +120,9 @@ def redescribe(
                 case "links", links:
                     changes[name] = tuple(link_names.get(link, link) for link in links)
                 case "profiles", (_, _) as profiles:
-                    # A contact has a profile on each of its two links, in the axes of that
-                    # link. `rotate_pair_profile` is an argument of `redescribe`: a function
-                    # of the profile, the rotation and the contact. It may refuse a rolling
-                    # contact, because a circle in rotated axes counts its arc length from
-                    # another point.
+                    # A contact has a profile on each of its two links, in the axes of the
+                    # link. `rotate_pair_profile` may refuse a rolling contact, because a
+                    # circle in rotated axes counts its arc length from another point.
                     changes[name] = tuple(
                         rotate_pair_profile(profile, rotations[link], part)
                         if link in rotations
@@ -159,7 +156,7 @@ def rotate_vector(rotation: Floats, vector: ArrayLike) -> Vector:
 
 
 def _rotate_components(rotation: Floats, texts: Names) -> Names:
-    """Return the expressions of the components of a vector in rotated axes.
+    """Return the components of a vector in rotated axes, as texts of expressions.
 
     Parameters
     ----------
@@ -168,8 +165,8 @@ def _rotate_components(rotation: Floats, texts: Names) -> Names:
     texts
         Expressions of the three components in the old axes.
     """
-    # Each new component is the sum of the old ones times the factors in a row of the
-    # matrix. Terms with the factor zero are left out.
+    # Each new component is a sum of the old ones, with factors from a row of the matrix.
+    # Terms with the factor zero are left out.
     new_texts = []
     for row in rotation.tolist():
         terms = [

@@ -24,19 +24,19 @@ LinkName = TypeVar("LinkName", bound=Hashable)
 
 
 class CoaxialLink(NamedTuple, Generic[PairName]):
-    """A link relative to which a wheel rotates about a fixed line.
+    """A link relative to which a wheel rotates about a fixed line, the axis of the wheel.
 
     Attributes
     ----------
     line
         (3,) unit vector of the line in the axes of this link.
     angle_signs
-        1.0 or -1.0 for each R pair between the wheel and the link. The angle by which the
-        wheel rotates about `line` relative to this link is the sum of the pair variables
-        times these signs.
+        1.0 or -1.0 for each R pair (hinge) between the wheel and the link. The angle of the
+        wheel about `line` relative to this link is the sum of the pair variables times
+        these signs.
     path
-        The R pairs from the wheel to the link. With each is the position (0 or 1) of the
-        link nearer to the wheel among the two links of the pair.
+        The R pairs from the wheel to the link, in order. Each has a position, 0 or 1: which
+        of its two links is nearer to the wheel.
     """
 
     line: Floats
@@ -52,9 +52,9 @@ def find_coaxial_links(
 ) -> dict[LinkName, CoaxialLink[PairName]]:
     """Find all links that coaxial R pairs join to a wheel, breadth first.
 
-    Relative to each of these links the wheel rotates about one line, which is fixed in the
-    wheel and in the link. The angle of this rotation is the sum of the variables of the
-    pairs between them, each with a sign.
+    Relative to each of these links the wheel rotates about one line, fixed in wheel and
+    link. The R pairs (hinges) between them have this line as axis. The angle is the sum of
+    their variables, each with a sign. Such links can carry the wheel in a gear train.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def find_coaxial_links(
     wheel
         The link from which the search starts. It is in the result, with an empty path.
     wheel_line
-        (3,) unit vector along this line, in the axes of the wheel.
+        (3,) unit vector along the axis of the wheel, in the axes of the wheel.
 
     Returns
     -------
@@ -90,9 +90,9 @@ def find_coaxial_links(
                 continue
             # 1 if the axis of the pair points along the line, -1 if it points against it.
             direction_sign = float(np.sign(axes[near_side] @ coaxial_link.line))
-            # The pair variable is the rotation of the second link relative to the first. If
-            # the wheel is on the side of the second link, this is the rotation of the wheel
-            # relative to the new link. Otherwise it is the opposite rotation.
+            # The pair variable is the rotation of the second link relative to the first. It
+            # counts for the wheel if the wheel is on the side of the second link. Otherwise
+            # it has the opposite sign.
             wheel_is_second = near_side == 1
             sign = direction_sign if wheel_is_second else -direction_sign
             reached[next_link] = CoaxialLink(

@@ -29,7 +29,7 @@ def check_table_rows(
     Parameters
     ----------
     key
-        Beginning of the keys in messages, such as "loads.push.".
+        Beginning of the key in messages, such as "loads.push.".
     name
         Key of the values.
     times, values
@@ -43,7 +43,7 @@ def check_table_rows(
     Raises
     ------
     ModelError
-        If the table is not such a table.
+        If times do not increase, or there are too few rows or not one value for each time.
     """
     row_count = len(times)
     if row_count != len(values):
@@ -81,7 +81,7 @@ class Profile:
     Attributes
     ----------
     kind
-        Kind of the curve, which determines which other fields are used.
+        Kind of the curve, such as a circle. It determines which other fields are used.
     centre
         Unit vector (3,) in link axes: the centre of a circle, the pole of a great circle,
         or the axis from which the colatitude of a Fourier profile is measured.
@@ -112,7 +112,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Pair:
-    """A kinematic pair. Its variables move the second link relative to the first.
+    """A kinematic pair (joint). Its variables move the second link relative to the first.
 
     A sliding contact has two variables, the other types of pairs have one.
 
@@ -130,8 +130,8 @@ class Pair:
         External: the two bodies are on opposite sides of the common tangent. Internal: they
         are on the same side, and the first is inside the second.
     start
-        Arc lengths (rad) along both profiles at which the variable of a rolling contact is
-        zero.
+        Arc lengths (rad) along both profiles of the points that touch when the variable of
+        a rolling contact is zero.
     one_sided
         Whether the contact can press but not pull. A simulation ends when it lifts off.
     distance
@@ -166,8 +166,8 @@ class Pair:
     def rolls(self) -> bool:
         """Whether the pair is a rolling contact.
 
-        The constraints of a rolling contact may depend on those of other pairs. A count of
-        all constraints then gives a mobility that is too small.
+        The constraints of a rolling contact may depend on those of other pairs. A mobility
+        computed from the number of constraints is then too small.
         """
         return not self.kind.has_axis and self.kind.variable_count == 1
 
@@ -179,9 +179,9 @@ class LinkSizes:
     Attributes
     ----------
     axes
-        Names of the axes. An axis has the name of its pair. The first is the z axis of the
-        link. The second is in the half-plane x = 0, y > 0 (the frame of Di Gregorio 2024,
-        Fig. 3).
+        Names of the axes. An axis has the name of its pair (joint). The first is the z axis
+        of the link. The second is in the half-plane x = 0, y > 0 (the frame of Di Gregorio
+        2024, Fig. 3).
     arcs
         `arcs[k]` is the arc of the great circle from the first axis to `axes[k + 1]`.
     angles
@@ -189,8 +189,8 @@ class LinkSizes:
         arcs: from the arc that ends at `axes[1]`, counter-clockwise, to the arc that ends
         at `axes[k + 2]`.
     unpaired
-        Axes that carry no pair. They remain because the frame of the link, or the zero of
-        a pair variable, is defined by the arc to such an axis.
+        Axes without a pair. They remain if the arc to such an axis defines the frame of the
+        link, or the zero of a pair variable.
     signed
         Whether arcs may be below 0 or above pi. A negative arc leads from the first axis
         in the opposite direction. An arc above pi continues beyond the point opposite to
@@ -213,10 +213,9 @@ def resize_link(
 ) -> LinkSizes:
     """Return a link with other arcs or angles.
 
-    A link has the axes A, B, C, ... on the sphere, each the axis of a pair. Its arcs are
-    AB, AC, AD, ... Its angles are those at A, from AB to AC, from AB to AD, ... An arc or
-    angle leads to its last axis (C in the case of AC), and is named by the pair of this
-    axis.
+    A link has the axes A, B, C, ... on the sphere, each the axis of a pair (joint). Its
+    arcs are AB, AC, AD, ... Its angles are at A: from AB to AC, from AB to AD, ... Each
+    size has the name of the pair at its last axis, such as C for the arc AC.
 
     Parameters
     ----------
@@ -227,7 +226,7 @@ def resize_link(
     kind
         "arcs" or "angles".
     new_sizes
-        All sizes of this kind, or some of them by the pair to which they lead.
+        All sizes of this kind in order, or some of them by name of the pair.
     unit
         Unit of the new sizes.
 
@@ -254,21 +253,20 @@ def resize_link(
 
 @dataclass(frozen=True)
 class SizeGeometry:
-    """Geometry given by the sizes of the links.
+    """Geometry of a mechanism by the sizes of its links.
 
     Sizes do not say how the links are assembled, unlike a reference pose (`PoseGeometry`).
-    The assembly modes, which are the ways to assemble them, have to be computed.
+    The assembly modes (ways to assemble the links) have to be computed.
 
     Attributes
     ----------
     links
         Sizes of each link, by name.
     zeros
-        Angle (rad) of each pair at which its variable is zero, by name. It is measured
-        about the axis of the pair, from the reference arc of the first link to the
-        reference arc of the second. The reference arc of a link leads from the axis of the
-        pair to the first other axis in `LinkSizes.axes`. For pairs that are missing this
-        angle is 0.
+        Angle (rad) of each pair (joint) at which its variable is zero, by name. It is
+        measured about the axis of the pair, from the reference arc of the first link to
+        that of the second. The reference arc of a link leads from the axis of the pair to
+        the first other axis in `LinkSizes.axes`. For missing pairs the angle is 0.
     """
 
     links: Mapping[str, LinkSizes]
@@ -277,9 +275,9 @@ class SizeGeometry:
 
 @dataclass(frozen=True)
 class PoseGeometry:
-    """Geometry given by the axes of all pairs in one reference pose.
+    """Geometry of a mechanism by the axes of all pairs (joints) in one reference pose.
 
-    The axes of all links coincide with the ground axes in this pose.
+    In this pose, the coordinate axes of all links coincide with those of the ground.
 
     Attributes
     ----------
@@ -296,11 +294,10 @@ class PoseGeometry:
 
 @dataclass(frozen=True)
 class Input:
-    """A driven pair and the range (rad) of its variable, from `start` to `stop`.
+    """A driven pair (joint) and the range (rad) of its variable, from `start` to `stop`.
 
-    If `stop` is below `start`, the variable falls. `is_default` is true if the mechanism
-    was constructed without inputs. The default input equals the same input stated
-    explicitly.
+    If `stop` is below `start`, the variable falls. `is_default` is true if the user stated
+    no inputs. Comparisons ignore it.
     """
 
     pair: str
@@ -330,7 +327,7 @@ class Output:
     link, relative_to
         Names of the link that moves and of the link relative to which it moves.
     direction
-        Pointing direction, a unit vector (3,) in the axes of `link`. None if the output is
+        Observed direction, a unit vector (3,) in the axes of `link`. None if the output is
         an orientation.
     """
 

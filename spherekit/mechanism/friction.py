@@ -95,8 +95,9 @@ class Bearings(BearingFriction):
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the forces on the bearings.
 
-        Their moment about the centre is the moment that the pair transmits, and their sum
-        is the force that it transmits. Without `forces`, the force is taken to be zero.
+        A pair (hinge) has one or two bearings along its axis. Together the bearing forces
+        have the moment and the force that the pair transmits. Without `forces`, the force
+        is taken to be zero. Bearing friction follows from these forces.
 
         Parameters
         ----------
@@ -105,11 +106,9 @@ class Bearings(BearingFriction):
         forces
             (..., 3) force through the centre (N) that it transmits, in pair axes.
 
-        Returns
-        -------
-        (..., bearings, 3) forces (N) in pair axes, whose z axis is the axis of the pair.
-        The z component is unknown (NaN) if forces are given, and the load does not state
-        which share of the axial force each bearing supports.
+        (..., bearings, 3) forces (N) in pair axes, with z along the axis of the pair. With
+        `forces`, the z component is NaN unless the load states which share of the axial
+        force each bearing supports.
         """
         # A force P at the distance h along z has the moment (-h P_y, h P_x, 0). The vector
         # (M_y, -M_x, 0) is therefore the sum of h P over all bearings.
@@ -120,9 +119,9 @@ class Bearings(BearingFriction):
             radial_force = 0.0 * force_times_distance
         else:
             radial_force = forces * [1.0, 1.0, 0.0]
-        # Two bearings support the force and the moment: the sum of P and the sum of h P are
-        # two equations for both forces. A single bearing supports the moment, and the
-        # centre of the sphere supports the rest of the force.
+        # With two bearings, the sum of P and the sum of h P are two equations for both
+        # forces. A single bearing supports the moment only, and the centre of the sphere
+        # supports the rest of the force.
         if others:
             (second,) = others
             span = second - first
@@ -132,8 +131,8 @@ class Bearings(BearingFriction):
             ]
         else:
             loads = [force_times_distance / first]
-        # Along the axis each bearing supports its share (0 to 1) of the force. A bearing
-        # with the share 0 has the component 0 even if the force is not finite.
+        # Along the axis each bearing supports its share (0 to 1). A share of 0 gives 0 even
+        # if the force is infinite or NaN.
         if forces is not None:
             shares = self.axial or (np.nan,) * len(loads)
             for load, share in zip(loads, shares, strict=True):
@@ -144,7 +143,7 @@ class Bearings(BearingFriction):
         """Check the fields of the load, which has all bearings of its pair.
 
         The axial shares state which part of the axial force each bearing supports. They add
-        up to 1, or are all 0 if the pair transmits no axial force.
+        up to 1. If the pair (hinge) transmits no axial force, all are 0.
 
         Parameters
         ----------
@@ -156,7 +155,7 @@ class Bearings(BearingFriction):
         Raises
         ------
         ModelError
-            If the positions give no lever arm, the axial shares have another sum, or
+            If the positions have no lever arm, the axial shares have another sum, or
             another load has bearings of the same pair.
         """
         super().check(key, mechanism)
@@ -245,15 +244,16 @@ class ContactFriction(BearingFriction):
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the push of the contact, as a vector (N m).
 
-        The pair axes are the tangent, the normal and the direction to the contact point. A
-        force along the normal at this point has a moment about the tangent: the push.
+        Friction of the contact follows from the push. The pair axes are the tangent, the
+        normal and the direction to the contact point. A force along the normal at this
+        point has a moment about the tangent, the push.
 
         Parameters
         ----------
         moments
             (..., 3) moment about the centre (N m) that the contact transmits, in pair axes.
         forces
-            It has no influence: the push follows from the moment alone.
+            Not used: the push follows from the moment alone.
 
         Returns
         -------
@@ -286,7 +286,9 @@ def sliding_rate_name(pair: str) -> str:
 
 
 def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
-    """Check that no friction of a mechanism follows from reactions.
+    """Refuse a mechanism with friction that depends on reactions (forces in pairs).
+
+    Callers cannot compute such friction, because they do not solve for reactions.
 
     Parameters
     ----------

@@ -29,15 +29,15 @@ def find_spanning_tree(
     start: Iterable[int] = (0,),
     pairs: Collection[int] | None = None,
 ) -> tuple[tuple[int, int, int], ...]:
-    """Return the spanning tree of bodies, breadth first from the start bodies.
+    """Return pairs (joints) that join all bodies without a loop, from start bodies on.
 
     Parameters
     ----------
     ends
         Numbers of the two bodies of every pair.
     start
-        Bodies from which the tree begins. If there are several, each is the root of a tree
-        of its own.
+        Numbers of the bodies from which the search starts, breadth first. Each of them is
+        the root of its own tree.
     pairs
         Numbers of the pairs that may be used. By default all.
 
@@ -60,7 +60,7 @@ def find_spanning_tree(
 
 
 def component_labels(count: int, couples: Iterable[tuple[int, int]]) -> list[int]:
-    """Return the connected component of each node of a graph.
+    """Return for each node of a graph the connected component that contains it.
 
     Parameters
     ----------
@@ -69,11 +69,10 @@ def component_labels(count: int, couples: Iterable[tuple[int, int]]) -> list[int
     couples
         The two nodes of every edge.
 
-    Returns
-    -------
-    (count,) the smallest node of the component, for each node.
+    (count,) label for each node: the smallest node of its component.
     """
-    # At first each node is a component. An edge joins two of them under the smaller label.
+    # At first each node is a component of its own. An edge joins two components under the
+    # smaller label.
     labels = list(range(count))
     for couple in couples:
         low, high = sorted(labels[node] for node in couple)
@@ -103,16 +102,16 @@ def layout_graph(mechanism: Mechanism) -> Floats:
     """
     import networkx as nx
 
-    # Nodes are numbers, links first. The layout depends on the order of sets of nodes, and
-    # sets of texts have another order in every process.
+    # Nodes are numbers, links first. Texts would give another drawing in every process,
+    # because the layout depends on the order of sets.
     graph: nx.Graph[Any] = nx.Graph()
     link_count = len(mechanism.links)
     node_count = link_count + len(mechanism.pairs)
     graph.add_nodes_from(range(node_count))
     for pair_number, ends in enumerate(mechanism.ends):
         graph.add_edges_from((link_count + pair_number, link) for link in ends)
-    # The spring model of Kamada and Kawai keeps the order of its start. From a planar start
-    # it gives a drawing with few crossings.
+    # The spring model of Kamada and Kawai preserves the order of its start. A planar start
+    # therefore leads to few crossings.
     is_planar, _ = nx.check_planarity(graph)
     start = nx.planar_layout(graph) if is_planar else nx.circular_layout(graph)
     position_of = nx.kamada_kawai_layout(graph, pos=start)
@@ -123,9 +122,9 @@ def layout_graph(mechanism: Mechanism) -> Floats:
 
 
 def _separate_nodes(positions: Floats) -> Floats:
-    """Return positions (n, 2) of nodes, pushed apart until none covers another."""
-    # Nodes at the same position have no direction in which to push them. A tiny offset that
-    # grows with the number of the node moves them upwards.
+    """Return positions (n, 2) of drawn nodes, pushed apart until none covers another."""
+    # Between nodes at the same position, the direction of the push is undefined. A tiny
+    # upward offset, different for each node, separates them.
     positions = positions + 1e-6 * np.arange(len(positions))[:, None] * [0.0, 1.0]
     for _ in range(MAX_NODE_SHIFTS):
         # For all pairs of nodes: differences (n, n, 2), and half of the lacking distance.
