@@ -111,11 +111,12 @@ class DesignProfiles:
         return evaluate_profile_columns(self.profiles, values)
 
     def interpolate_to(self, deviations: Floats) -> ProfileColumns:
-        """Return a function that gives the profiles between this design and others.
+        """Return a function for contact profiles between this design and deviating designs.
 
-        The other designs are the draws of a tolerance analysis: each has one set of
-        deviations from this design. From every nominal configuration, a path leads to each
-        draw. Newton's method tracks the configuration along it.
+        A profile is the curve along which a link touches another one. In a tolerance
+        analysis, each draw is one set of random deviations from this design. A
+        configuration of this design is followed to each draw along a path, by Newton's
+        method. This needs the profiles in between.
 
         Parameters
         ----------
@@ -124,8 +125,8 @@ class DesignProfiles:
 
         Returns
         -------
-        A function of pair variables, paths and path parameters that returns the columns,
-        see `ProfilesTowardsDraws.evaluate_columns`.
+        A function of pair variables, paths and path parameters. It returns the geometry of
+        the profiles at their contact points, see `ProfilesTowardsDraws.evaluate_columns`.
         """
         profiles_of_draws = [
             self._deviating_profiles(self.values + deviation) for deviation in deviations.T
@@ -143,8 +144,9 @@ class DesignProfiles:
     def differentiate_columns(self, values: Floats) -> Floats:
         """Return how the contact profiles change with each design variable.
 
-        A profile is described by columns at the point of contact: the tangent (3), the
-        point (3), the geodesic curvature and its derivative by the arc length.
+        A profile is the curve along which a link touches another one. Eight numbers
+        (columns) describe it at the point of contact: the tangent (3), the point (3), the
+        geodesic curvature and its derivative by the arc length.
 
         Parameters
         ----------
@@ -169,11 +171,10 @@ class DesignProfiles:
                 profile = self.profiles[index]
                 arc_lengths = values[:, profile.variable] + profile.start
                 derivatives[k, index] = curve_derivative(arc_lengths)
-            # 2. The arc length changes, because it is counted from a point that moves along
-            # the curve.
+            # 2. The arc length changes, because the point from which it is counted moves.
             for index, start_rate in self._start_rates(curve_derivatives).items():
                 derivatives[k, index] += start_rate * arc_length_derivatives[index]
-        # The axes of profiles and columns become one.
+        # Join the axes of profiles and of their columns.
         variable_count, profile_count, column_count, n = derivatives.shape
         return derivatives.reshape(variable_count, profile_count * column_count, n)
 
@@ -182,13 +183,14 @@ class DesignProfiles:
     ) -> dict[int, float]:
         """Return how the start arc lengths of rolling profiles change with a variable.
 
-        If the file gives a reference pose, the contact of rolling profiles starts where
-        they are nearest to each other in this pose.
+        A profile is the curve along which a link touches another one. If the file states a
+        reference pose, the contact starts where both profiles are nearest in this pose.
+        This point moves if a profile changes.
 
         Parameters
         ----------
         curve_derivatives
-            By index of each profile that changes with the design variable, its derivative.
+            The derivative of each profile that changes with the variable, by its index.
 
         Returns
         -------
@@ -202,8 +204,8 @@ class DesignProfiles:
             profile = self.profiles[index]
             next_profile = self.profiles[next_index]
             derivatives = curve_derivatives.get(index), curve_derivatives.get(next_index)
-            # The two profiles of a rolling contact share one variable and follow each
-            # other.
+            # The two profiles of a rolling contact are neighbours in the list and share a
+            # variable.
             is_rolling = profile.variable == next_profile.variable
             if is_rolling and any(derivatives):
                 start_rates = _nearest_point_rates((profile, next_profile), derivatives)
@@ -227,14 +229,23 @@ class DesignProfiles:
         ]
 
     def _differentiate_curves(self, k: int) -> dict[int, CurveDerivative]:
-        """Return the derivatives of all curves that change with design variable k.
+        """Return the derivatives of all contact profiles by a design variable.
 
-        By the chain rule, they follow from how the numbers that define a curve (such as its
-        radius) change with the variable.
+        A profile is a curve that is defined by numbers, such as its radius. Derivatives of
+        these numbers give the derivative of the curve by the chain rule.
+
+        Parameters
+        ----------
+        k
+            Index of the design variable.
+
+        Returns
+        -------
+        The derivative of each profile that changes, by the index of the profile.
         """
         profiles = list_profiles(self.mechanism)
         slopes = self._differentiate_numbers(k)
-        # One array has the numbers of all profiles. They are divided into those of each.
+        # Divide the derivatives of all numbers among the profiles.
         ends = np.cumsum([len(profile_numbers(item.profile)) for item in profiles])
         slopes_of_profiles = np.split(slopes, ends[:-1])
         return {
@@ -248,10 +259,11 @@ class DesignProfiles:
         }
 
     def _differentiate_numbers(self, k: int) -> Floats:
-        """Return the derivatives of the numbers of all profiles by design variable k.
+        """Return the derivatives of the numbers that define profiles, by design variable k.
 
-        They are difference quotients with `PROFILE_DIFFERENCE_STEPS`. The numbers of a
-        changed design are read from its file.
+        A profile is a contact curve, which numbers such as a radius define. The derivatives
+        are difference quotients with `PROFILE_DIFFERENCE_STEPS`. The numbers of a changed
+        design are read from the changed file.
 
         Raises
         ------
@@ -271,6 +283,8 @@ class DesignProfiles:
 
     def _all_profile_numbers(self, values: Floats) -> Floats:
         """Return the numbers that define all contact profiles of a design, in one array.
+
+        A profile is a contact curve. Examples of its numbers are a radius or coefficients.
 
         Parameters
         ----------
@@ -293,8 +307,8 @@ def make_contact_profiles(
 ) -> list[ContactProfile]:
     """Return the profiles (curves) of all contacts, two for each contact.
 
-    Equations of designs use the profiles in this order
-    (`PairRotations.sides_with_symbols`).
+    A profile is the curve along which a link touches another one. Equations of designs use
+    the profiles in this order (`PairRotations.sides_with_symbols`).
 
     Parameters
     ----------
@@ -342,11 +356,12 @@ class ProfilesTowardsDraws:
     def evaluate_columns(
         self, values: Floats, paths: Indices, parameters: Floats
     ) -> Floats:
-        """Return the columns of all profiles at m points of paths between designs.
+        """Return the geometry of contact profiles at points of paths between designs.
 
-        The profiles of the nominal design and of the draw are evaluated at the same pair
-        variables, and their columns are interpolated. No profiles of designs in between
-        have to be made.
+        A draw is a design with random deviations from the nominal design. A path leads from
+        the nominal design to a draw. The columns (tangent, point, curvature) of both
+        designs are computed at the same pair variables and interpolated. So no profiles of
+        designs in between are needed.
 
         Parameters
         ----------
@@ -364,6 +379,7 @@ class ProfilesTowardsDraws:
         is not needed for closing the loops, and is always NaN.
         """
         columns = self._columns_of_draws(values, paths % len(self.draws))
+        # At path parameter 1 the columns are those of the draw.
         inner_points = np.flatnonzero(parameters < 1.0)
         if len(inner_points):
             nominal_columns = evaluate_profile_columns(
@@ -375,7 +391,12 @@ class ProfilesTowardsDraws:
         return columns
 
     def _columns_of_draws(self, values: Floats, draws: Indices) -> Floats:
-        """Return the columns of the profiles of draws, at one or more points of each.
+        """Return the columns of the contact profiles of draws, at m points.
+
+        A draw is a design with random deviations from the nominal design. The nine columns
+        of a profile describe it at the point of contact: the tangent (3), the point (3) on
+        the unit sphere, the geodesic curvature, and its first two derivatives by the arc
+        length.
 
         Parameters
         ----------
@@ -386,12 +407,13 @@ class ProfilesTowardsDraws:
 
         Returns
         -------
-        (9 * profiles, m) columns, NaN for impossible designs.
+        (9 * profiles, m) columns, NaN for impossible designs. The last column of each
+        profile is always NaN.
         """
         columns = nans((COLUMN_COUNT * len(self.nominal), len(draws)))
         for draw, points in _points_by_draw(draws).items():
             profiles = self.draws[draw]
-            # It is None if the design is impossible.
+            # None: the design is impossible.
             if profiles is not None:
                 columns[:, points] = evaluate_profile_columns(
                     profiles, values[:, points].T, with_second_derivative=False
@@ -410,16 +432,16 @@ def _points_by_draw(draws: Indices) -> dict[int, Indices]:
 
 
 class DirectedProfile(NamedTuple):
-    """A contact profile, and the direction in which its arc length is counted.
+    """A contact profile (curve), and the direction in which its arc length is counted.
 
     Attributes
     ----------
     profile
         The curve as the file describes it.
     runs_backwards
-        Whether the arc length runs against the direction in which the file describes the
-        curve. Both arc lengths of a contact increase in the same direction along the common
-        tangent. The second curve of an external contact therefore runs backwards.
+        Whether the arc length runs against the order in which the file describes the curve.
+        At a contact, both arc lengths must increase in the same direction along the common
+        tangent. So the second curve of an external contact runs backwards.
     """
 
     profile: Profile
@@ -449,6 +471,8 @@ def differentiate_profile(
 ) -> CurveDerivative:
     """Return the derivative of a contact profile by a design variable.
 
+    A profile is the curve along which a link touches another one.
+
     Parameters
     ----------
     profile
@@ -457,8 +481,9 @@ def differentiate_profile(
         Whether the arc length runs against the direction in which the file describes the
         curve.
     slopes
-        Derivatives of the numbers that define the curve, by the variable: of all points
-        (3 each), or of the centre (3) and then of the radius or of the coefficients.
+        Derivatives, by the variable, of the numbers that define the curve. For a spline
+        these are all points (3 each). Otherwise they are the centre (3), and the radius or
+        the coefficients.
 
     Returns
     -------
@@ -472,13 +497,13 @@ def differentiate_profile(
             closed=profile.closed,
             backwards=runs_backwards,
         )
-    # In the other curves, the angle from the centre is a Fourier series of the azimuth.
-    # `differentiate_fourier` takes pairs of a number or array and its derivative.
+    # All other curves are Fourier series: the angle from the centre as a function of the
+    # azimuth. Each argument is a value and its derivative.
     centre = np.array(profile.centre), slopes[:3]
     is_circle = profile.round_axis is not None
     if is_circle:
-        # The series of a circle has one constant coefficient, the radius. A circle for
-        # which the file gives no radius is a great circle, and its radius cannot vary.
+        # A circle has one constant coefficient, its radius. Without a radius in the file
+        # the circle is a great circle, and its radius cannot vary.
         radius = 0.5 * np.pi
         radius_slope = 0.0
         if profile.radius is not None:
@@ -497,17 +522,16 @@ def differentiate_profile(
 
 
 def _differentiate_by_arc_length(columns: Floats) -> Floats:
-    """Return the derivatives of the columns of profiles by the arc length.
+    """Return the derivatives of the columns of contact profiles by the arc length.
 
     The nine columns of a profile are the tangent t (3), the point p (3), the geodesic
-    curvature k, and its first and second derivative. The second derivative is not
-    differentiated, so eight columns remain. On the unit sphere dt/ds = k (p x t) - p and
-    dp/ds = t.
+    curvature k, and its first two derivatives. On the unit sphere dt/ds = k (p x t) - p and
+    dp/ds = t. The last column cannot be differentiated, so eight columns remain.
 
     Parameters
     ----------
     columns
-        (9 * profiles, n) columns at n points of each profile.
+        (9 * profiles, n) columns at n points of contact.
 
     Returns
     -------
@@ -540,7 +564,8 @@ def _nearest_point_rates(
     Parameters
     ----------
     profiles
-        The two profiles. The arc length `start` of each is that of the contact.
+        The two profiles (curves) of a contact. The arc length `start` of each is that of
+        the contact.
     derivatives
         Derivatives of the profiles by the variable, None for a profile that does not
         change.
@@ -549,8 +574,8 @@ def _nearest_point_rates(
     -------
     (2,) derivatives ds1/dv and ds2/dv of the arc lengths (rad) by the variable.
     """
-    # The axes of both links coincide in the reference pose, so that the rotation vectors of
-    # both profiles have the same axes.
+    # In the reference pose the axes of both links coincide, so no rotation is needed
+    # between them.
     frames = [_contact_frame(profile) for profile in profiles]
     r1_s, r2_s = [frame.rotation_by_arc_length() for frame in frames]
     r1_v, r2_v = [
@@ -573,7 +598,7 @@ class ContactFrame:
     arc_length
         Arc length (rad) of the point.
     tangent, normal, point
-        (3,) the right-handed frame, in the axes of the link of the profile.
+        (3,) unit vectors of the right-handed frame, in the axes of the link of the profile.
     curvature
         Geodesic curvature of the profile at the point.
     """
@@ -593,7 +618,10 @@ class ContactFrame:
         return self.normal + self.curvature * self.point
 
     def rotation_by_variable(self, derivative: CurveDerivative) -> Floats:
-        """Return the rotation vector (3,) of the frame per unit of a design variable.
+        """Return how the frame of a contact profile rotates as a design variable changes.
+
+        The frame consists of tangent, normal and point of the curve on the unit sphere. The
+        result is its rotation vector (3,) per unit of the variable.
 
         Parameters
         ----------
@@ -632,17 +660,17 @@ def evaluate_profile_columns(
     values: Floats,
     with_second_derivative: bool = True,
 ) -> Floats:
-    """Return the columns of contact profiles at given configurations.
+    """Return the geometry (columns) of contact profiles at some configurations.
 
-    The nine columns of a profile are the tangent (3), the point (3), the geodesic
-    curvature, and its first and second derivative by the arc length, at the point of
-    contact.
+    A profile is the curve along which a link touches another one. The nine columns of a
+    profile describe it at the point of contact: the tangent (3), the point (3) on the unit
+    sphere, the geodesic curvature, and its first two derivatives by the arc length.
 
     Parameters
     ----------
     profiles
-        The profiles of all contacts. Each has the number of the pair variable that is its
-        arc length, and the arc length (rad) at which this variable is zero.
+        The profiles of all contacts. The arc length of the contact point is a pair variable
+        plus `start`.
     values
         (n, variables) pair variables (rad).
     with_second_derivative
@@ -659,7 +687,7 @@ def evaluate_profile_columns(
         arc_lengths = values[finite_rows, profile.variable] + profile.start
         curve_points = profile.curve.evaluate(arc_lengths)
         profile_columns = nans((COLUMN_COUNT, len(finite_rows)))
-        # The columns of a frame are tangent, normal and point.
+        # The columns of the matrix `frame` are tangent, normal and point.
         profile_columns[:3] = curve_points.frame[:, :, 0].T
         profile_columns[3:6] = curve_points.frame[:, :, 2].T
         profile_columns[6] = curve_points.curvature
@@ -672,11 +700,12 @@ def evaluate_profile_columns(
 
 
 def _interpolate_columns(start: Floats, end: Floats, fractions: Floats) -> Floats:
-    """Interpolate the columns of profiles between two designs.
+    """Interpolate the geometry (columns) of contact profiles between two designs.
 
-    The nine columns of a profile are the tangent (3), the point (3), the curvature and its
-    first two derivatives. All are interpolated linearly. Point and tangent are then made
-    orthonormal again.
+    The nine columns of a profile describe it at the point of contact: the tangent (3), the
+    point (3) on the unit sphere, the geodesic curvature, and its first two derivatives by
+    the arc length. All are interpolated linearly. Afterwards point and tangent are
+    corrected to orthogonal unit vectors.
 
     Parameters
     ----------
@@ -691,7 +720,7 @@ def _interpolate_columns(start: Floats, end: Floats, fractions: Floats) -> Float
     """
     columns = start + fractions * (end - start)
     for k in range(0, len(columns), COLUMN_COUNT):
-        # Views (3, n), which are changed in place.
+        # These are views (3, n), so the following lines change `columns`.
         tangent = columns[k : k + 3]
         point = columns[k + 3 : k + 6]
         point /= np.linalg.norm(point, axis=0)

@@ -182,15 +182,17 @@ class Sensitivity:
         return tuple(link for link in coaxial_links(geometry) if link not in named_links)
 
     def _make_variable(self, key: str) -> DesignVariable:
-        """Return the design variable of a key: a number of the file with its location.
+        """Return the number of the mechanism file that a key names, as a design variable.
+
+        Quantities are differentiated by such numbers.
 
         Raises
         ------
         DesignError
             If there are no derivatives by this number.
         """
-        # A file with a reference pose has no arcs and angles of links. They are computed
-        # from its axes, so `design_variable` below would not find them in the file.
+        # A file with a reference pose has no arcs and angles of links. They were computed
+        # from the axes, so look for them first.
         if key in self._link_sizes:
             return self._link_sizes[key]
         variable = design_variable(self.document, key)
@@ -198,12 +200,10 @@ class Sensitivity:
         is_mass_or_load = variable.path[0] in ACTIONS
         if is_mass_or_load:
             return variable
-        # Which numbers of contacts have derivatives depends on the profiles:
-        # - If all profiles are circles, links that move in the same way may replace them
-        #   (the equivalent linkage). Their sizes are functions of all numbers of a pair, so
-        #   all these numbers have derivatives.
-        # - If some profile is no circle, there is no such linkage. The closure equations
-        #   contain the profile curves, and only the numbers of profiles have derivatives.
+        # Numbers of contacts have derivatives in two cases. If some profile (contact curve)
+        # is not a circle, the numbers of profiles have derivatives, since the equations
+        # contain these curves. If all are circles, an equivalent linkage may replace the
+        # contacts. Then all numbers of these pairs have derivatives.
         if has_shaped_profiles(self.mechanism):
             has_derivatives = "profiles" in variable.path
         else:
@@ -323,11 +323,10 @@ class Sensitivity:
         )
 
     def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
-        """Return how much each number of the file deviates, in rad and SI units.
+        """Return how much each number of the mechanism file deviates, in rad and SI units.
 
-        The numbers are those of `keys`, by which quantities are differentiated: sizes of
-        links, pairs and profiles, and numbers of masses and loads. Deviations are the
-        standard deviations or limits of random errors of these numbers (`SizeDeviations`).
+        A tolerance analysis needs these deviations. They are standard deviations or limits
+        of random errors of the numbers in `keys`: sizes, masses and loads.
 
         Parameters
         ----------
@@ -375,11 +374,11 @@ class Sensitivity:
 
     @cached_property
     def links(self) -> frozenset[int]:
-        """Numbers of the links that are needed for the quantities and the named numbers.
+        """Numbers of the links that are needed for the requested derivatives.
 
-        A named number is a number of the mechanism file with respect to which the user asks
-        for derivatives: a size, or a number of a mass or load. A run leaves out links on
-        which none of the needed links depends, which saves time.
+        The user asks for derivatives of quantities by named numbers of the mechanism file:
+        sizes, or numbers of masses and loads. A run leaves out other links, which saves
+        time.
         """
         link_names: set[str] = set()
         for quantity in self.quantities:
@@ -419,10 +418,11 @@ class Sensitivity:
         return links_of_quantity
 
     def _list_links_of_number(self, path: KeyPath) -> list[str]:
-        """Return the names of the links whose sizes or pairs a number of the file changes.
+        """Return the names of the links that a number of the mechanism file affects.
 
-        They are both links of each pair that has this number itself, or that joins the link
-        with this number. The result may be empty and may have a name several times.
+        If the number belongs to a pair (joint), these are its two links. If the number
+        belongs to a link, these are the links of all its pairs. A name may occur several
+        times.
 
         Parameters
         ----------
@@ -430,6 +430,7 @@ class Sensitivity:
             Place of the number in the file, such as ("links", "2", "arc") or
             ("pairs", "41", "zero").
         """
+        # The second part of the path names a pair or a link.
         pair_or_link = path[1]
         links: list[str] = []
         for pair in self.mechanism.pairs:
@@ -485,11 +486,10 @@ class Sensitivity:
         return values if linkage is None else linkage.values(values)
 
     def at(self, samples: Floats, values: Floats) -> tuple[Floats, Floats]:
-        """Return quantities and their derivatives by the sizes at n configurations.
+        """Return quantities at n configurations, and their derivatives by the sizes.
 
-        The derivatives are for constant inputs, with the same rates and accelerations. The
-        loops stay closed: if a size changes, the variables of the other pairs change such
-        that the closure equations are still satisfied.
+        Inputs, rates and accelerations stay constant. If a size changes, the other pairs
+        move so that all loops of links stay closed.
 
         Parameters
         ----------
@@ -497,8 +497,8 @@ class Sensitivity:
             (n, 3 inputs + 1) the inputs (rad), their rates (rad/s) and accelerations
             (rad/s2), and the time (s).
         values
-            (n, variables) pair variables (rad) with which all loops close. The angle of a
-            pair on which a load depends, such as that of a wound spring, includes its whole
+            (n, variables) pair (joint) variables in rad with which all loops close. Angles
+            on which loads depend, such as that of a wound spring, include whole
             revolutions.
 
         Returns
@@ -513,7 +513,7 @@ class Sensitivity:
             self._gradient_kernel,
             samples.T,
             position_arguments=self._kernel_variables(values).T,
-            # Contact profiles that are not circles are functions of these variables.
+            # Needed for contact profiles (curves) that are not circles.
             pair_values=values,
         )
         return column_gradients.columns, column_gradients.gradients
@@ -528,11 +528,11 @@ class Sensitivity:
             check_torque_tables_cover(self.mechanism, times)
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
-        """Return the quantities of mechanisms whose sizes deviate, for tolerance analyses.
+        """Return quantities of mechanisms with deviating sizes, for a tolerance analysis.
 
-        A draw is one set of deviating sizes. Its configurations are tracked from those of
-        the nominal mechanism by Newton's method. The samples are handled in blocks, each
-        with all draws, to limit memory.
+        A draw is one set of deviating sizes. Its configurations are followed from those of
+        the nominal mechanism by Newton's method. To limit memory, the samples are computed
+        in blocks, each with all draws.
 
         Parameters
         ----------
@@ -546,14 +546,13 @@ class Sensitivity:
 
         Returns
         -------
-        (quantities, n, draws) quantities in rad and SI units; NaN where a mechanism does
-        not close.
+        (quantities, n, draws) quantities in rad and SI units. NaN where a mechanism cannot
+        be assembled.
         """
         draw_count = deviations.shape[1]
         design = self._nominal_design
-        # The sizes that the closure equations contain, from the deviating numbers of the
-        # file. If links between the centres of circles replace contacts in the equations,
-        # these are the sizes of the links. An impossible draw has NaN.
+        # (sizes, draws) the sizes in the closure equations, which follow from the numbers
+        # of the file. An impossible draw has NaN.
         sizes, _ = self._varied_mechanism.kernel_sizes(design.values[:, None] + deviations)
         # Contact profiles of the draws, if they are not circles.
         profiles = None
@@ -563,9 +562,8 @@ class Sensitivity:
         parts = []
         progress = ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
         for start in range(0, len(samples), block_size):
-            # `report_if_due` calls the function before it returns, and only for a report.
-            # The loop variable therefore still has its present value, and the warning B023
-            # of the linter does not apply.
+            # `report_if_due` calls the lambda at once, so `start` still has its present
+            # value.
             progress.report_if_due(
                 lambda: f"configuration {start + 1} of {len(samples)}",  # noqa: B023
                 done=start,

@@ -51,7 +51,10 @@ class SizeDeviations:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise `DesignError` if a value is not possible; see the class."""
+        """Raise `DesignError` if the distribution, a deviation or the number is impossible.
+
+        The object describes random deviations of sizes for a tolerance analysis.
+        """
         if self.distribution not in DISTRIBUTIONS:
             raise DesignError(
                 f'distribution "{self.distribution}" is not known; it is normal or uniform'
@@ -84,10 +87,12 @@ class SizeDeviations:
     def draws(self, sizes: int) -> Floats:
         """Return random deviations of the sizes, spread evenly by a Sobol sequence.
 
+        A draw is one set of deviations of all sizes, for a tolerance analysis.
+
         Parameters
         ----------
         sizes
-            Number of sizes.
+            Number of sizes that deviate.
 
         Returns
         -------
@@ -97,11 +102,11 @@ class SizeDeviations:
         from scipy.special import ndtri
         from scipy.stats import qmc
 
-        # (sizes, count) points of the unit cube. Sobol sequences are balanced if their
-        # length is a power of 2. A sequence of the next power is computed and cut.
+        # (sizes, count) points of the unit cube. A Sobol sequence is most even if its
+        # length is a power of 2. So a sequence of the next power is computed and cut.
         power = (self.count - 1).bit_length()
         unit_points = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
-        # (1, 1) for all sizes together, or (sizes, 1).
+        # (1, 1) if all sizes have the same deviation, otherwise (sizes, 1).
         deviation_scales = np.reshape(self.size, (-1, 1))
         if self.distribution == "uniform":
             return deviation_scales * (2.0 * unit_points - 1.0)

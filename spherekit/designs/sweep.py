@@ -147,9 +147,10 @@ class Sweep:
     mode_labels: Names = ()
 
     def __post_init__(self) -> None:
-        """Check the definition of the sweep.
+        """Check the definition of the sweep, which evaluates many designs of a mechanism.
 
-        There must be something to compute, and all columns need different names.
+        A design is one choice of some numbers, and a figure of merit is a number that rates
+        it. There must be something to compute, and all columns need different names.
 
         Raises
         ------
@@ -208,15 +209,15 @@ class Sweep:
 
     @cached_property
     def evaluator(self) -> DesignEvaluator | DesignRuns:
-        """The object that computes the figures of merit.
+        """The object that computes the figures of merit (numbers that rate a design).
 
         There are two kinds of figures:
 
-        - Some follow from quantities at samples, such as an angle. A `DesignEvaluator`
-          computes them for many designs at once.
-        - Others follow from the tables of analyses, which are run for each design. They
-          need a study, which says what is run. `DesignRuns` computes both kinds, with a
-          `DesignEvaluator` for the first one.
+        - Some follow from quantities at samples of the inputs, such as an angle. A
+          `DesignEvaluator` computes them for many designs at once.
+        - Others follow from result tables of analyses, which are run for each design. A
+          study says what is run. `DesignRuns` computes both kinds, with a `DesignEvaluator`
+          for the first one.
         """
         kernel_evaluator = None
         # `samples` is None if no figure follows from quantities at samples.
@@ -256,12 +257,12 @@ class Sweep:
         return -(-self.space.count // self.part_size)
 
     def definition(self) -> Facts:
-        """Return everything on which the results depend, by name.
+        """Return everything on which the results of the sweep depend, by name.
 
         A sweep evaluates many designs of a mechanism, in numbered parts. The definition is
-        stored in the folder of the sweep. A folder whose definition differs has parts of
-        another sweep. The versions of the software are included. Long contents, such as the
-        file and the samples, are represented by checksums.
+        stored in the folder of the sweep. Before a sweep continues in a folder, its
+        definition is compared with the stored one. Versions of the software are included.
+        Checksums represent long contents, such as the file and the samples.
         """
         text = json.dumps(as_json(self.document.data), sort_keys=True)
         return code_identity() | {
@@ -347,17 +348,19 @@ class Sweep:
         number: int,
         store_table: Callable[[int, str, Table, TableArrays], None] | None = None,
     ) -> Columns:
-        """Compute the table of designs of one part.
+        """Compute the table of designs of one part of a sweep.
+
+        A sweep evaluates many designs of a mechanism. A part is a group of designs with
+        successive numbers.
 
         Parameters
         ----------
         number
             Number of the part, counted from 0.
         store_table
-            Function that stores a table of a run; `open_part_tables` returns one. It is
-            called with the number of the design, the name of the table, its description and
-            its columns, for each design that has a row in the table of designs. By default
-            the tables are not stored.
+            Function that stores a result table from the run of one design, from
+            `open_part_tables`. Its arguments are the number of the design, the name of the
+            table, its description and its columns. By default the tables are not stored.
 
         Returns
         -------
@@ -367,7 +370,7 @@ class Sweep:
         """
         start = number * self.part_size
         designs = self.space.compute_designs(start, start + self.part_size)
-        # Conditions on variables alone are checked before anything is computed.
+        # Conditions on variables alone save the computation of designs that violate them.
         meets_conditions = self._meet_conditions(
             self._variable_columns(designs), designs.shape[1]
         )
@@ -375,7 +378,7 @@ class Sweep:
         designs = designs[:, meets_conditions]
         if isinstance(self.evaluator, DesignRuns):
             return self._run_designs(self.evaluator, designs, numbers, store_table)
-        # The evaluator computes the figures of all designs at once. It runs no analyses, so
+        # Otherwise the evaluator computes all designs at once and runs no analyses, so
         # there are no tables to store.
         return self._select_rows(self.tabulate_designs(designs, numbers))
 
@@ -388,7 +391,8 @@ class Sweep:
     ) -> Columns:
         """Compute the table of designs by running the analyses of each design.
 
-        A design is not run if figures that need no run violate the conditions already.
+        A figure of merit is a number that rates a design. Some figures need no run. If they
+        already violate the conditions of the sweep, the design is not run.
 
         Parameters
         ----------
@@ -405,7 +409,7 @@ class Sweep:
         -------
         The columns of all rows that meet the conditions, by name.
         """
-        # If no design has a row, this table without rows still gives the columns.
+        # Start with a table without rows, so that the result has columns in any case.
         no_rows = DesignTable.from_columns([], design_runs.names)
         columns_by_design = [self._as_columns(designs, numbers, no_rows)]
         runs = design_runs.run_designs(designs, self._worth_running)
@@ -434,7 +438,9 @@ class Sweep:
         return {name: values[is_met] for name, values in columns.items()}
 
     def tabulate_designs(self, designs: Floats, numbers: Indices) -> Columns:
-        """Compute the table of some designs, without checking the conditions of the sweep.
+        """Compute the table of some designs (choices of numbers of the mechanism).
+
+        The conditions of the sweep are not checked.
 
         Parameters
         ----------
@@ -453,14 +459,17 @@ class Sweep:
     def _as_columns(
         self, designs: Floats, numbers: Indices, design_table: DesignTable
     ) -> Columns:
-        """Return computed figures of merit as the columns of the table of designs.
+        """Return the table of designs as columns, from computed figures of merit.
+
+        A figure of merit is a number that rates a design. The columns have the numbers of
+        the design, its mode, its status and the figures.
 
         Parameters
         ----------
         designs
             (variables, n) values of the design variables, in the units of the file.
         numbers
-            (n,) number of each design in the design space.
+            (n,) number of each design in the whole sweep.
         design_table
             Rows of these designs, one for each assembly mode (way to assemble the
             mechanism). `DesignTable.design` is an index from 0 to n - 1.
@@ -477,10 +486,9 @@ class Sweep:
         grashof_classes = self.evaluator.grashof_classes(row_designs)
         columns = {"design": numbers[design], **self._variable_columns(row_designs)}
         columns["mode"] = design_table.mode
-        # `mode` is a label that identifies an assembly mode in all designs, such as its
-        # signs. Tables of single runs, if they are stored (`tables`), have the number of
-        # the mode in the run instead. This number is stored with the figures of merit, and
-        # gets a column, so that rows of both kinds of tables can be matched.
+        # The label `mode` has the same meaning in all designs, for example signs. Stored
+        # tables of runs have the number of the mode in the run instead. With this column,
+        # rows of both kinds of tables can be matched.
         if self.tables:
             columns[ASSEMBLY] = design_table.merits[ASSEMBLY]
         columns["status"] = design_table.status
@@ -498,17 +506,18 @@ class Sweep:
         return columns
 
     def _rows_of_wanted_mode(self, design_table: DesignTable) -> DesignTable:
-        """Return the rows of the assembly mode that the sweep is about.
+        """Return only the rows of the assembly mode that the user has chosen.
 
-        An assembly mode is one of the ways to assemble the mechanism. A design that can be
-        assembled, but not in this mode, gets one row with the status `NEVER_CLOSES`, the
-        reason, and NaN for all figures of merit.
+        An assembly mode is one way to assemble the mechanism. A design that cannot be
+        assembled in this mode gets one row. Its status is `NEVER_CLOSES`, and its figures
+        of merit (numbers that rate a design) are NaN.
         """
-        # `mode_labels` are the spellings of this mode. A row with an empty mode belongs to
-        # a design that fails in all modes.
+        # `mode_labels` are all labels that the mode may have. A row with an empty label
+        # belongs to a design that failed in all modes.
         is_wanted = np.isin(design_table.mode, ["", *self.mode_labels])
         remaining = design_table.rows(is_wanted)
         figure_names = list(design_table.merits)
+        # A row for each design of which no row is left.
         missing = DesignTable.from_columns(
             np.setdiff1d(design_table.design, remaining.design),
             figure_names,
@@ -551,6 +560,10 @@ class Sweep:
     def files_of(self, folder: AnyPath, number: int) -> list[Path]:
         """Return the paths of all files of a part, or an empty list if one is missing.
 
+        A sweep evaluates many designs of a mechanism, in numbered parts. A part has a file
+        with the table of designs. It may also have files with result tables of the run of
+        each design. The table of designs is written last, and lists the other files.
+
         Parameters
         ----------
         folder
@@ -560,8 +573,7 @@ class Sweep:
 
         Returns
         -------
-        The path of the table of designs, followed by those of the tables of runs. The file
-        of the table of designs is written last, and its notes name the tables of runs.
+        The path of the table of designs, followed by those of the tables of runs.
 
         Raises
         ------
@@ -573,8 +585,8 @@ class Sweep:
         path = self.path_of(folder, number)
         if not path.exists():
             return []
-        # This note has the number of rows of each table of runs, by the table's name. Each
-        # such table has a folder with one file for each part.
+        # The number of rows of each table of runs, by its name. Each such table has a
+        # folder with one file for each part.
         row_counts = self.notes_of_part(folder, number)[ROW_COUNTS_NOTE]
         tables_folder = Path(folder) / TABLES_FOLDER
         paths = [path]
@@ -583,7 +595,10 @@ class Sweep:
         return paths if all(part_file.exists() for part_file in paths) else []
 
     def notes_of_part(self, folder: AnyPath, number: int) -> Facts:
-        """Read the notes (metadata) in the file with the table of designs of a part.
+        """Read the notes (metadata) of the file with the table of designs of a part.
+
+        A sweep evaluates many designs of a mechanism, in numbered parts. The notes show
+        whether the file belongs to this part of this sweep.
 
         Parameters
         ----------
@@ -606,7 +621,7 @@ class Sweep:
         """
         path = self.path_of(folder, number)
         notes = read_notes(path)
-        # All notes that identify the part must be among those of the file.
+        # The file must have all notes that identify the part, with the same values.
         if not self.part_notes(number).items() <= notes.items():
             raise OutputError(
                 f"{path}: the file is not part {number} of this sweep; another program or "
@@ -619,9 +634,8 @@ class Sweep:
         """Return whether the analyses of a design have to be run.
 
         A design that violates the conditions of the sweep is left out of the result. Some
-        figures of merit are computed quickly, before the analyses. If they violate the
-        conditions already, the analyses are not run. Conditions on other figures are
-        checked after the analyses.
+        figures of merit (numbers that rate a design) are computed quickly, before the
+        analyses. If they violate the conditions, running the analyses would be in vain.
 
         Parameters
         ----------
@@ -647,7 +661,7 @@ class Sweep:
         Parameters
         ----------
         folder
-            Path of the folder. Missing folders are created.
+            Path of the folder for the files. Missing folders are created.
         number
             Number of the part, counted from 0.
 
@@ -665,9 +679,8 @@ class Sweep:
             tables_folder, path.name, self.degrees, row_counts, identification
         ) as store_table:
             columns = self.compute_part(number, store_table)
-        # The table of designs is written last: if it exists, the part is complete. The rows
-        # of each table of runs have been counted in `row_counts`. The report of the sweep
-        # lists the processors that computed its parts.
+        # The table of designs is written last: if it exists, the part is complete. Its
+        # notes have the number of rows of each other table, and the kind of processor.
         notes = {
             "units": self.units(),
             ROW_COUNTS_NOTE: row_counts,

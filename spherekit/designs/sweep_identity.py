@@ -101,9 +101,10 @@ def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
 
 
 def _read_definition(path: Path) -> Facts:
-    """Read the definition of a sweep from its file.
+    """Read the file that says which sweep a folder contains.
 
-    A sweep evaluates many designs of a mechanism, in numbered parts.
+    A sweep evaluates many designs of a mechanism, in numbered parts. The definition has
+    everything on which its results depend.
 
     Raises
     ------
@@ -114,6 +115,7 @@ def _read_definition(path: Path) -> Facts:
         definition = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         definition = None
+    # Every definition has the version of spherekit.
     if not isinstance(definition, dict) or "spherekit" not in definition:
         raise OutputError(
             f"{path}: is not, or no longer, the definition of a sweep; choose another "

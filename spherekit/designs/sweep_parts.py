@@ -84,9 +84,9 @@ class SweepResult:
     def __getstate__(self) -> dict[str, Any]:
         """Return the state of this result for pickle.
 
-        If the parts are in a temporary folder, the state contains their files (bytes by
-        relative path) instead of the path of the folder, because the folder is deleted with
-        this process.
+        The results of a sweep are in files, called parts. If these are in a temporary
+        folder, the state contains their contents (bytes by relative path), because the
+        folder is deleted with this process.
         """
         state = dict(vars(self))
         if self.folder is None:
@@ -98,10 +98,11 @@ class SweepResult:
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore a pickled result.
+        """Restore a pickled result of a sweep.
 
-        If the state contains files, they are written to a new temporary folder, which is
-        deleted together with the result.
+        The results are in files, called parts. If the state contains their contents, they
+        are written to a new temporary folder. This folder is deleted together with the
+        result.
         """
         if has_file_contents := isinstance(state["_store"], dict):
             parts_folder = Path(mkdtemp(prefix=TEMPORARY_PREFIX))
@@ -139,8 +140,8 @@ class SweepResult:
         >>> result = sk.sweep("four_bar", sizes, "swing=swing(theta_41)", samples=31)
         >>> result.plot()["swing"].savefig("swing.png")
         """
-        # `spherekit.sweep` stores the function that draws, because the packages that
-        # compute do not import those that draw.
+        # `spherekit.sweep` stores the function that draws. Packages that compute do not
+        # import those that draw.
         if self.draw is None:
             raise DesignError(
                 "plot: only a result that spherekit.sweep returned can be drawn"
@@ -151,8 +152,8 @@ class SweepResult:
     def remarks(self) -> Names:
         """Sentences about the accuracy of the results.
 
-        There is one if several kinds of processors have computed the parts, and otherwise
-        none.
+        Parts of a sweep may be computed by several kinds of processors. Then one sentence
+        says so, otherwise there is none.
         """
         if len(self.processors) < 2:
             return ()
@@ -341,10 +342,9 @@ def run_sweep(
 
 @contextmanager
 def _lock_folder(parts_folder: Path) -> Iterator[None]:
-    """Lock a folder of parts within a ``with`` block, against other programs.
+    """Lock the folder of a sweep within a `with` block, against other programs.
 
-    The lock is released explicitly at the end of the block. An exception keeps the local
-    variables of the block alive, so the lock must not depend on their deletion.
+    Two sweeps in one folder would mix their files.
 
     Raises
     ------
@@ -470,17 +470,17 @@ class _Progress:
             )
 
     def _count(self, number: int, size: int) -> None:
-        """Record that a part is stored, and which kind of processor has computed it.
+        """Record that a part of the sweep is stored, and which processor has computed it.
 
-        The kind of processor is read from the notes in the file of the part
-        (`Sweep.notes_of_part`). Results of different processors can differ by rounding.
+        A sweep is computed in numbered parts, each with its files. Results of different
+        kinds of processors can differ by rounding, so the kinds are reported.
 
         Parameters
         ----------
         number
             Number of the part.
         size
-            Size of its files together (bytes).
+            Size of the files of the part together (bytes).
 
         Raises
         ------
@@ -491,6 +491,7 @@ class _Progress:
         """
         self._stored_bytes += size
         self._done_parts.add(number)
+        # The notes (metadata) in the file of the part describe the processor.
         processor = self.sweep.notes_of_part(self.parts_folder, number).get(
             PROCESSOR_NOTE, {}
         )
@@ -502,13 +503,11 @@ class _Progress:
     def _need_disk(self) -> None:
         """Raise `OutputError` if the disk has too little room for the missing parts.
 
-        A sweep evaluates many designs of a mechanism, in numbered parts. Only a sweep that
-        stores the tables of all runs is checked; others only store the table of designs.
-        The size of a missing part is estimated by the mean size of the finished ones, of
-        which there must be at least one.
+        A sweep evaluates many designs of a mechanism, in numbered parts. Only sweeps that
+        store all tables of all runs need much room and are checked. The mean size of the
+        finished parts, of which there is at least one, serves as an estimate.
         """
         if self.sweep.tables:
-            # All parts are as large as the finished ones on average.
             total_bytes = self._stored_bytes * self.sweep.part_count / len(self._done_parts)
             need_disk(
                 self.parts_folder,

@@ -141,15 +141,16 @@ class DescentStart:
 
 @dataclass(frozen=True)
 class ExploredDesigns:
-    """The best designs of the sweep with which a synthesis begins.
+    """The best designs of a sweep, with which a synthesis begins.
 
-    A sweep evaluates many designs. Its table has one row for each assembly mode (way to
-    assemble the mechanism) of each design.
+    A synthesis searches sizes of links that meet requirements. Its sweep evaluates many
+    designs (choices of sizes). The table of the sweep has one row for each assembly mode
+    (way to assemble the mechanism) of each design.
 
     Attributes
     ----------
     rows
-        The best n rows, as columns of this table by name.
+        The best n rows of this table, as columns by name.
     objectives
         (n, k) the values of the k objectives, which are minimised, in these rows.
     feasible_count
@@ -262,24 +263,23 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
 def _require_gradients(specification: Specification) -> DesignEvaluator:
     """Return the evaluator of the designs, if it has what a synthesis needs.
 
-    A synthesis follows the gradients of figures of merit by the numbers of the design that
-    vary. There are no gradients in these cases:
+    A synthesis changes the sizes of a mechanism along the gradients of figures of merit
+    (numbers that rate a design). There are no gradients in these cases:
 
     - Constraints are redundant.
-    - A group of links, whose positions are computed together, has more than 7 bodies, for
-      which no elimination is programmed.
+    - A group of links, whose positions are found together, has more than 7 bodies.
     - The closure equations have more than 64 complex solutions (`MAX_SOLUTIONS` of
-      `spherekit.designs.homotopy`). All of them would have to be tracked.
-    - Assembly modes pass crossings of configuration curves (crossings "pass").
-    - A contact has a profile that is no circle, and a number varies that belongs neither to
-      a profile nor to the sizes of links.
+      `spherekit.designs.homotopy`), too many to follow all of them.
+    - Assembly modes (ways to assemble the mechanism) pass crossings of configuration curves
+      (crossings "pass").
+    - A contact curve is not a circle, and a number varies that is neither a size of a link
+      nor a number of such a curve.
 
     Raises
     ------
     DesignError
-        If the gradients cannot be computed. Also if there are several objectives, so that a
-        Pareto front is sought, and the assembly modes (ways to assemble the mechanism) have
-        no signs that identify them in every design.
+        If the gradients cannot be computed. Several objectives, which give a Pareto front,
+        also need signs that identify the assembly modes in every design.
     """
     sweep = specification.sweep
     evaluator = sweep.evaluator
@@ -374,17 +374,17 @@ def _choose_starts(
     objective: Floats,
     count: int,
 ) -> list[DescentStart]:
-    """Return the best rows of a sweep as starts of descents.
+    """Return the best designs of a sweep as starts of local optimisations (descents).
 
-    A row is one assembly mode (way to assemble the mechanism) of one design. A row near to
-    a better row of the same mode is left out. The modes of the rows have to be searched,
-    which takes time. This is done block by block, the best rows first, until there are
-    enough starts.
+    A row of the sweep is one assembly mode (way to assemble the mechanism) of one design. A
+    row near to a better row of the same mode is left out. Finding the modes of rows takes
+    time. So rows are processed in blocks, the best rows first, until there are enough
+    starts.
 
     Parameters
     ----------
     evaluator
-        Finds the modes of the rows. A row is left out if its mode is not found.
+        Finds the configurations of a mode. A row is left out if they are not found.
     values
         (variables, n) values of the design variables of the rows, in the units of the file.
     labels
@@ -428,24 +428,21 @@ def _confirm_modes(
     starts: Sequence[DescentStart],
     optima: Sequence[LocalOptimum],
 ) -> list[LocalOptimum]:
-    """Return the ends of descents that a new search of their assembly modes confirms.
+    """Return the ends of descents, after a new search of their assembly modes.
 
-    An assembly mode is one of the ways to assemble the mechanism. During a descent the
-    configurations of a mode are tracked from design to design. At the end all modes of the
-    design are searched anew. The optimum is confirmed if one of these modes has the same
-    configurations at all samples at which both exist, and is as good. The returned optimum
-    has the mode of the search with its label.
-
-    The optimum is not confirmed, for example, if a dead centre has appeared between two
-    samples: the tracked configurations then belong to different modes. The start of the
-    descent is returned instead.
+    An assembly mode is one way to assemble the mechanism. A descent changes the design step
+    by step and follows the configurations of a mode. It may have slipped to another mode,
+    for example if a dead centre has appeared between two samples. So at the end all modes
+    of the design are searched anew. The end is confirmed if one of them has the same
+    configurations and objectives that are as good. Otherwise the start of the descent is
+    returned.
 
     Parameters
     ----------
     evaluator
         Finds all modes of the designs.
     descent
-        Evaluates objectives of designs.
+        Evaluates the objectives of designs.
     starts
         The start of each descent.
     optima
@@ -469,21 +466,25 @@ def _confirm_modes(
 def _find_confirmed_optimum(
     descent: Descent, optimum: LocalOptimum, modes: Sequence[SynthesisMode]
 ) -> LocalOptimum | None:
-    """Return an optimum in the mode of a search that has the same configurations.
+    """Return an optimum with its assembly mode from a new search, if both agree.
+
+    An assembly mode is one way to assemble the mechanism. A descent follows the
+    configurations of a mode from design to design. A search finds the modes of the last
+    design independently.
 
     Parameters
     ----------
     descent
-        Evaluates objectives of designs.
+        Evaluates the objectives of designs.
     optimum
-        The end of a descent, with a mode that was tracked to it.
+        The end of a descent, with the mode that was followed to it.
     modes
         All assembly modes of its design, found by a search.
 
     Returns
     -------
-    The same design in the first mode of the search that continues the tracked mode and in
-    which no objective is larger by more than the tolerance. None if there is no such mode.
+    The same design in the first mode of the search that has the same configurations. No
+    objective may be larger by more than the tolerance. None if there is no such mode.
     """
     allowed_objectives = optimum.objectives + descent.tolerance
     for mode in modes:
@@ -511,11 +512,11 @@ def _merge_same_linkages(
 def _are_alike(
     optimum: LocalOptimum, other_optimum: LocalOptimum, descent: Descent
 ) -> bool:
-    """Return whether two optima are the same design, or the same linkage and as good.
+    """Return whether two optima of a synthesis are practically the same result.
 
-    They are the same design if their variables and their assembly mode are the same.
-    Linkages are the same up to mirror images and axes that point the other way. Optima are
-    equally good if their objectives differ by at most the tolerance of the descents.
+    They are if they are the same design in the same assembly mode (way to assemble the
+    mechanism). They also are if they are the same linkage, up to mirror images and reversed
+    axes, with equal objectives.
 
     Parameters
     ----------
@@ -527,12 +528,12 @@ def _are_alike(
     """
     distances = np.abs(optimum.x - other_optimum.x)
     has_same_variables = np.max(distances) < SAME_LINKAGE
-    # `continues_in` compares modes of two designs, even if these have different numbers.
+    # `continues_in` tells whether the modes of both designs are the same.
     if has_same_variables and optimum.mode.continues_in(other_optimum.mode):
         return True
     sweep = descent.sweep
-    # Masses and loads must be the same, because the comparison of linkages ignores them.
-    # The first part of the path of a variable is the table of the file in which it is.
+    # `is_same_linkage` ignores masses and loads, so they are compared here. The first part
+    # of the path of a variable is its table in the file.
     is_action = [variable.path[0] in ACTIONS for variable in sweep.variables]
     if np.any(distances[is_action] >= SAME_LINKAGE):
         return False

@@ -24,8 +24,8 @@ from spherekit.geometry.vectors import all_finite, nans
 class ModeOrigin:
     """Configurations of an assembly mode in one design, from which others are computed.
 
-    An assembly mode is one of the ways to assemble a mechanism at given inputs. In other
-    designs its configurations are found by changing the sizes step by step.
+    An assembly mode is one way to assemble a mechanism. A design is one choice of its
+    sizes. In other designs the configurations are found by changing the sizes step by step.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class ModeOrigin:
     design
         The design with these configurations.
     configurations
-        (variables, n) pair variables (rad) of the mode: first at the samples of the input,
-        then at the inputs that figures such as ``at(theta_41, 0.5)`` state. NaN where the
-        mechanism cannot be assembled in this mode.
+        (variables, n) pair (joint) variables in rad, first at the samples of the input.
+        Then come the inputs that figures of merit such as ``at(theta_41, 0.5)`` state. NaN
+        where the mechanism cannot be assembled in this mode.
     """
 
     path_kernel: PathKernel
@@ -46,8 +46,8 @@ class ModeOrigin:
     def track_to(self, design: DesignPoint) -> Floats:
         """Return the configurations of the mode in another design, at the same inputs.
 
-        The sizes change gradually to those of the other design, and Newton's method closes
-        the loops at each step.
+        The sizes change gradually to those of the other design. Newton's method closes the
+        loops of links at each step.
 
         Returns
         -------
@@ -61,9 +61,8 @@ class ModeOrigin:
         if self.design.profiles is not None:
             deviation = design.values - self.design.values
             profiles = self.design.profiles.interpolate_to(deviation[:, None])
-        # The sizes may change much. The steps are made smaller until every Newton step is
-        # at most this fraction (the contraction) of the one before. Otherwise the path
-        # could jump to another assembly mode.
+        # Steps are chosen such that each Newton step is at most this fraction of the one
+        # before. Otherwise the path could jump to another assembly mode.
         tracked_values, has_arrived = track_solutions(
             self.path_kernel,
             start=self.configurations[:, closed_indices],
@@ -99,19 +98,18 @@ class SynthesisMode:
     origin: ModeOrigin | None = None
 
     def position_arguments(self, design: DesignPoint, count: int) -> Floats:
-        """Return the arguments of kernels that determine the positions of all links.
+        """Return the numbers from which the positions of links follow in this mode.
 
-        A kernel is a compiled function of many configurations. It takes the signs of dyads
-        (two links and three R pairs) and computes the positions from them. If some groups
-        of links are larger, it takes the variables of all pairs instead.
+        They are arguments of kernels (functions of many configurations). If all groups of
+        links are dyads (two links and three revolute pairs), they are signs: a dyad can be
+        assembled in two ways. Otherwise they are the variables of all pairs (joints).
 
         Parameters
         ----------
         design
             The design in which the mode is evaluated.
         count
-            Number n of configurations at which it is evaluated. The origin, if there is
-            one, has as many.
+            Number n of configurations. An origin has the same number.
 
         Returns
         -------
@@ -136,14 +134,16 @@ class SynthesisMode:
         return SynthesisMode(self.label, origin)
 
     def continues_in(self, other_mode: "SynthesisMode") -> bool:
-        """Return whether two modes of different designs are one mode.
+        """Return whether two assembly modes of different designs are the same mode.
 
-        Modes that are identified by the signs of dyads (two links and three R pairs) are
-        compared by these signs. Otherwise the configurations of this mode are tracked to
-        the design of the other mode. Both are the same mode if the configurations agree
-        at all inputs at which both exist. At least one such input is needed.
+        An assembly mode is one way to assemble the mechanism. If signs of dyads (groups of
+        two links) identify modes, the signs are compared. Otherwise the configurations of
+        this mode are followed to the other design, while the sizes change step by step.
+        They must agree with those of the other mode wherever both exist, at one input at
+        least.
         """
-        # Either all modes of a mechanism have an origin, or none has.
+        # Modes without an origin are identified by signs. This is the same for all modes of
+        # a mechanism.
         if self.origin is None or other_mode.origin is None:
             return self.label == other_mode.label
         tracked_configurations = self.origin.track_to(other_mode.origin.design)
@@ -161,13 +161,12 @@ class SynthesisMode:
 def find_labelled_modes(
     evaluator: DesignEvaluator, designs: Floats, labels: Sequence[str]
 ) -> list[SynthesisMode | None]:
-    """Return the assembly mode of each design that has a given label.
+    """Return the assembly mode of each design that has the label of a table row.
 
-    An assembly mode is one of the ways to assemble the mechanism at given inputs. If all
-    groups of links are dyads (two links and three R pairs), a label consists of the signs
-    of the dyads, such as ``"+-"``. It then describes the mode completely, and nothing is
-    searched. If a group is larger, or a contact profile is no circle, modes have no such
-    signs. All modes of each design are then searched at the samples of the evaluator.
+    An assembly mode is one way to assemble the mechanism. If all groups of links are dyads
+    (two links and three revolute pairs), the label is a sign for each dyad, such as
+    ``"+-"``. It describes the mode completely, and nothing is searched. Otherwise all modes
+    of each design are searched at the samples of the evaluator.
 
     Parameters
     ----------
@@ -181,9 +180,8 @@ def find_labelled_modes(
 
     Returns
     -------
-    The mode of each design. If modes are searched, it is None for a design without a mode
-    of this label. A mode given by signs is returned even if the design cannot be assembled
-    in it.
+    The mode of each design. After a search, it is None for a design without a mode of this
+    label. A mode with signs is returned without a check that the design can be assembled.
     """
     if not evaluator.has_unsigned_modes:
         return [SynthesisMode(label) for label in labels]

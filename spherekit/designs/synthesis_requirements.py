@@ -38,8 +38,9 @@ They are so large that the evolution prefers every design that has the mode.
 class ModeScores:
     """Objectives and violated conditions of designs in one assembly mode.
 
-    Only the m designs that can be assembled in this mode, and whose objectives are finite,
-    are included.
+    A design is one choice of sizes, and an assembly mode is one way to assemble the
+    mechanism. Only the m designs that can be assembled in this mode and have finite
+    objectives are included.
 
     Attributes
     ----------
@@ -128,17 +129,16 @@ class Specification:
         return {**columns, MATCH: match}
 
     def score_mode(self, designs: Floats, mode: str) -> ModeScores:
-        """Return objectives of designs in one assembly mode, and violated conditions.
+        """Return objectives and violated conditions of designs in one assembly mode.
 
-        An assembly mode is one of the ways to assemble the mechanism. A condition is an
-        inequality ``less < more`` of the user. It is violated by the amount less - more.
-        The amounts of all conditions are added although their units may differ. Their sum
-        is 0 if no condition is violated.
+        An assembly mode is one way to assemble the mechanism. A condition of the user is an
+        inequality ``less < more``. It is violated by the amount less - more, if this is
+        positive. The amounts of all conditions are added, although their units may differ.
 
         Parameters
         ----------
         designs
-            (variables, n) values of the variables, in the units of the file.
+            (variables, n) values of the design variables, in the units of the file.
         mode
             Label of the mode.
 
@@ -146,13 +146,13 @@ class Specification:
         -------
         The scores of the designs that have this mode and finite objectives.
         """
-        # The table has a row for each mode of each design. Only the rows with finite
-        # objectives are selected.
+        # A row is one assembly mode of one design. Rows without finite objectives are left
+        # out.
         rows, objectives = self.select_rows(self._tabulate(designs))
         has_mode = rows["mode"] == mode
         violations = np.zeros(len(objectives))
         for condition in self.sweep.conditions:
-            # A condition with NaN on one side is not met: its violation is infinite.
+            # A condition with NaN on one side counts as infinitely violated.
             less, more = condition.evaluate_sides(rows)
             excess = np.nan_to_num(less - more, nan=np.inf)
             violations += np.maximum(excess, 0.0)
@@ -161,13 +161,12 @@ class Specification:
         )
 
     def explain_failure(self) -> str:
-        """Return a text that says why no design meets the requirements.
+        """Return a text that says why no design meets the requirements of a synthesis.
 
-        The first designs of the sweep are evaluated. The text counts the designs that close
-        at no sample, those that are not valid mechanisms, with the reason of the first one,
-        and the rows that meet each condition. A row is one assembly mode (way to assemble
-        the mechanism) of a design that closes. Other designs have a single row, which
-        states why they have no mode.
+        Some designs (choices of sizes) are evaluated. The text counts those that cannot be
+        assembled and those that are impossible mechanisms. For each condition it counts the
+        rows that meet it. A row is one assembly mode (way to assemble the mechanism) of a
+        design.
         """
         designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
         # `add_match` adds the column "match", the error at the precision points. Objectives
@@ -210,11 +209,11 @@ class Specification:
 
 
 def select_nondominated(objectives: Floats, modes: Array) -> Indices:
-    """Return the nondominated rows of each assembly mode (the Pareto front).
+    """Return the rows of each assembly mode that are on the Pareto front.
 
-    An assembly mode is one of the ways to assemble the mechanism. A row dominates another
-    one of the same mode if no objective is larger and the rows are not equal. Smaller
-    objectives are better.
+    A row is a design in one assembly mode (way to assemble the mechanism). It dominates
+    another row of the same mode if none of its objectives is larger and the rows are not
+    equal. Smaller objectives are better. A row that no row dominates is on the front.
 
     Parameters
     ----------
@@ -225,19 +224,18 @@ def select_nondominated(objectives: Floats, modes: Array) -> Indices:
 
     Returns
     -------
-    (m,) indices of the rows that no row dominates, rising. Of equal rows only the first one
-    is included.
+    (m,) indices of these rows, rising. Of equal rows only the first one is included.
     """
     nondominated: list[int] = []
     for mode in np.unique(modes):
         rows = np.flatnonzero(modes == mode)
-        # The rows are sorted by the first objective, then by the second and so on. No
-        # remaining row dominates the first one.
+        # After sorting by the first objective, then by the second and so on, no row
+        # dominates the first one.
         rows = rows[np.lexsort(objectives[rows].T[::-1])]
         while len(rows):
             best = rows[0]
             nondominated.append(best)
-            # The rows that are better than it in at least one objective remain.
+            # Rows that are better in no objective are dominated or equal, and are removed.
             rows = rows[np.any(objectives[rows] < objectives[best], axis=1)]
     return np.array(sorted(nondominated), dtype=np.intp)
 
@@ -259,7 +257,9 @@ class PopulationScores(NamedTuple):
 
 @dataclass(frozen=True)
 class PopulationScorer:
-    """Scores the designs of a generation in one assembly mode.
+    """Scores the designs of one generation of an evolutionary search for a Pareto front.
+
+    A design is one choice of the design variables.
 
     Attributes
     ----------
@@ -286,10 +286,11 @@ class PopulationScorer:
         return np.array([item.high for item in self.specification.sweep.space.variations])
 
     def score(self, points: Floats) -> PopulationScores:
-        """Return the scores of designs.
+        """Return the objectives and violated conditions of designs.
 
-        Designs that do not have the mode, or have an objective that is not finite, get
-        large objectives and a large violation, so that all others are preferred.
+        A design that cannot be assembled in the assembly mode (way to assemble the
+        mechanism) gets large values, so that all others are preferred. The same is true for
+        objectives that are not finite.
 
         Parameters
         ----------
@@ -299,7 +300,7 @@ class PopulationScorer:
         """
         design_count = len(points)
         designs = (self.low + (self.high - self.low) * points).T
-        # The scores of the designs that have the mode, and the indices of these designs.
+        # Scores of the designs that have the mode. `scores.design` has their indices.
         scores = self.specification.score_mode(designs, self.mode)
         objectives = np.full((design_count, self.objective_count), MISSING_DESIGN_VIOLATION)
         objectives[scores.design] = scores.objectives
@@ -361,11 +362,11 @@ def evolve_fronts(
     seed = sweep.space.seed
 
     class FrontProblem(Problem):  # type: ignore[misc]
-        """The search for the Pareto front of one mode, in the form that pymoo asks for.
+        """The search for the Pareto front of one assembly mode, for the library pymoo.
 
-        pymoo calls `_evaluate` with the points of a generation of designs. It then reads
-        the objectives from ``out["F"]`` and the violations of constraints from
-        ``out["G"]``.
+        An assembly mode is one way to assemble the mechanism. pymoo calls `_evaluate` with
+        the points of a generation of designs. Then it reads the objectives from
+        ``out["F"]`` and the violations of conditions from ``out["G"]``.
         """
 
         def __init__(self, population_scorer: PopulationScorer) -> None:
@@ -383,7 +384,7 @@ def evolve_fronts(
             scores = self.population_scorer.score(x)
             out["F"] = scores.objectives
             out["G"] = scores.violations[:, None]
-            # The lambda makes the text. It is called only if a report is due.
+            # The text is only created if a report is due.
             mode = self.population_scorer.mode
             progress.report_if_due(lambda: f"front of mode {mode}")
 
@@ -418,14 +419,15 @@ def evolve_fronts(
 
 
 def _spread_points(points: Floats, objectives: Floats, max_points: int) -> Floats:
-    """Return some of the points of a front, spread evenly by the first objective.
+    """Return some of the designs on a Pareto front, spread evenly along the front.
 
-    Points are sorted by their first objective, and evenly spaced ranks are selected.
+    The points are sorted by their first objective, and evenly spaced ranks are selected.
 
     Parameters
     ----------
     points
-        (n, variables) points: designs as coordinates.
+        (n, variables) designs as points: coordinates 0 and 1 are the ends of the range of a
+        variable.
     objectives
         (n, k) objectives of the points.
     max_points

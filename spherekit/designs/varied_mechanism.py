@@ -87,8 +87,7 @@ class ColumnGradients:
     Attributes
     ----------
     closes
-        (n,) whether the mechanism can be assembled: all dyads (two links and three R pairs)
-        close.
+        (n,) whether the mechanism can be assembled at the sample.
     columns
         (columns, n) values of the quantities in rad and SI units.
     gradients
@@ -349,13 +348,13 @@ class VariedMechanism:
     def _output_directions(self) -> dict[str, str | Exprs]:
         """Return the directions of outputs that may differ between designs, by output.
 
-        An output is a direction fixed in a link. There are two kinds that may differ:
+        A design is one choice of the numbers that vary. An output is a direction fixed in a
+        link. Two kinds may differ:
 
-        - Every output that points along the axis of a pair. Its direction in the link
-          follows from the sizes of the link, which may vary. The entry is the name of the
-          pair.
-        - An output whose longitude or latitude is a design variable. The entry is a unit
-          vector (3,) in link axes, as an expression of the design variables.
+        - An output along the axis of a pair (joint). Its direction follows from the sizes
+          of the link, which may vary. The entry is the name of the pair.
+        - An output with a longitude or latitude that varies. The entry is a unit vector
+          (3,) in link axes, as an expression of the design variables.
         """
         directions: dict[str, str | Exprs] = {}
         directions |= self._outputs_along_axes()
@@ -376,9 +375,11 @@ class VariedMechanism:
         }
 
     def _outputs_with_varied_angles(self) -> dict[str, Exprs]:
-        """Return the direction of each output whose longitude or latitude varies.
+        """Return the direction of each output for which longitude or latitude varies.
 
-        An angle that varies is a symbol in the direction, the other one is a number.
+        An output is a direction fixed in a link. The result is a unit vector in link axes,
+        as a symbolic expression. An angle that varies is a symbol, the other one is a
+        number.
         """
         # Longitude and latitude (rad) by output.
         angles_by_output: dict[str, list[Any]] = {}
@@ -408,12 +409,12 @@ class VariedMechanism:
         return np.concatenate([variable_sizes, self._nominal_numbers[self.varied_numbers]])
 
     def kernel_sizes(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
-        """Return the sizes that kernels take as arguments, for n designs.
+        """Return the sizes of n designs in the form that kernels need.
 
-        A kernel is a function that computes quantities of many designs at once. Some sizes
-        are design variables themselves, such as the arc of a link. The others are numbers
-        that describe contacts, masses and loads. These are read from the mechanism file of
-        each design, that is, from the file with the values of the design in it.
+        A kernel is a function that computes quantities of many designs (choices of numbers
+        of a mechanism) at once. Some sizes are design variables themselves, such as the arc
+        of a link. The others describe contacts, masses and loads. They are read from the
+        mechanism file with the values of the design.
 
         Parameters
         ----------
@@ -429,9 +430,9 @@ class VariedMechanism:
             (n,) a text for each design:
 
             - `OK` if its sizes are valid,
-            - the constant text `OTHER_FORM` if the kernel does not apply to the design. The
-              caller can then analyse this design without a kernel.
-            - otherwise the message of the error why the design is impossible.
+            - `OTHER_FORM` if the kernel does not apply, because the design has other loads
+              or contacts. The caller can analyse it without a kernel.
+            - otherwise a message that says why the design is impossible.
         """
         design_count = values.shape[1]
         numbers = nans((len(self.varied_numbers), design_count))
@@ -452,18 +453,18 @@ class VariedMechanism:
     ) -> DesignPoint | None:
         """Return the sizes of a design and their derivatives, as kernels need them.
 
-        A kernel is a function that computes quantities of many designs at once. Its
-        arguments are called sizes, although they include masses and loads. The first sizes
-        are design variables themselves: angles of links or outputs. The others are values
-        that describe contacts, masses and loads, and that change with the variables.
+        A kernel is a function that computes quantities of many designs (choices of numbers
+        of a mechanism) at once. Its arguments are called sizes. Some are design variables
+        themselves. The others describe contacts, masses and loads, and are functions of the
+        variables.
 
         Parameters
         ----------
         values
             (variables,) values of the design variables, in the units of the file.
         mechanism
-            The mechanism of the design, if it is known. It is needed only for contact
-            profiles that are not circles, and is then read from the file by default.
+            The mechanism of the design, if the caller has it. It is only needed for contact
+            curves that are not circles.
 
         Returns
         -------
@@ -473,6 +474,7 @@ class VariedMechanism:
         sizes, reasons = self.kernel_sizes(values[:, None])
         if reasons[0] != OK:
             return None
+        # (sizes, variables) derivatives of the sizes by the variables.
         slopes = np.concatenate(
             [self._variable_size_slopes(), self._differentiate_all_numbers(values)]
         )
@@ -499,10 +501,10 @@ class VariedMechanism:
         return slopes
 
     def _differentiate_all_numbers(self, values: Floats) -> Floats:
-        """Return the derivatives of contacts, masses and loads by all design variables.
+        """Return derivatives of contacts, masses and loads by all design variables.
 
-        Contacts, masses and loads are described by numbers, which are read from the file of
-        a design. Those that are the same in all designs are left out.
+        Contacts, masses and loads are described by numbers. Those that are the same in all
+        designs are left out.
 
         Parameters
         ----------
@@ -515,6 +517,7 @@ class VariedMechanism:
         """
         slopes_by_variable = []
         for k, constant_slopes in enumerate(self.constant_slopes):
+            # Derivatives that are the same in all designs were computed before.
             if constant_slopes is not None:
                 slopes_by_variable.append(constant_slopes)
             else:
@@ -598,14 +601,12 @@ class VariedMechanism:
     def _read_numbers(self, values: Floats) -> Floats:
         """Return the numbers that describe contacts, masses and loads of a design.
 
-        A kernel computes many designs at once by fixed formulas, in which these numbers are
-        arguments. They are obtained by reading the mechanism file with the values of the
-        design in it. The design must have as many contacts and loads of each kind as the
-        file, since the formulas are made for these.
+        They are arguments of a kernel, a function that computes many designs at once. They
+        are read from the mechanism file with the values of the design. The kernel applies
+        only to designs with the same contacts and kinds of loads as the file.
 
-        Contacts may be replaced by an equivalent linkage: links with R pairs that move in
-        the same way. They are then described by the angles of this linkage and the ratios
-        of its wheels.
+        Contacts may be replaced by an equivalent linkage, which has revolute pairs and
+        moves in the same way. Its angles and the ratios of its wheels then describe them.
 
         Parameters
         ----------
@@ -620,9 +621,8 @@ class VariedMechanism:
         Raises
         ------
         DesignError
-            If the numbers of contacts or loads of some kind differ. The message is the
-            constant `OTHER_FORM`, by which callers recognise that a design is possible, but
-            must be analysed without the kernel.
+            If contacts or kinds of loads differ. The message is then `OTHER_FORM`. It tells
+            callers that the design must be analysed without the kernel.
         SpherekitError
             If the design is impossible.
         """
@@ -634,10 +634,15 @@ class VariedMechanism:
         return np.array([*contact_numbers, *list_numbers(actions)])
 
     def _read_mechanism(self, values: Floats) -> Mechanism:
-        """Return the mechanism of a design (variables,), read from the changed file.
+        """Return the mechanism of a design from the mechanism file with its values.
 
-        If only masses and loads follow the variables, the rest of the file is not read
-        again, and the other parts are those of the mechanism of the file.
+        If only masses and loads change with the variables, only they are read, which is
+        faster.
+
+        Parameters
+        ----------
+        values
+            (variables,) values of the design variables, in the units of the file.
         """
         if self._reads_whole_file:
             return make_design(self.document, self.variables, values)
@@ -653,13 +658,14 @@ class VariedMechanism:
     def _contact_numbers(self, mechanism: Mechanism) -> list[float]:
         """Return the numbers of the linkage that moves like a mechanism with contacts.
 
-        They are its angles (rad) and the ratios of its wheels. There are none if contacts
-        are not replaced by a linkage.
+        Such a linkage can replace circular contacts. Its numbers are angles (rad) and
+        ratios of wheels. The list is empty if contacts are not replaced.
 
         Raises
         ------
         DesignError
-            If no such linkage has the same form as that of the file (`OTHER_FORM`).
+            If the linkage has another form than that of the mechanism in the file. The
+            message is then `OTHER_FORM`.
         """
         if self.equivalent_linkage is None:
             return []
@@ -717,18 +723,17 @@ class VariedMechanism:
         return is_mass_or_load or self.masses_follow_sizes or has_equivalent_linkage
 
     def _find_constant_slopes(self, k: int) -> Floats | None:
-        """Return the derivatives of the varied numbers by variable k, if they are constant.
+        """Return the derivatives of numbers by variable k if they are constant, or None.
 
-        They are computed in the design of the file and in trial designs, in which all
-        variables are changed a little. The result is None if the derivatives of these
-        designs do not agree, or no trial design is possible.
+        The numbers describe contacts, masses and loads. Their derivatives are compared
+        between the design of the file and trial designs, in which all variables are changed
+        a little. Constant derivatives need to be computed only once.
         """
         nominal_slopes, *trial_slopes = self.trial_slopes(k)
         if not trial_slopes:
             return None
-        # The derivatives have several units, so the tolerance is relative only. A
-        # derivative that is zero up to rounding then fails the test. This costs time but no
-        # accuracy, since the derivatives are then computed for each design.
+        # The tolerance is relative, since units differ. A derivative that is only zero up
+        # to rounding fails this test. This costs time but no accuracy.
         agrees = all(
             np.allclose(nominal_slopes, slopes, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
             for slopes in trial_slopes
@@ -746,10 +751,9 @@ class VariedMechanism:
     def _differentiate_numbers(self, values: Floats, k: int) -> Floats:
         """Return the derivatives of the varied numbers by one variable, at a design.
 
-        The varied numbers describe contacts, masses and loads, in this order, and change
-        with the variables. They are read from the mechanism file with the values of a
-        design in it, so no formula for their derivatives exists. Difference quotients are
-        used instead.
+        The varied numbers describe contacts, masses and loads. They are read from the
+        mechanism file with the values of a design, so there is no formula for their
+        derivatives. Difference quotients are used instead.
 
         Parameters
         ----------
@@ -772,15 +776,15 @@ class VariedMechanism:
         def read_change(design: Floats) -> Floats:
             """Return the varied numbers of a design, less those of the design `values`."""
             change = self._read_varied_numbers(design) - numbers_at_values
-            # Contacts are described by angles and by ratios of wheels. An angle may jump by
-            # a whole revolution from one design to the next, which `wrap` removes. A change
-            # of a ratio is far below half a revolution (pi), so `wrap` does not alter it.
+            # The first numbers belong to contacts: angles and ratios of wheels. An angle
+            # may jump by a whole revolution, which `wrap` removes. Changes of ratios are
+            # far below pi, so `wrap` leaves them.
             contact_count = len(self.varied_contact_numbers)
             change[:contact_count] = wrap(change[:contact_count])
             return change
 
-        # The longest step is tried first. A shorter one is used if a design within the
-        # longer one is impossible. A variable that is zero has steps relative to 1.
+        # The longest step is tried first. A shorter one is used if a design within it is
+        # impossible. If the variable is zero, steps are relative to 1.
         steps = RELATIVE_DIFFERENCE_STEPS * (abs(values[k]) or 1.0)
         slopes = differentiate_by_variable(read_change, values, k, steps)
         return no_slopes if slopes is None else slopes

@@ -149,7 +149,7 @@ class _WorkerDeath:
         """Describe the end of a worker; `status` is its exit status as in `Popen.wait`."""
         self.number = number
         self.cause = f"exit status {status}"
-        # On POSIX systems -n means that signal n ended the process.
+        # On POSIX systems a status -n means that signal n ended the process.
         if status < 0:
             with suppress(ValueError):  # this system has no name for the signal
                 self.cause = f"signal {-status}, {signal.Signals(-status).name}"
@@ -210,7 +210,10 @@ class _WorkerProcess:
     """
 
     def __init__(self, sweep: Sweep) -> None:
-        """Start a worker, which does not have the sweep yet.
+        """Start a worker process, which will compute parts of a sweep.
+
+        A sweep evaluates many designs of a mechanism, in numbered parts. The worker gets
+        the sweep later, by `load`.
 
         Parameters
         ----------
@@ -223,8 +226,8 @@ class _WorkerProcess:
             If the process cannot be started.
         """
         self._name = sweep.mechanism.name
-        # The worker gets its own process group. A terminal sends Ctrl-C to all processes
-        # of a group, and it would end a worker that does not yet ignore it.
+        # A terminal sends Ctrl-C to all processes of a group. A group of its own protects
+        # the worker, since only the parent process handles Ctrl-C.
         group_options: dict[str, Any] = {"process_group": 0}
         if os.name == "nt":
             group_options = {
@@ -248,10 +251,11 @@ class _WorkerProcess:
         self._answers = self.popen.stdout
 
     def load(self, sweep_message: tuple[bytes, str]) -> None:
-        """Send the sweep to the worker, and wait until the worker has loaded it.
+        """Send a sweep to the worker process, and wait until the worker has loaded it.
 
-        If a signal ended the worker during this time, nothing is raised. The next call of
-        `compute` then returns None.
+        A sweep evaluates many designs of a mechanism, in numbered parts. If a signal ends
+        the worker during this time, nothing is raised. The next call of `compute` then
+        returns None.
 
         Parameters
         ----------
@@ -263,10 +267,10 @@ class _WorkerProcess:
         DesignError
             If the worker cannot load the sweep, or ended by itself with an exit status.
         """
-        # The worker needs the import path before it can load the sweep. `_send` returns
-        # whether the message could be written.
+        # The worker needs the import path first, to load the sweep. `_send` returns whether
+        # the message could be written.
         is_sent = self._send(sys.path) and self._send(sweep_message)
-        # There is no answer (None) if the worker ended before it answered.
+        # None: the worker ended before it answered.
         answer = self._receive_answer() if is_sent else None
         if isinstance(answer, Loaded):
             if answer.fault:
@@ -277,9 +281,8 @@ class _WorkerProcess:
                     f"{SINGLE_PROCESS_HINT}"
                 )
             return
-        # The status is negative if a signal of the system ended the worker, for example
-        # for want of memory. Otherwise the worker failed by itself, and Python has printed
-        # its error on the same screen.
+        # A negative status means that a signal ended the worker, for example for want of
+        # memory. Otherwise Python has printed the error of the worker on this screen.
         exit_status = self.end()
         if exit_status >= 0:
             raise DesignError(
@@ -347,9 +350,10 @@ class _Crew:
         waiting_parts: "queue.SimpleQueue[int]",
         worker_count: int,
     ) -> None:
-        """Prepare a crew of threads, each of which runs one worker process at a time.
+        """Prepare threads that compute the parts of a sweep with worker processes.
 
-        Nothing is started yet.
+        A sweep evaluates many designs of a mechanism, in numbered parts. Each thread runs
+        one worker process at a time. Nothing is started yet.
 
         Parameters
         ----------
@@ -404,7 +408,10 @@ class _Crew:
         self._waiting_parts.put(number)
 
     def events(self) -> Generator[int | _WorkerDeath, None, None]:
-        """Yield one event for each part, until no part is open.
+        """Yield one event for each part of the sweep, until all parts are finished.
+
+        A sweep evaluates many designs of a mechanism, in numbered parts. The parts are
+        computed by worker processes.
 
         Yields
         ------
@@ -431,13 +438,17 @@ class _Crew:
             yield event
 
     def _run_worker(self) -> None:
-        """Start a worker and let it compute parts until the crew is stopped.
+        """Start a worker process and let it compute parts of the sweep, one by one.
 
-        Each thread of the crew runs this function. It takes the numbers of parts from the
-        queue. For each part it puts one event into `_events`: the number of the part if it
-        is written, the error if it cannot be computed, or a `_WorkerDeath` if the worker
-        ended. In the last case a new worker is started for the next part. Any other
-        exception is put into `_events` too, and ends the thread.
+        Each thread of the crew runs this function until the crew is stopped. It takes the
+        numbers of parts from a queue. For each part it puts one event into `_events`:
+
+        - the number of the part, if it is written,
+        - the error, if the part cannot be computed,
+        - a `_WorkerDeath`, if the worker ended. A new worker is then started for the next
+          part.
+
+        Any other exception is put into `_events`, too, and ends the thread.
         """
         process: _WorkerProcess | None = None
         try:
@@ -445,7 +456,7 @@ class _Crew:
                 try:
                     number = self._waiting_parts.get(timeout=0.05)
                 except queue.Empty:
-                    # `compute_again` may still put a part into the queue.
+                    # Wait, since `compute_again` may still put a part into the queue.
                     continue
                 # A worker is started only when there is a part for it.
                 if process is None:

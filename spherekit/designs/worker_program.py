@@ -46,17 +46,18 @@ class Computed:
 
 
 def work() -> None:
-    """Compute parts until the parent process closes the standard input of this process.
+    """Compute parts of a sweep, until the parent process closes standard input.
 
-    A sweep evaluates many designs of a mechanism, and is divided into numbered parts. The
-    first message on standard input is a tuple: the pickled sweep, and the path of the
-    folder in which parts are written. The answer is `Loaded`. If the sweep cannot be
-    loaded, the answer says so, and the function returns. Each further message is the number
-    of a part, and the answer is `Computed`. The answers are pickled too and written to the
-    standard output of this process. Texts that other code prints go to standard error.
+    A sweep evaluates many designs of a mechanism, in numbered parts. This function runs in
+    a worker process. Messages of the parent come through standard input, and answers go to
+    standard output. Both are pickled. Texts that other code prints go to standard error.
+
+    The first message is a tuple: the pickled sweep, and the folder in which parts are
+    written. The answer is `Loaded`, with the error if the sweep cannot be loaded. Each
+    further message is the number of a part, and the answer is `Computed`.
     """
-    # Ctrl-C may be sent to all processes of a terminal. The parent process handles it and
-    # then ends this process.
+    # A terminal may send Ctrl-C to this process, too. Only the parent handles it and then
+    # ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = _take_standard_output()
     messages = sys.stdin.buffer
@@ -68,7 +69,8 @@ def work() -> None:
         return
     _send(answers, Loaded())
     waiting_numbers: queue.SimpleQueue[int] = queue.SimpleQueue()
-    # The thread ends this process as soon as standard input is closed, also during a part.
+    # This thread receives the numbers. It ends this process when standard input is closed,
+    # even during a part.
     threading.Thread(
         target=_receive_numbers, args=(messages, waiting_numbers), daemon=True
     ).start()
@@ -127,12 +129,12 @@ def _send(answers: BinaryIO, message: Loaded | Computed) -> None:
 def _picklable_error(fault: Exception) -> BaseException:
     """Return an exception that the parent process can unpickle and raise.
 
-    This must be called in the ``except`` block of `fault`. The result is a copy of `fault`,
-    or a `DesignError` with its type and message if `fault` cannot be pickled. Errors that
-    are not a `SpherekitError` are bugs, so the traceback is added to them as a note.
+    Call this in the ``except`` block of `fault`, since the traceback is read here. The
+    result is a copy of `fault`. If this is impossible, it is a `DesignError` with the type
+    and message of `fault`. An error that is not a `SpherekitError` is a bug, so its
+    traceback is added as a note.
     """
-    # Unpickling is tried too: an exception whose constructor has other arguments can be
-    # pickled, but not unpickled.
+    # Unpickling is tried too, since some exceptions can be pickled but not unpickled.
     traceback_text = traceback.format_exc()
     try:
         error: Any = pickle.loads(pickle.dumps(fault))

@@ -41,23 +41,23 @@ BOX_CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 def draw_certified_map(
     areas: Mapping[str, tuple[Floats, Floats]], names: Sequence[str]
 ) -> Figure:
-    """Return a figure of boxes of two inputs, in degrees.
+    """Return a figure of the proven numbers of assembly modes, over two inputs (deg).
 
-    A box is regular if it is proven to have no configuration that is singular with locked
-    inputs (type II). It then has one number of assembly modes.
+    The plane of the inputs is divided into boxes. An assembly mode is one way to assemble
+    the mechanism. A box is regular if it provably has no singularity of type II (at which
+    locked inputs do not hold the output). Its number of assembly modes is then constant.
 
     Parameters
     ----------
     areas
-        Centres and half widths (n, 2) of boxes (deg). The keys of regular boxes are their
-        proven number of modes; the keys of the others are `TYPE_II_LABEL` and
+        Centres and half widths (n, 2) of boxes (deg), by the label of their area. Regular
+        boxes are labelled with their number of modes, the others with `TYPE_II_LABEL` or
         `UNDECIDED_LABEL`.
     names
         Names of both inputs.
     """
     with style.look():
-        # The figure is a square. `WIDTHS` has widths in inches by the number of journal
-        # columns over which a figure extends; this one extends over one column.
+        # A square figure with the width of one column of a journal.
         width = style.WIDTHS[1]
         figure = Drawing(figsize=(width, width), layout="constrained")
         axes = figure.add_subplot()

@@ -32,7 +32,10 @@ MAX_COMPARED_POINTS = 200
 
 
 class DashPosition(NamedTuple):
-    """The number of curves that coincide, and the position of one curve among them."""
+    """The number of drawn curves that coincide, and the position of one curve among them.
+
+    Coinciding curves get different dashes, so that all can be seen.
+    """
 
     position: int
     curve_count: int
@@ -68,24 +71,27 @@ def dash_positions(leaders: Sequence[int]) -> list[DashPosition]:
 
 
 def find_coinciding_paths(paths: Sequence[Floats], size: float) -> list[DashPosition]:
-    """Return for each path its position among the paths that coincide with it.
+    """Return for each drawn path its position among the paths that coincide with it.
 
-    Two paths coincide if nearly all points of one path are on the other one, up to the
-    thickness of a drawn line.
+    Paths at different positions get different dashes, so that none hides another one. Two
+    paths coincide if nearly all points of one path are on the other one, up to the
+    thickness of a line. The first of several coinciding paths is their leader.
 
     Parameters
     ----------
     paths
-        (n, k) points of each path, NaN in gaps.
+        (n, k) n points of each path with k coordinates, NaN in gaps.
     size
-        Size of the frame, in the unit of the points.
+        Size of the frame of the drawing, in the unit of the points.
     """
+    # For each path so far its leader: the first path that coincides with it, or itself.
     leaders: list[int] = []
     for number, path in enumerate(paths):
         leader = number
         for earlier_number in range(number):
             is_leader = leaders[earlier_number] == earlier_number
             earlier_path = paths[earlier_number]
+            # It is enough to compare with leaders.
             if is_leader and (
                 _lies_on(path, earlier_path, size) or _lies_on(earlier_path, path, size)
             ):
@@ -101,8 +107,8 @@ def _lies_on(path: Floats, other_path: Floats, size: float) -> bool:
     Parameters
     ----------
     path, other_path
-        (n, k) points, NaN in gaps. The other path consists of the segments between its
-        points.
+        (n, k) n points with k coordinates, NaN in gaps. The other path consists of the
+        straight segments between its points.
     size
         Size of the frame of the drawing, in the unit of the points. A point is on the other
         path if it is nearer than `COINCIDING_RATIO` times this size.
@@ -116,6 +122,7 @@ def _lies_on(path: Floats, other_path: Floats, size: float) -> bool:
     # A single point is drawn as a dot and hides no line.
     if len(points) < 2 or not len(starts):
         return False
+    # Compare only some of the points, to save time.
     step = max(1, len(points) // MAX_COMPARED_POINTS)
     points = points[::step]
     # Nearest point of each segment: its start plus a part, from 0 to 1, of the segment.

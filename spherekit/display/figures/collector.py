@@ -19,7 +19,7 @@ class LoggedBlock(NamedTuple):
     """Drawings of some successive samples of a motion: the arguments of `Recorder.log`.
 
     A recorder is a viewer or file that receives the drawings of a run, block by block. A
-    block belongs to one page. A page of a recording shows one assembly mode (way to
+    block belongs to one page of the recording. A page shows one assembly mode (way to
     assemble the mechanism), or has a title of its own.
 
     Attributes
@@ -117,9 +117,10 @@ class Collector:
 def _join_scenes(parts: Sequence[Scene]) -> Scene:
     """Join the scenes of successive blocks of samples to one scene.
 
-    A scene has primitives: objects that are drawn, such as curves. A primitive is
-    recognised by its class and path. Its rows, one for each sample, are joined. The rows of
-    the axes (`scene.over`), the quantities over which the scene is plotted, are joined too.
+    A scene has primitives: objects that are drawn, such as curves. The same primitive in
+    several blocks is recognised by its class and path. Its values, one row for each sample,
+    are joined. The axes `scene.over` (quantities over which the scene is plotted) are
+    joined, too.
     """
     primitive_parts: dict[tuple[type, str], list[Primitive]] = {}
     for scene in parts:
@@ -129,16 +130,17 @@ def _join_scenes(parts: Sequence[Scene]) -> Scene:
     axes: list[Axis] = []
     for axis_parts in zip(*(scene.over for scene in parts), strict=True):
         values = np.concatenate([axis.values for axis in axis_parts])
-        # The range `span` of the whole run is only needed by the axis of one block.
+        # A single block needs the range (`span`) of the whole run. The joined axis does
+        # not.
         axes.append(Axis(axis_parts[0].label, axis_parts[0].unit, values))
     primitives = tuple(map(_join_primitives, primitive_parts.values()))
     return Scene(parts[0].page, primitives, tuple(axes), parts[0].source)
 
 
 def _join_primitives(parts: Sequence[Any]) -> Primitive:
-    """Join one primitive in successive blocks of samples to one primitive.
+    """Join one drawn object (primitive) in successive blocks of samples to one object.
 
-    Attributes with one row for each sample are joined. All others are taken from the first
+    Attributes with one row for each sample are joined. Others are taken from the first
     block.
     """
     first: Primitive = parts[0]

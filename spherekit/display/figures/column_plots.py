@@ -105,17 +105,17 @@ def _is_on_grid(table: Table, frame: "pd.DataFrame") -> bool:
 def _subjects(
     table: Table, frame: "pd.DataFrame"
 ) -> Iterator[tuple[Page, str, "pd.DataFrame"]]:
-    """Yield the rows of each subject in each assembly mode, with page and label.
+    """Yield the rows of a table that belong to one curve, with page and label.
 
-    A subject is what a row is about, such as a pole. The texts in the row name it, and are
-    joined to a label such as "pole 3/1". The page is the number of the assembly mode. If
-    the rows of a table do not belong to samples and assembly modes, all of them are yielded
-    as one subject, with an empty page and label.
+    A curve belongs to one subject of a row, such as a pole, in one assembly mode (way to
+    assemble the mechanism). The texts in a row name its subject, with a label such as "pole
+    3/1". The page is the number of the assembly mode. If a table has no assembly modes, all
+    rows are one subject, without page and label.
 
     Parameters
     ----------
     table
-        The declaration of the table.
+        The declaration of the table: kinds and units of its columns.
     frame
         The columns of the table.
     """
@@ -127,7 +127,7 @@ def _subjects(
         for column in table.columns
         if column.kind == "text" and column != MODE_NAME
     ]
-    # Columns with one value for all rows do not tell subjects apart.
+    # A column with the same text in all rows does not tell subjects apart.
     names = [name for name in names if frame[name].nunique() > 1]
     keys = [*names, ASSEMBLY_MODE.name]
     for key, rows in frame.groupby(keys, observed=True, sort=False):
@@ -140,15 +140,15 @@ def _subjects(
 
 
 def _interrupt(x: Floats, y: Floats, turn: float | None) -> tuple[Floats, Floats]:
-    """Return the points of a curve with a row of NaN where an angle on x jumps.
+    """Return the points of a curve with a gap (NaN) where an angle on the axis x jumps.
 
-    An angle jumps if it changes by half a turn or more between two rows. The axis y is
-    interrupted by `draw_curves`.
+    Without the gap, a line would cross the whole figure. An angle jumps if it changes by
+    half a turn or more between two rows. Jumps on the axis y are handled by `draw_curves`.
 
     Parameters
     ----------
     x, y
-        (n,) the points.
+        (n,) coordinates of the points.
     turn
         A whole turn in the unit of x, None if x is not an angle.
     """

@@ -80,7 +80,7 @@ class Figures(Mapping[str, Figure]):
         return iter(self._draw_by_name)
 
     def __getitem__(self, name: str) -> Figure:
-        """Return the figure of a full or short name.
+        """Return the figure with a full or short name, and draw it if necessary.
 
         The full name is ``analysis/subject``. The subject alone is accepted if only one
         figure has it. The analysis alone is accepted if it has only one figure.
@@ -110,7 +110,7 @@ class Figures(Mapping[str, Figure]):
                 f"{listing(names, len(names))}"
             )
         (key,) = names
-        # A figure is drawn once and then kept.
+        # Each figure is drawn only once.
         if key not in self._figure_by_name:
             self._figure_by_name[key] = self._draw_by_name[key]()
         return self._figure_by_name[key]
@@ -135,25 +135,26 @@ def plan_figures(
     degrees: bool = True,
     columns: Columns = 2,
 ) -> Figures:
-    """Return the figures that the scenes of a run give.
+    """Return the figures of a run, which are drawn when they are first read.
 
-    A scene contains what is drawn on one page: of one assembly mode, or of one analysis.
+    A scene has the objects that are drawn on one page: for one assembly mode (way to
+    assemble the mechanism), or under a title of an analysis.
 
     Parameters
     ----------
     scenes
-        The scenes, each complete.
+        The scenes, each with all samples of the run.
     titles
         Titles of the assembly modes, by number.
     degrees
         Whether angles are in degrees, otherwise in rad.
     columns
-        Number of columns of a journal over which a figure extends.
+        Width of a figure, as a number of columns of a journal.
     """
     if degrees:
         scenes = [convert_to_degrees(scene) for scene in scenes]
     sheet = Sheet(columns, titles)
-    # Figures are planned for each analysis (`source`), and drawn when they are first read.
+    # The `source` of a scene is the analysis that it comes from.
     draw_by_name: dict[str, Callable[[], Figure]] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):
         source_scenes = [scene for scene in scenes if scene.source == source]
@@ -166,7 +167,7 @@ def plan_figures(
             *_plan_axodes(source_scenes, sheet),
             *_plan_diagrams(source_scenes, sheet),
         ]
-        for planned_figure in planned_figures:  # the first figure of a name is kept
+        for planned_figure in planned_figures:  # of equal names the first one counts
             subject = planned_figure.subject
             name = f"{source}/{subject}" if source else subject
             draw_by_name.setdefault(name, planned_figure.draw)
@@ -176,26 +177,24 @@ def plan_figures(
 def _plan_series(
     source_scenes: Sequence[Scene], all_scenes: Sequence[Scene], sheet: Sheet
 ) -> Iterator[PlannedFigure]:
-    """Yield figures of series: of curves over one axis, or of maps over two inputs.
+    """Yield figures of series: curves over one axis, or maps over two inputs.
 
     A series has one number for each sample. Series of one group are the same kind of
-    quantity and share a figure, or several if they need too many panels.
-
-    A scene contains what is drawn of one assembly mode (way to assemble the mechanism), or
-    what an analysis draws under a title of its own. Its `page` is the number of the mode or
-    the title. Its `over` has the axes over which the samples run, such as inputs or time.
+    quantity and share a figure, or several if they need too many panels. A scene has the
+    objects that are drawn for one assembly mode (way to assemble the mechanism), or under a
+    title of an analysis. Its `page` is the number of the mode or the title. `over` has the
+    axes of the plot, such as inputs or time.
 
     Parameters
     ----------
     source_scenes
         Scenes of one analysis.
     all_scenes
-        Scenes of all analyses, whose marked inputs are drawn too.
+        Scenes of all analyses. The inputs that they mark are drawn, too.
     sheet
         Size of the figures, and titles of modes.
     """
-    # The series of all assembly modes with the same group are together. Series under each
-    # title of the analysis are separate from these.
+    # All assembly modes share a group, but each title has groups of its own.
     items_by_title_and_group = _group_items(source_scenes, Series, "group")
     for (_, group), items in items_by_title_and_group.items():
         shown_series = [
@@ -218,13 +217,14 @@ def _plan_series(
                 subject = group if label == group else f"{group}: {label}"
                 yield from _divide(subject, maps, _page_of, draw_maps, sheet)
             continue
-        # Several inputs that are no grid form a path. Curves are drawn over its length.
+        # Several inputs that do not form a grid form a path. Curves are drawn over its
+        # length.
         curves = [
             (replace(scene, over=(path_axis(scene.over),)), series)
             for scene, series in shown_series
         ]
-        # Inputs that any analysis marks, such as singular ones, are drawn on the curves. A
-        # mark has the value of one input, so it has no position on the length of a path.
+        # Inputs that an analysis marks, such as singular ones, are drawn on the curves. On
+        # the length of a path such marks have no position.
         marks: list[tuple[Page, InputMarks]] = []
         if len(axes) == 1:
             marks = _find_marks(all_scenes, axes[0].label)
@@ -233,16 +233,16 @@ def _plan_series(
 
 
 def _find_marks(scenes: Sequence[Scene], axis_label: str) -> list[tuple[Page, InputMarks]]:
-    """Return all marks that are drawn in plots over one quantity, with their pages.
+    """Return the inputs that analyses mark in plots over one quantity, with their pages.
 
-    Analyses mark inputs, such as those of singularities. The plots of other analyses show
-    these marks too, if they have the same quantity on the x axis.
+    Examples are inputs at singularities. Plots of other analyses show these marks too, if
+    they have the same quantity on the x axis. A page is the number of an assembly mode (way
+    to assemble the mechanism), or a title.
 
     Parameters
     ----------
     scenes
-        Scenes of all analyses. The axes `over` of a scene are the quantities over which its
-        samples run.
+        Scenes (drawn objects of one page) of all analyses. `over` has the axes of the plot.
     axis_label
         Label of the quantity on the x axis. Scenes over another quantity, or over several,
         are left out.
@@ -278,20 +278,20 @@ def _divide(
     draw: Callable[[Sequence[Any], Sheet], Figure],
     sheet: Sheet,
 ) -> Iterator[PlannedFigure]:
-    """Yield one figure of items, or several with at most `MAX_PANELS` panels each.
+    """Plan one figure of drawn objects, or several if it would have too many panels.
 
-    The panels are divided evenly among the figures.
+    Each figure has at most `MAX_PANELS` panels. They are divided evenly among the figures.
 
     Parameters
     ----------
     subject
         Name of the figure.
     items
-        The primitives (curves, maps, arrows, ...) with their scenes.
+        The drawn objects (curves, maps, arrows, ...) with their scenes.
     panel_of
-        Returns for an item the key of its panel: items of equal keys share one.
+        Function that returns the panel of an item. Items with equal results share a panel.
     draw
-        Draws a figure of items.
+        Function that draws a figure of items.
     sheet
         Size of the figures, and titles of modes.
     """
@@ -323,15 +323,15 @@ def _plan_planes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigur
 
 
 def _plan_spheres(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
-    """Yield the curves and maps on the sphere: a figure for each page.
+    """Plan the figures of curves and maps on the sphere, one for each page.
 
-    A page is an assembly mode, or has a title of its own. A primitive is drawn once, even
-    if several scenes of its page show it.
+    A page is the number of an assembly mode (way to assemble the mechanism), or a title.
+    Several scenes of one page may have the same object. It is drawn once.
 
     Parameters
     ----------
     scenes
-        The scenes of one analysis.
+        The scenes (drawn objects of one page) of one analysis.
     sheet
         Size of the figures, and titles of modes.
     """
@@ -367,29 +367,29 @@ def _plan_surfaces(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFig
 
 
 def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
-    """Yield the paths of the pole axes of links that no pair joins.
+    """Plan the figures of the paths of pole axes on the sphere.
 
-    A pole axis is the axis about which one link turns relative to another one. Its path is
-    drawn for each assembly mode (way to assemble the mechanism). If samples run over
-    several inputs, successive samples are not points of one motion, and there is no path.
+    A pole axis is the axis about which one link turns relative to another one. Axes of
+    pairs (joints) are left out. A path is drawn for each assembly mode (way to assemble the
+    mechanism). Samples over several inputs are not successive points of one motion, so they
+    have no path.
 
     Parameters
     ----------
     scenes
-        The scenes of one analysis.
+        The scenes (drawn objects of one page) of one analysis.
     sheet
         Size of the figures, and titles of modes.
     """
     arrows: list[ShownItem] = []
     for scene in scenes:
-        # The page of a scene is the number of its assembly mode, or a text or None if it
-        # has none. `over` are the axes, such as inputs or the time, over which the samples
-        # run.
+        # An assembly mode has a number as its page. `over` has the axes of the plot, such
+        # as inputs or the time.
         if not isinstance(scene.page, int) or len(scene.over) != 1:
             continue
         for primitive in scene.primitives:
-            # A primary pole is the axis of a pair. `shown` is False for an arrow that users
-            # of a recording must switch on, `path_shown` for an arrow without a path.
+            # Arrows are left out if users have to switch them on (`shown`), if they have no
+            # path, or if they are axes of pairs (`primary`).
             if (
                 isinstance(primitive, Arrow)
                 and primitive.shown
@@ -431,23 +431,23 @@ def _group_items(
 ) -> dict[tuple[str, Any], list[ShownItem]]:
     """Group the drawn objects of one class by page and by one attribute.
 
-    A scene contains drawn objects (primitives) such as curves, and belongs to one page. The
-    page of an assembly mode (way to assemble the mechanism) is its number. Other pages have
-    a title. All assembly modes share figures, so their objects are in one group.
+    Objects of one group share a figure. The page of a scene is the number of an assembly
+    mode (way to assemble the mechanism), or a title. All assembly modes belong to one
+    group.
 
     Parameters
     ----------
     scenes
-        The scenes of one analysis.
+        The scenes (drawn objects of one page) of one analysis.
     kind
-        Class of the primitives.
+        Class of the objects.
     attribute
         Name of the attribute by which they are grouped.
 
     Returns
     -------
-    By the title of the page and the value of the attribute, the primitives with their
-    scenes. The title is ``""`` for assembly modes.
+    The objects with their scenes, by the title of the page and the value of the
+    attribute. The title is ``""`` for assembly modes.
     """
     groups: dict[tuple[str, Any], list[ShownItem]] = {}
     for scene in scenes:

@@ -118,13 +118,13 @@ def _draw_panel(
     Parameters
     ----------
     panel
-        The panel of the figure.
+        The panel (axes of matplotlib).
     curves
-        For each curve its scene, which contains the values on the horizontal axis, and its
-        series, which contains the values on the vertical axis. All series have one unit.
+        For each curve its scene, which has the values on the horizontal axis, and its
+        series, which has those on the vertical axis. All series have one unit.
     scale
-        Largest magnitude of the quantities of the figure. Differences smaller than the
-        `resolution` of a series times this magnitude are rounding errors.
+        Largest magnitude of the quantities of the whole figure. The `resolution` of a
+        series times this magnitude is the size of rounding errors.
     looks
         For each curve the colour, line style and label. Coinciding curves are drawn with
         other line styles.
@@ -158,14 +158,18 @@ def _draw_panel(
 def _draw_curve(
     panel: Axes, curve: Curve, value_range: tuple[float, float], look: Look
 ) -> None:
-    """Draw a curve. A value whose neighbours have none is drawn as a dot.
+    """Draw a curve of a quantity over an axis in a panel.
+
+    Jumps of angles by a whole turn become gaps. A value between missing values is drawn as
+    a dot.
 
     Parameters
     ----------
     panel
         The panel of the figure.
     curve
-        A scene, which has the axis, and a series of numbers over this axis.
+        A scene, which has the values on the horizontal axis, and a series, which has those
+        on the vertical axis.
     value_range
         Lowest and highest value in the panel.
     look
@@ -195,9 +199,9 @@ def _has_no_neighbour(has_value: Bools) -> Bools:
 
 
 def _note_level_lines(panel: Axes, values: Floats, rounding: float, unit: str) -> None:
-    """Write how much the values differ, if they differ by rounding only.
+    """Write into a panel how much values differ, if they differ by rounding only.
 
-    Their curves are then level lines.
+    Such curves look like level lines, although the values vary a little.
 
     Parameters
     ----------
@@ -219,19 +223,20 @@ def _note_level_lines(panel: Axes, values: Floats, rounding: float, unit: str) -
 
 
 def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
-    """Mark inputs on a curve, or by vertical lines where the curve cannot be marked.
+    """Draw marks at inputs, such as singular ones, on a curve.
 
-    An input gets a vertical line if the value of the curve there is NaN or not within the
-    frame.
+    If the curve has no value at the input, or one outside the frame, a vertical line is
+    drawn.
 
     Parameters
     ----------
     panel
         The panel, whose ranges are set.
     curve
-        A scene, which has the axis, and a series of numbers over this axis.
+        A scene, which has the values on the horizontal axis, and a series, which has those
+        on the vertical axis.
     input_marks
-        Inputs, with the name of the marks and the number of their colour (`tone`).
+        The inputs, their label, and the number of their colour (`tone`).
     """
     left, right = panel.get_xlim()
     low, high = panel.get_ylim()
@@ -246,7 +251,7 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
             continue
         value = np.interp(position, axis_values[order], series.values[order])
         if low <= value <= high:
-            # Lines have a zorder of 2 in matplotlib, so that the marker covers them.
+            # With a zorder above 2, that of lines, the marker covers the curve.
             look = marker_look(input_marks.tone) | {"label": label}
             panel.plot([position], [value], zorder=4.0, **look)
         else:
@@ -257,9 +262,9 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
 def _find_coinciding(values_by_curve: Sequence[Floats], span: float) -> list[DashPosition]:
     """Return for each curve its position among the curves that coincide with it.
 
-    Two curves coincide if they have equally many rows and differ by less than the thickness
-    of a drawn line. This must be so at nearly all rows at which both have a value. The
-    first of several coinciding curves is their leader and has the position 0.
+    Curves at different positions get different dashes, so that none hides another one. Two
+    curves coincide if they differ by less than the thickness of a drawn line at nearly all
+    rows. The first of several coinciding curves is their leader, at position 0.
 
     Parameters
     ----------

@@ -49,10 +49,10 @@ def dark_copy(figure: Figure) -> Figure:
     dark: Figure = pickle.loads(pickle.dumps(figure))
     artists = {id(artist): artist for artist in dark.findobj()}.values()
     for artist in artists:
-        # The colours of panels and of the figure are those of their background patches.
+        # Panels and figure have no colours of their own. Their background patches have.
         if not isinstance(artist, Axes | Figure):
             _darken(artist)
-    # Several texts can share a halo, which must be changed once.
+    # Texts can share a halo (outline). It must be changed only once.
     effects = {
         id(effect): effect
         for artist in artists
@@ -64,23 +64,22 @@ def dark_copy(figure: Figure) -> Figure:
             stroke["foreground"] = _dark_rgba(stroke["foreground"])
     background = _dark_rgba("white")
     for patch in (dark.patch, *(panel.patch for panel in dark.axes)):
-        # A panel with another background keeps it. The colour marks where a map of colours
-        # has no values.
+        # Other backgrounds stay. They mark where a colour map has no values.
         if np.allclose(to_rgba(patch.get_facecolor()), background):
             patch.set_alpha(0.0)
     return dark
 
 
 def _darken(artist: Any) -> None:
-    """Replace all colours of an artist by those for a dark background.
+    """Replace all colours of a drawn object by those for a dark background.
 
-    An artist of matplotlib is an object that is drawn, such as a line, a text or a filled
-    area. Each kind of artist has some of the properties in `COLOUR_PROPERTIES`.
+    The object is an artist of matplotlib, such as a line, a text or a filled area. Each
+    kind of artist has some of the properties in `COLOUR_PROPERTIES`.
     """
-    # The colours of a mapped collection are computed from values by a colour map.
+    # Colours that a colour map computes from values stay.
     if getattr(artist, "get_array", lambda: None)() is not None:
         return
-    # All colours are read first, since some are equal to others by default.
+    # Read all colours before changing any, since some are copies of others by default.
     colours = {
         name: getattr(artist, f"get_{name}")()
         for name in COLOUR_PROPERTIES
@@ -95,11 +94,23 @@ def _darken(artist: Any) -> None:
 
 
 def _dark_rgba(colour: Any) -> tuple[float, float, float, float]:
-    """Return the colour for a dark background that stands for a colour on white."""
+    """Return the colour that replaces a colour of a white page on a dark background.
+
+    Greys exchange light and dark. Other colours become lighter until they can be read.
+
+    Parameters
+    ----------
+    colour
+        A colour in any form that matplotlib accepts.
+
+    Returns
+    -------
+    Red, green, blue and opacity, from 0 to 1.
+    """
     red, green, blue, alpha = to_rgba(colour)
     hue, lightness, saturation = colorsys.rgb_to_hls(red, green, blue)
-    # The range of a grey's channels is small. Its saturation in the model HLS need not be,
-    # since it is relative to the lightness.
+    # In a grey, red, green and blue are nearly equal. The saturation of HLS would not show
+    # this, since it is relative to the lightness.
     if max(red, green, blue) - min(red, green, blue) <= MAX_GREY_SATURATION:
         # White becomes the background, black the ink.
         background_lightness = np.mean(DARK_BACKGROUND)

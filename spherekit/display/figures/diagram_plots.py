@@ -26,10 +26,9 @@ gaps.
 def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figure:
     """Return a figure of the paths of points in a plane, each named at its start.
 
-    A diagram is for example a gnomonic chart. It shows axes through the centre of a sphere
-    as the points in which they meet a tangent plane of the sphere. An axis that becomes
-    parallel to the plane leads through infinity: its point leaves the plane on one side and
-    returns on the opposite side.
+    An example of such a diagram is a gnomonic chart. It shows axes through the centre of a
+    sphere as points where they meet a tangent plane. If an axis becomes parallel to the
+    plane, its point leaves through infinity and returns on the opposite side.
 
     Parameters
     ----------
@@ -48,15 +47,15 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
             for point, name in enumerate(diagram.names):
                 # (n, 2) x and y of the point in each sample.
                 path = diagram.places[:, point]
-                # A step between samples that is long relative to the frame is taken to lead
-                # through infinity. No line is drawn there.
+                # A long step between samples leads through infinity, so no line is drawn
+                # there.
                 steps = np.abs(np.diff(path, axis=0))
                 leads_through_infinity = np.any(steps > INFINITE_STEP_RATIO * frame_size, 1)
                 look = _path_look(diagram, point) | {"label": plot_text(name)}
                 panel.plot(*insert_gaps(path, leads_through_infinity).T, **look)
         _, first_diagram = items[0]
         label_shared_axes(panels, first_diagram.x_label, first_diagram.y_label)
-        figure.draw_without_rendering()  # makes the layout, in which names are placed
+        figure.draw_without_rendering()  # fixes the layout, which names need
         for panel, (_, diagram) in zip(panels, items, strict=True):
             _name_starts(panel, diagram)
     return figure

@@ -22,10 +22,10 @@ FORMATS: tuple[FigureFormat, ...] = get_args(FigureFormat)
 def write_figures(
     figures: Mapping[str, Figure], folder: Path, kind: FigureFormat = "png"
 ) -> list[Path]:
-    """Write every figure into a folder, named by analysis and subject.
+    """Write every figure of a run into a folder, named by analysis and subject.
 
-    The files contain the name of this software. A file that already exists is replaced only
-    if it contains this name too, so that no files of the user are lost.
+    An existing file is replaced only if it contains the name of this software. So no files
+    of the user are lost.
 
     Parameters
     ----------

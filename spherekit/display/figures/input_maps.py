@@ -38,14 +38,15 @@ MAX_SLICES = 3
 
 
 def find_grid(axes: Sequence[Axis]) -> list[Floats] | None:
-    """Return the values of each axis if the rows are a grid of them, else None.
+    """Return the values of each axis if samples form a grid, else None.
 
-    The last axis varies fastest.
+    In a grid, all combinations of the values occur, and the last axis varies fastest. A map
+    is drawn only over a grid.
 
     Parameters
     ----------
     axes
-        The axes, each with its value in every row.
+        The axes, such as inputs. Each has one value for every sample.
     """
     rows = [axis.values for axis in axes]
     values_by_axis = [np.unique(values) for values in rows]
@@ -144,14 +145,17 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
 
 
 def _draw_zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> None:
-    """Draw the line on which a quantity is zero, but no line where its sign jumps.
+    """Draw the contour on which a quantity is zero, over two inputs.
+
+    Where the quantity jumps from positive to negative, it is not zero, and no line is
+    drawn.
 
     Parameters
     ----------
     x, y
-        Values of the two inputs.
+        Values of the two inputs on the grid.
     table
-        (len(x), len(y)) the quantity.
+        (len(x), len(y)) the quantity on the grid.
     span
         Range of the colours, in the unit of the quantity.
     """

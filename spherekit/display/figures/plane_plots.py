@@ -125,7 +125,9 @@ def _path_line(portrait: Portrait) -> Floats:
 
 
 def _draw_path(panel: Axes, line: Floats, look: Look, has_start_dot: bool) -> None:
-    """Draw one quantity against another along the samples of an assembly mode.
+    """Draw one quantity against another along the samples of one assembly mode.
+
+    An assembly mode is one way to assemble the mechanism.
 
     Parameters
     ----------
@@ -136,8 +138,8 @@ def _draw_path(panel: Axes, line: Floats, look: Look, has_start_dot: bool) -> No
     look
         Colour and dashes of the mode, and its name in the legend.
     has_start_dot
-        Whether a dot marks the first point. Among fixed curves of the plane, such as
-        singular curves, it could be taken for a mark.
+        Whether a dot marks the first point. In a panel with fixed curves, such as singular
+        ones, the dot could be mistaken for a mark.
     """
     panel.plot(*line.T, linewidth=1.4, zorder=2.5, **look)
     finite_points = line[all_finite(line, 1)]
@@ -146,9 +148,15 @@ def _draw_path(panel: Axes, line: Floats, look: Look, has_start_dot: bool) -> No
 
 
 def _set_frame(panel: Axes, portrait: Portrait) -> None:
-    """Set ranges, names and ticks of both axes for a portrait.
+    """Set ranges, names and ticks of both axes of a panel.
 
-    Linear axes are wider than the ranges of the portrait by a margin.
+    Parameters
+    ----------
+    panel
+        The panel (axes of matplotlib).
+    portrait
+        The plot of one quantity against another, with ranges, labels and units. Linear axes
+        are a little wider than these ranges.
     """
     x_range = portrait.x_range
     y_range = portrait.y_range

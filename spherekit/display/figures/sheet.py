@@ -114,8 +114,8 @@ class Sheet:
         handle_by_label: dict[str, Any] = {}
         for panel in figure.axes:
             handles, labels = panel.get_legend_handles_labels()
-            # A handle is the line or marker of a name. If several panels have the name,
-            # the handle from the first of them is kept.
+            # A handle is the line or marker of a name. The first panel with a name provides
+            # its handle.
             handle_by_label = dict(zip(labels, handles, strict=True)) | handle_by_label
         if handle_by_label:
             longest_label = max(map(len, handle_by_label))
@@ -155,11 +155,12 @@ class Sheet:
         panel_count
             Number of panels.
         ratio
-            Height of a panel, relative to its width.
+            Height of a panel divided by its width.
         longest_title
             Number of letters of the longest title.
         subplot
-            Kind of the panels, as keywords of matplotlib.
+            Kind of the panels, as keywords of matplotlib, such as ``{"projection":
+            "polar"}``.
 
         Returns
         -------
@@ -212,9 +213,9 @@ def marker_look(tone: int) -> Look:
 def name_points(
     panel: Axes, names: Sequence[str], points: Floats, colours: Sequence[str]
 ) -> None:
-    """Write names beside points, at places where they cover no point, name or curve.
+    """Write names beside points of a panel, where they cover no point, name or curve.
 
-    Where a curve cannot be avoided, a halo keeps the name readable.
+    A halo keeps a name readable if a curve cannot be avoided.
 
     Parameters
     ----------
@@ -273,9 +274,8 @@ def _points_on_lines(panel: Axes, distance: float) -> Floats:
         for start, end in pairwise(corners):
             length = np.linalg.norm(end - start)
             has_gap = not np.isfinite(length)  # NaN separates the parts of a line
-            # Only the start of a segment is compared with the frame. Segments between
-            # samples are short, so the part of one that enters the frame can be left out.
-            # Points outside of the frame do no harm, because no name is placed there.
+            # Only the start of a segment is tested. Segments are short, so the rest hardly
+            # matters.
             if has_gap or not frame.contains(*start):
                 continue
             # Positions along the segment: 0 at its start, 1 at its end.

@@ -83,29 +83,28 @@ def draw_sphere(
 ) -> Figure:
     """Return a figure of quantities and curves on the sphere, in two projections.
 
-    The equal-area and the stereographic projection are drawn side by side. Their centre is
-    the ground axis nearest to the directions that are shown, and all these directions are
-    within their rim. If the rim would be too far from the centre, both hemispheres are
-    drawn instead.
+    The equal-area and the stereographic projection are drawn side by side. The maps are
+    centred on the axis of the ground that is nearest to the directions shown. All these
+    directions are on the maps. If a map would become too large, both hemispheres are drawn
+    instead.
 
     Parameters
     ----------
     maps
-        Quantities on areas of the sphere.
+        Quantities on areas of the sphere, drawn in colours.
     curves
         Curves on the sphere, with marks.
     sheet
         Size of the figure, and titles of modes.
     """
-    # The circles about the centre have radii that are multiples of a fine step. The rim is
-    # the smallest circle that contains all directions. Its radius is at least
-    # `CIRCLE_STEP_RAD` if there are areas, and a hemisphere otherwise.
+    # The rim of the map is a circle about the centre that contains all directions. Its
+    # radius is a multiple of a fine step, and has a lower limit.
     shown_directions = directions_to_show(maps, curves)
     frame = frame_about(shown_directions)
     angles = SphereView(frame).angles_from_centre(shown_directions)
     farthest_angle = np.max(angles, initial=0.0)
-    # The farthest direction may be on a circle, up to rounding. Rounding would then decide
-    # which circle is the rim. The small number makes the next circle the rim in any case.
+    # If the farthest direction is on a circle, rounding would decide which circle is the
+    # rim. The added number makes it always the next circle.
     steps_to_rim = np.ceil(farthest_angle / FINE_CIRCLE_STEP_RAD + RIM_ROUNDING_STEPS)
     least_rim = CIRCLE_STEP_RAD if maps else HEMISPHERE_RAD
     rim = max(least_rim, FINE_CIRCLE_STEP_RAD * steps_to_rim)
@@ -131,15 +130,17 @@ def draw_sphere(
 
 
 def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
-    """Return a figure of paths of axes: a panel for each axis, a colour for each mode.
+    """Return a figure of the paths of axes on the sphere.
 
-    All panels show the same hemisphere. An axis that leaves it is drawn by its opposite
-    direction.
+    There is a panel for each axis and a colour for each assembly mode (way to assemble the
+    mechanism). All panels show the same hemisphere. An axis that leaves it is drawn by its
+    opposite direction.
 
     Parameters
     ----------
     arrows
-        Axes over the samples of modes, with the scenes of the modes.
+        The directions of axes over the samples, with the scene of the mode. The page of the
+        scene is the number of the mode.
     sheet
         Size of the figure, and titles of modes.
     """
@@ -157,7 +158,7 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
                 (scene, arrow) for scene, arrow in arrows if arrow.label == label
             ]
             paths = [_visible_path(arrow, view) for _, arrow in panel_arrows]
-            # The unit sphere is two units wide.
+            # The diameter of the unit sphere is the size of the frame.
             dashes = find_coinciding_paths(paths, size=2.0)
             for (scene, _), path, dash in zip(panel_arrows, paths, dashes, strict=True):
                 look = style.page_look(scene.page)
@@ -210,7 +211,10 @@ def _draw_path(panel: Axes, view: SphereView, path: Floats, look: Look) -> None:
 
 
 def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
-    """Draw circles about the centre of a map, with their angles, and name the ground axes.
+    """Draw the grid of a map of the sphere: circles about its centre, and rays.
+
+    The circles are labelled with their angles from the centre. Two rays name axes of the
+    ground.
 
     Parameters
     ----------
@@ -222,6 +226,7 @@ def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
         Title of the panel.
     """
     step = CIRCLE_STEP_RAD if view.rim > FINE_RIM_RAD else FINE_CIRCLE_STEP_RAD
+    # The rim is drawn in any case, so no other circle may be too near to it.
     inner_angles = np.arange(step, view.rim - RIM_ROUNDING_RAD, step)
     angles = np.append(inner_angles, view.rim)
     panel.set_rgrids(
@@ -264,14 +269,14 @@ def _draw_sphere_maps(
     views: Sequence[SphereView],
     maps: Sequence[SphereMap],
 ) -> None:
-    """Draw quantities on areas in all panels, and a colour bar beside them.
+    """Draw quantities on areas of the sphere in all panels, and a colour bar.
 
     Parameters
     ----------
     panels, views
         The polar panels of the figure, and the projection of the sphere onto each.
     maps
-        The quantities, with one unit.
+        The quantities on areas of the sphere. All have one unit.
     """
     values = np.concatenate([sphere_map.shown_values for sphere_map in maps])
     values = values[np.isfinite(values)]
@@ -292,9 +297,8 @@ def _draw_sphere_maps(
         style.HEAT_COLOUR_MAP,
         title_with_unit(maps[0].label, maps[0].unit),
     )
-    # The colour scale has intervals (`BoundaryNorm`) if the values are counts. Other values
-    # have a continuous scale. The interval of a count begins half a unit below it, and the
-    # ticks of the colour bar are the counts.
+    # Counts have a scale of intervals (`BoundaryNorm`). The interval of a count begins half
+    # a unit below it. The ticks of the bar are the counts.
     if isinstance(colour_scale, BoundaryNorm):
         whole_numbers = np.unique(np.round(colour_scale.boundaries[:-1] + 0.5))
         colour_bar.set_ticks(whole_numbers, labels=[f"{n:.0f}" for n in whole_numbers])
@@ -320,8 +324,8 @@ def _draw_sphere_map(
     if not len(sphere_map.triangles):
         panel.scatter(*points.T, c=sphere_map.values, s=7.0, linewidths=0.0, **look)
         return
-    # Points far outside of the rim are NaN, and their triangles are left out. Points a
-    # little outside are projected, so that triangles across the rim are drawn and cut.
+    # Points far outside of the rim are NaN, and their triangles are left out. Triangles
+    # across the rim are drawn and cut.
     is_projected = all_finite(points, 1)
     triangles = sphere_map.triangles[is_projected[sphere_map.triangles].all(axis=1)]
     if not len(triangles):
@@ -329,8 +333,8 @@ def _draw_sphere_map(
     mesh = _cartesian_mesh(points, triangles)
     transform = _cartesian_transform(panel)
     if isinstance(look["norm"], BoundaryNorm):
-        # Counts are whole numbers, so a triangle has one colour and no shading. Its count
-        # is the smallest of its vertices, so that none is overstated.
+        # A triangle of counts has one colour, for the smallest count of its vertices. So no
+        # count is overstated.
         counts = np.min(sphere_map.values[triangles], axis=1)
         panel.tripcolor(mesh, facecolors=counts, transform=transform, **look)
     else:
@@ -368,9 +372,8 @@ def _cartesian_transform(panel: Any) -> Any:
 def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurves) -> None:
     """Draw curves on the sphere, and marks (labelled points).
 
-    If a mark has the label of the curves, it only names the curves in drawings without a
-    legend. Such a mark is left out here, because the legend names the curves. If there are
-    no curves, each mark is a result of its own and is drawn.
+    A mark with the label of the curves only names the curves. It is left out, because the
+    legend does this. Without curves each mark is a result of its own, and is drawn.
 
     Parameters
     ----------
@@ -395,7 +398,7 @@ def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurv
         is_on_map = angle <= view.rim + RIM_ROUNDING_RAD
         if not is_on_map or (has_label_of_curves and has_curves):
             continue
-        # Without curves the legend has no entry that says what is marked.
+        # Without curves, the name of the mark also says what is marked.
         mark_label = mark.label
         if not has_label_of_curves and not has_curves:
             mark_label = f"{label}: {mark.label}"

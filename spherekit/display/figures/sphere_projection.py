@@ -66,9 +66,9 @@ class SphereView:
         (3, 3) matrix whose rows are three unit vectors: to the right, up, and out of the
         map. Each is along an axis of the ground.
     projection
-        The projection.
+        The projection, such as the equal-area one.
     rim
-        Angle (rad) from the centre to the rim.
+        Angle (rad) from the centre of the map to its rim.
     """
 
     frame: Floats
@@ -92,11 +92,12 @@ class SphereView:
         return np.arctan2(np.hypot(right, up), out)
 
     def project(self, directions: Floats) -> Floats:
-        """Return the polar coordinates of directions on the map.
+        """Return the polar coordinates of directions on a map of the sphere.
 
-        The rim of the map is the circle at the angle `rim` from its centre. Directions in a
-        band of the width `CLIPPED_BAND_RAD` beyond the rim are projected too: triangles
-        across the rim need all their vertices, and are cut off at the rim when drawn.
+        The rim of the map is the circle at the angle `rim` from its centre. Directions a
+        little beyond the rim are projected too, in a band of the width `CLIPPED_BAND_RAD`.
+        Triangles across the rim need these vertices. They are cut off at the rim when
+        drawn.
 
         Parameters
         ----------
@@ -107,6 +108,7 @@ class SphereView:
         -------
         (n, 2) azimuth (rad) from the right, and radius. The radius is NaN beyond the band.
         """
+        # Components along the axes of the map.
         right, up, _ = self.frame @ directions.T
         angles = self.angles_from_centre(directions)
         is_beyond = angles > self.rim + CLIPPED_BAND_RAD
@@ -139,11 +141,11 @@ def opposite_frame(frame: Floats) -> Floats:
 
 
 def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]) -> Floats:
-    """Return the directions (n, 3) that have to be within the rim of a map.
+    """Return the directions (n, 3) that a map of the sphere must contain.
 
-    They are the directions of quantities on areas (`maps`) and of marks. The points of
-    curves count only if there are neither areas nor marks. Otherwise curves may leave the
-    map at its rim.
+    They are the directions of quantities on areas (`maps`) and of marks (labelled points).
+    Points of curves count only if there are neither areas nor marks. Otherwise curves may
+    leave the map at its rim.
 
     Parameters
     ----------
@@ -161,6 +163,7 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
             parts.append(sphere_map.vertices)
     for sphere_curves in curves:
         parts += [mark.place[None] for mark in sphere_curves.marks]
+    # There are neither areas nor marks.
     if len(parts) == 1:
         for sphere_curves in curves:
             parts += [np.asarray(curve) for curve in sphere_curves.curves]
@@ -169,31 +172,30 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
 
 
 def turn_to_side(directions: Floats, out: Floats) -> Floats:
-    """Return for each sample the direction of an axis that a map shows.
+    """Return for each sample the direction of an axis that a map of a hemisphere shows.
 
-    An axis has two opposite directions. The one with a component along `out` is visible. On
-    the rim, at right angles to `out`, both are visible. There the direction nearer to that
-    of the neighbouring sample is taken, so that a path along the rim has no jump.
+    An axis has two opposite directions. The one on the side of `out` is visible. On the
+    rim, at right angles to `out`, both are visible. There the direction nearer to that of
+    the neighbouring sample is taken, so that a path along the rim has no jump.
 
     Parameters
     ----------
     directions
         (n, 3) unit vectors, NaN at samples without a direction.
     out
-        (3,) unit vector to the middle of the side.
+        (3,) unit vector to the middle of the hemisphere.
 
     Returns
     -------
-    (n, 3) for each sample the direction or its opposite. On the rim, the direction is not
-    changed after a sample without one, and at the first sample if all others are on the
-    rim, too.
+    (n, 3) for each sample the direction or its opposite. A direction on the rim stays as
+    it is if no neighbour decides.
     """
     heights = directions @ out
     shown = np.where(heights < 0.0, -1.0, 1.0)[:, None] * directions
     is_on_rim = np.abs(heights) < RIM_SINE
 
-    # The samples on the rim are decided one after another, beginning at the first sample
-    # that is not on the rim: forwards by the sample before, backwards by the sample after.
+    # Decide the samples on the rim one after another. Start at the first sample off the
+    # rim, and go forwards, then backwards.
     off_rim = np.flatnonzero(~is_on_rim & np.isfinite(heights))
     first_decided = off_rim[0] if len(off_rim) else 0
     for sample in range(first_decided + 1, len(shown)):
