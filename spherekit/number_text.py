@@ -13,14 +13,14 @@ Without it, an angle of 0 that was computed with rounding errors would read ``4e
 
 
 def number_text(value: float, error: float = 0.0, digits: int = SCREEN_DIGITS) -> str:
-    """Return a number with few digits.
+    """Return a number as text with few digits, for the screen.
 
     Parameters
     ----------
     value
         The number.
     error
-        Bound of its error. A number that is not larger than its error becomes ``0``.
+        Bound of the error. A number that is not larger than its error becomes ``0``.
     digits
         Number of significant digits.
 

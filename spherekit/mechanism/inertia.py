@@ -78,8 +78,8 @@ def shift_to_sphere_centre(tensor: Floats, mass: float, centre: Floats) -> Float
 def axes_frame(first: Floats, second: Floats) -> Floats:
     """Return the frame (3, 3) with z along `first` and with `second` at x = 0, y > 0.
 
-    Both arguments are unit vectors (3,). The columns of the frame are its axes x, y and z.
-    It is the frame of Di Gregorio 2024, Fig. 3.
+    Both arguments are unit vectors (3,). The columns are the axes x, y and z. Di Gregorio
+    2024, Fig. 3, describes links in this frame.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def axes_frame(first: Floats, second: Floats) -> Floats:
 def uniform_arc(
     first: Floats, second: Floats, mass: float, radius: float
 ) -> tuple[Floats, Floats]:
-    """Return the inertia of a thin arc of uniform density.
+    """Return the inertia of a thin arc of uniform density, a simple model of a link.
 
     Parameters
     ----------
@@ -108,12 +108,12 @@ def uniform_arc(
     mass
         Mass of the arc (kg).
     radius
-        Distance of the arc from O (m).
+        Distance (m) of the arc from O, the centre of the sphere.
 
     Returns
     -------
     tensor
-        (3, 3) inertia tensor about O (kg m2), in the axes of the two vectors.
+        (3, 3) inertia tensor about O (kg m2), in the same axes as the two vectors.
     centre
         (3,) centre of mass (m) from O.
 
@@ -122,13 +122,11 @@ def uniform_arc(
     ModelError
         If the two axes are parallel.
 
-    Notes
-    -----
-    A point of the arc at the angle phi from its middle has the unit vector
-    cos(phi) e + sin(phi) f, where e points to the middle and f is perpendicular to it in
-    the plane of the arc. Over an arc of the angle a, the means are <cos^2> = 1/2 + sin a /
-    (2 a) and <sin^2> = 1/2 - sin a / (2 a). The centre of mass is at the distance radius
-    sin(a/2) / (a/2) along e.
+    A point of the arc at the angle phi from its middle has the unit vector cos(phi) e +
+    sin(phi) f. Here e points to the middle, and f is perpendicular to e in the plane of the
+    arc. Over an arc of the angle a, the means are <cos^2> = 1/2 + sin a / (2 a) and <sin^2>
+    = 1/2 - sin a / (2 a). The centre of mass is at the distance radius sin(a/2) / (a/2)
+    along e.
     """
     frame = axes_frame(first, second)
     # The columns of the frame are x across the plane of the arc, y, and z along `first`.
@@ -156,7 +154,7 @@ def check_mass(mass: Mass) -> None:
     ModelError
         If the tensor is not symmetric, or has a negative principal moment. If one principal
         moment exceeds the sum of the two others. If the mass is not positive. If the tensor
-        about the centre of mass, which follows from these data, is not that of a body.
+        about the centre of mass, computed from these data, breaks one of these rules.
     """
     key = f"mass.{mass.link}"
     if mass.mass is not None:
@@ -165,8 +163,8 @@ def check_mass(mass: Mass) -> None:
             raise ModelError(f"{key}.mass: found {mass.mass:g} kg, expected more than 0")
     tensor = np.array(mass.tensor, dtype=np.float64)
     check_tensor(f"{key}.tensor", tensor)
-    # If the mass and its centre are stated, they determine the tensor about the centre of
-    # mass (Steiner's theorem). It also has to be that of a body.
+    # Mass and centre determine the tensor about the centre of mass (Steiner's theorem),
+    # which has to be possible too.
     if mass.centre is None:
         return
     if mass.mass is None:
@@ -176,8 +174,8 @@ def check_mass(mass: Mass) -> None:
     check_finite(f"{key}.centre", mass.centre)
     central_tensor = tensor - point_mass_inertia(mass.mass, np.array(mass.centre))
     about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"
-    # The difference of two tensors has their rounding errors. The tolerance is therefore
-    # relative to the tensor about O, which is the larger one.
+    # The difference has the rounding errors of both tensors. The tolerance is therefore
+    # relative to the larger one, about O.
     _check_principal_moments(
         key, central_tensor, tolerance=MOMENT_TOLERANCE * max_abs(tensor), about=about
     )
@@ -191,8 +189,8 @@ def check_tensor(key: str, tensor: Floats) -> None:
     Raises
     ------
     ModelError
-        If it is not symmetric, has a negative principal moment, or one that exceeds the
-        sum of the two others.
+        If the tensor is not symmetric, has a negative principal moment, or a principal
+        moment that exceeds the sum of the two others.
     """
     if tensor.shape != (3, 3):
         raise ModelError(f"{key}: has the shape {tensor.shape}, expected the shape (3, 3)")
@@ -210,7 +208,7 @@ def check_tensor(key: str, tensor: Floats) -> None:
 def _check_principal_moments(
     key: str, tensor: Floats, tolerance: float, about: str
 ) -> None:
-    """Raise `ModelError` if the principal moments of a tensor are not those of a body.
+    """Raise `ModelError` if no body can have the principal moments of a tensor.
 
     Parameters
     ----------
@@ -221,7 +219,7 @@ def _check_principal_moments(
     tolerance
         Violation (kg m2) that is accepted.
     about
-        The point to which the tensor refers, as the message states it.
+        Words for the point to which the tensor refers, for the message.
     """
     small, middle, large = np.linalg.eigvalsh(tensor)
     excess = large - middle - small

@@ -45,16 +45,16 @@ lengths hide the ratio of the numbers of teeth.
 
 
 class PairStates(NamedTuple):
-    """Frames and curvatures of pairs, evaluated at n samples of their variables.
+    """Frames and curvatures of pairs (joints), at n samples of their variables.
 
     Attributes
     ----------
     first, second
-        (n, pairs, 3, 3) frames of the pair in the link axes of its first and its second
-        link. In space the two frames coincide.
+        (n, pairs, 3, 3) frames (three unit vectors as columns) of each pair, in the axes of
+        its first and of its second link. In space both frames coincide.
     curvatures
-        (n, pairs, 2) geodesic curvatures of the profiles of both links at the contact. Zero
-        for R pairs.
+        (n, pairs, 2) geodesic curvatures of the profiles (contact curves) of both links at
+        the contact. Zero for R pairs (hinges).
     curvature_rates
         (n, pairs, 2) derivatives of the curvatures by the arc length of their profile.
     inside
@@ -89,9 +89,9 @@ class PairStates(NamedTuple):
 
 
 class ContactProfile(NamedTuple):
-    """A profile of a contact, and the position of the contact point along it.
+    """A profile (contact curve) of one link, and where the contact point is on it.
 
-    The contact point is at the arc length (rad) of the variable plus `start`.
+    The arc length (rad) of the contact point is the variable plus `start`.
 
     Attributes
     ----------
@@ -182,19 +182,18 @@ class Joint(ABC):
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
         """Return the frames and curvatures of m pairs of one kind at n samples.
 
-        This method is for contacts. The class of R pairs has another one. The states of a
-        contact also tell whether the contact point is between the ends of both profiles
-        (`inside`).
+        A contact is between two profiles (curves), one on each link. R pairs (hinges)
+        override this method. For contacts, the states also tell whether the contact point
+        is between the ends of both profiles (`inside`).
 
         Parameters
         ----------
         joints
             The m contacts, all of this class.
         values
-            (n, m, k) the k variables of each contact, rad. A variable that is not finite is
-            replaced by a finite number, because curves are defined at finite arc lengths
-            only. The states of this contact have no meaning in that sample, so the caller
-            must not use them.
+            (n, m, k) the k variables of each contact, rad. Curves need finite arc lengths,
+            so a variable that is not finite is replaced by a number. The states of this
+            contact in that sample must not be used.
         """
         states = PairStates.blank(len(values), len(joints))
         frames = (states.first, states.second)
@@ -236,10 +235,10 @@ class Joint(ABC):
     ) -> Floats:
         """Return the time derivatives (n, m, variables, 3) of the velocity vectors.
 
-        The classes of pairs implement it for m pairs of their kind in n configurations. The
-        velocity vector of a variable is the angular velocity of the second link
-        relative to the first per unit rate of this variable. It turns with the links, and
-        changes with the curvatures of the profiles at a contact.
+        Each class of pairs (joints) implements this method for m pairs of its kind in n
+        configurations. The velocity vector of a variable is the angular velocity of the
+        second link relative to the first, per unit rate of the variable. It turns with the
+        links. At a contact, it also changes with the curvatures of the profiles.
 
         Parameters
         ----------
@@ -295,14 +294,14 @@ class Revolute(Joint):
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
         """Return the frames of m R pairs in both of their links, at n samples.
 
-        A pair has a constant frame in each link, whose z axis is the axis of the pair. The
-        frame in the first link is rotated about this axis by the variable v of the pair, so
-        that both frames coincide in space when the loops are closed.
+        An R pair (hinge) has a constant frame in each link, with the axis of the pair as z
+        axis. The frame in the first link is rotated about this axis by the variable v. Both
+        frames then coincide in space if the loops are closed.
 
         Parameters
         ----------
         joints
-            The m pairs.
+            The m R pairs.
         values
             (n, m, 1) variables v of the pairs, rad.
         """
@@ -390,11 +389,11 @@ class Sliding(Joint):
     def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
-        """Return the time derivatives (n, m, 2, 3) of the vectors n + k1 p and -(n + k2 p).
+        """Return the time derivatives (n, m, 2, 3) of velocity vectors of sliding contacts.
 
-        The contact point moves along the profile of the first link with the rate s1' and
-        along that of the second link with s2'. The angular velocity of the second link
-        relative to the first is
+        The vectors are n + k1 p and -(n + k2 p). The contact point moves along the profile
+        (curve) of the first link with the rate s1' and along that of the second link with
+        s2'. The angular velocity of the second link relative to the first is
 
             w = s1' (n + k1 p) - s2' (n + k2 p)
 

@@ -30,13 +30,16 @@ def make_joints(
 ) -> tuple[Joint, ...]:
     """Return the joints of a mechanism in the order of its pairs.
 
+    A joint is the kinematics of a pair: its axis or contact curves, with functions of them.
+
     Parameters
     ----------
     mechanism
-        Mechanism given by sizes of links or by a reference pose.
+        The mechanism. Its geometry consists of sizes of links, or of a reference pose (one
+        configuration with all axes).
     profile_gap
-        Largest gap (rad) of two profiles in the reference pose. Profiles with a smaller gap
-        touch where they are nearest to each other.
+        Largest angle (rad) by which two contact profiles may fail to touch in the reference
+        pose. They then touch where they are nearest to each other.
 
     Raises
     ------
@@ -52,14 +55,14 @@ def make_joints_in_pose(
 ) -> tuple[tuple[Joint, ...], Floats | None]:
     """Return the joints of a mechanism and its variables in the reference pose.
 
-    A reference pose is a configuration in which the file gives the axes of all pairs. The
-    profiles of a contact touch in it if they have a common point with a common tangent:
-    their frames (tangent, normal, point) are equal there.
+    A reference pose is one configuration for which the file states the axes of all pairs.
+    Two contact profiles (curves) touch at a common point with a common tangent. Their
+    frames (tangent, normal, point) are equal there.
 
     Parameters
     ----------
     mechanism
-        Mechanism given by sizes of links or by a reference pose.
+        The mechanism. Its geometry consists of sizes of links, or of a reference pose.
     profile_gap
         Largest angle (rad) between the frames of two profiles that is accepted, because
         numbers in a file are rounded. The profiles touch where the angle is smallest.
@@ -69,8 +72,8 @@ def make_joints_in_pose(
     joints
         The joints in the order of the mechanism's pairs.
     pose_variables
-        (variables,) pair variables in the reference pose (rad). None if the mechanism is
-        given by sizes.
+        (variables,) pair variables in the reference pose (rad). None if there is no such
+        pose, but sizes of links.
 
     Raises
     ------
@@ -79,7 +82,7 @@ def make_joints_in_pose(
         reference pose.
     """
     geometry = mechanism.geometry
-    # The reference pose. None if the mechanism is given by sizes of links.
+    # None if the geometry consists of sizes of links.
     pose = geometry if isinstance(geometry, PoseGeometry) else None
     first_frames, second_frames = pair_frames(mechanism)
     joints: list[Joint] = []
@@ -90,9 +93,8 @@ def make_joints_in_pose(
             pose_variables.append(pose.values.get(pair.name, 0.0) if pose else 0.0)
             continue
         curves = make_contact_curves(mechanism, pair)
-        # Arc lengths along both profiles at the contact. In a reference pose the profiles
-        # show where they touch. Otherwise the file states where a rolling contact is when
-        # its variable is zero.
+        # Arc lengths along both profiles at the contact. Without a pose, the file states
+        # them for the variable zero of a rolling contact.
         start = pair.start
         if pose:
             start = find_contact_lengths(mechanism, pair, curves, profile_gap)
@@ -112,8 +114,8 @@ def make_joints_in_pose(
 def make_contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
     """Return the curves of both links of a contact, each in the axes of its link.
 
-    The tangents of the two curves agree at the contact. In an external contact, where the
-    bodies are on opposite sides of the tangent, the second curve is therefore reversed.
+    At the contact the tangents of both curves agree. In an external contact, the bodies are
+    on opposite sides of the tangent. The second curve then runs backwards.
 
     Raises
     ------
@@ -153,19 +155,19 @@ def find_contact_lengths(
     """Return the arc lengths (rad) at which two profiles touch in the reference pose.
 
     The moving frame of a curve has the columns tangent, normal and point. Two curves touch
-    if they have a common point with a common tangent. Their moving frames are then the
-    same.
+    at a common point with a common tangent. Their moving frames are then equal.
 
     Parameters
     ----------
     mechanism, pair
-        The contact, and its mechanism given in a reference pose.
+        The contact, and its mechanism. Its geometry is a reference pose (one configuration
+        with all axes).
     curves
-        Curves of the first and the second profile of the pair. Link axes coincide in the
-        reference pose.
+        Curves of the first and the second profile, in link axes. All link axes coincide in
+        the reference pose.
     profile_gap
-        The curves count as touching if a rotation by less than this angle (rad) leads from
-        one moving frame to the other.
+        Accepted angle (rad) of the rotation between both frames, because numbers in a file
+        are rounded.
 
     Returns
     -------
@@ -177,9 +179,9 @@ def find_contact_lengths(
         If the most similar moving frames differ by a larger angle.
     """
     lengths, gap = nearest_frames(*curves)
-    # If the links are on different sides of the common tangent (an external contact), the
-    # second curve was reversed. With the wrong `contact` in the file, the tangents are
-    # opposite where the profiles touch, and the frames differ by 180 deg.
+    # The key `contact` tells whether the links are on different sides of the common
+    # tangent. If the key is wrong, the tangents are opposite, and the frames differ by 180
+    # deg.
     if not gap < profile_gap:
         raise ModelError(
             f"{mechanism.name}: pairs.{pair.name}: the profiles do not touch in the "

@@ -37,7 +37,7 @@ Axes = Literal["ground", "link"]
 class LinkMoment:
     """A moment, or a force at a point, that acts on a link.
 
-    It belongs to a `LoadComponent`, which has the magnitude: a function of angles, their
+    It is a part of a `LoadComponent`, which has the magnitude: a function of angles, their
     rates and time. Magnitude times `direction` is the moment or the force.
 
     Attributes
@@ -45,9 +45,9 @@ class LinkMoment:
     link
         Name of the link.
     direction
-        (3,) direction of the moment. If `arm` is given, it is the direction of a force at
-        this point. The moment of the force about the centre of the sphere then acts on the
-        link.
+        (3,) direction of the moment. With `arm`, it is the direction of a force at this
+        point instead. The link then gets the moment of this force about the centre of the
+        sphere.
     axes
         Axes of the components of `direction`: "ground" or "link".
     arm
@@ -64,9 +64,9 @@ class LinkMoment:
 class TorqueCallback:
     """A torque at a pair that a Python function f(t, q, dq) returns.
 
-    It is an alternative to an `Expression` as the magnitude of a load. Only computations
-    that call it with numbers can use it. An expression can also be differentiated and
-    compiled.
+    Usually the magnitude of a load is an `Expression`, which can also be differentiated and
+    compiled. This class takes its place if the user has a Python function. Only
+    computations with numbers can use it.
 
     Attributes
     ----------
@@ -83,8 +83,8 @@ class TorqueCallback:
     def names(self) -> frozenset[str]:
         """Names of the variables on which the torque depends, spelled as in expressions.
 
-        They are the time, the angle of the pair and its rate, like the attribute `names` of
-        an `Expression`, which is the other kind of magnitude.
+        They are the time, the angle of the pair and its rate. An `Expression`, the other
+        kind of magnitude, has the same attribute.
         """
         return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
 
@@ -144,16 +144,16 @@ class LoadComponent:
     Attributes
     ----------
     magnitude
-        Function of pair variables, their rates and the time. If the component is friction
-        that follows from a reaction, it is only the factor (-1 to 1) that depends on the
-        rate. The size of this friction (N m) is computed later and multiplies it.
+        Function of pair variables, their rates and the time. Friction that follows from a
+        reaction (force in a pair) is different. Then this function is only a factor from -1
+        to 1, and the size of the friction (N m) is computed later.
     pair
-        Pair at which the component acts, or empty. The power of the component is the
-        magnitude times a rate. This is the rate of the variable of an R pair, or the rate
-        at which the second link of a contact slides along the first.
+        Name of the pair (joint) at which the component acts, or empty. The power is the
+        magnitude times a rate: that of the variable of an R pair, or the sliding rate of a
+        contact.
     moments
-        Moments on links, if it does not act at a pair. Each is multiplied by the magnitude.
-        Its power is its dot product with the angular velocity of the link.
+        Moments on links, if the component does not act at a pair. Each is multiplied by the
+        magnitude. Its power is its dot product with the angular velocity of the link.
     bearing_friction
         The load of the mechanism file that states this friction, if the component is
         friction in a bearing or contact. Its size follows from the reaction there.
@@ -171,7 +171,7 @@ LoadComponents = tuple[LoadComponent, ...]
 class LoadedMechanism(Protocol):
     """The part of `spherekit.mechanism.mechanism.Mechanism` that loads use.
 
-    A protocol is needed because a mechanism contains loads.
+    Loads cannot import the class itself, because a mechanism contains loads.
     """
 
     @property
@@ -248,7 +248,8 @@ class Load(ABC):
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """Check the values of the fields of the load.
 
-        Names of links and pairs are not checked: the mechanism has refused unknown ones.
+        Subclasses add checks of their own. Names of links and pairs need no check, because
+        the mechanism has refused unknown ones.
 
         Parameters
         ----------
@@ -285,8 +286,8 @@ class Load(ABC):
 class BearingFriction(Load):
     """Base class of friction at a pair that follows from the reaction of that pair.
 
-    An R pair has friction in its bearings. A contact has friction in proportion to the
-    moment of its normal force about the centre of the sphere, which is called the push.
+    An R pair (hinge) has friction in its bearings. The friction of a contact is in
+    proportion to the push: the moment of its normal force about the centre of the sphere.
     """
 
     pair: str
@@ -313,8 +314,7 @@ class BearingFriction(Load):
         """Return the loads on the bearings of the pair, or on the contact.
 
         The friction torque (N m) at the pair is the sum of the lengths of these vectors,
-        times the `friction_coefficient`. This coefficient is a length (m) for bearings and
-        a plain number for a contact. Each kind of friction implements this method.
+        times the `friction_coefficient`. Each kind of friction implements this method.
 
         Parameters
         ----------
@@ -362,7 +362,7 @@ class TorqueTable(Load):
     periodic: bool = False
 
     def at(self, t: ArrayLike) -> Floats:
-        """Return the torques (N m) at times (s) of any shape.
+        """Return the torques (N m) of the table at times (s) of any shape, interpolated.
 
         Raises
         ------
@@ -479,7 +479,7 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
 
 
 def check_angle_pair(key: str, pair: str, mechanism: LoadedMechanism) -> None:
-    """Check that the variable of a pair is an angle.
+    """Check that the variable of a pair (joint) is an angle, as loads at a pair require.
 
     Parameters
     ----------
@@ -493,7 +493,7 @@ def check_angle_pair(key: str, pair: str, mechanism: LoadedMechanism) -> None:
     Raises
     ------
     ModelError
-        If it is a contact.
+        If the pair is a contact. Its variables are arc lengths.
     """
     if pair in mechanism.angles:
         return
@@ -537,18 +537,18 @@ def make_component(
     moments: tuple[LinkMoment, ...] = (),
     bearing_friction: BearingFriction | None = None,
 ) -> LoadComponent:
-    """Return a component whose magnitude is a text in pair variables, rates and the time.
+    """Return a component of a load from the text of its magnitude.
 
     Parameters
     ----------
     mechanism
         The mechanism whose R pairs have the variables.
     magnitude
-        The expression, such as ``-2.0*dtheta_21``.
+        The expression of pair variables, rates and the time, such as ``-2.0*dtheta_21``.
     pair
-        Pair at which the component acts, or empty.
+        Name of the pair (joint) at which the component acts, or empty.
     moments
-        Vectors of moments on links if it acts at no pair. The magnitude multiplies them.
+        Vectors of moments on links if there is no pair. The magnitude multiplies them.
     bearing_friction
         The load of the mechanism file that states this friction, if the component is
         friction in a bearing or contact. Its size follows from the reaction there, and the

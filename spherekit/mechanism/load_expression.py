@@ -103,7 +103,7 @@ def fold(
     convert_name: Callable[[str], T],
     convert_call: Callable[[str, list[T]], T],
 ) -> T:
-    """Return a tree converted to another form, such as values or sets of names.
+    """Convert the tree of an expression to another form, such as a value or a text.
 
     Parameters
     ----------
@@ -112,11 +112,11 @@ def fold(
     convert_number, convert_name
         Return the other form of a number, and of a variable.
     convert_call
-        Returns the other form of a call. It is called with the operator or function and the
-        converted arguments, which are converted in the order of the text.
+        Returns the other form of a call. Its arguments are the operator or function, and
+        the list of converted arguments.
     """
-    # A call is a tuple of its operator or function and its arguments. Other nodes are the
-    # names of variables, and numbers.
+    # A node is a call (a tuple of operator or function and arguments), the name of a
+    # variable, or a number.
     if isinstance(node, tuple):
         function, *arguments = node
         converted_arguments = [
@@ -190,8 +190,8 @@ class Expression:
         Parameters
         ----------
         values
-            An array (rad, rad/s or s) for at least each name in the expression. The result
-            has the shape to which all of them broadcast, whether they are used or not.
+            An array (rad, rad/s or s) for each name in the expression. Other names are
+            allowed. The result has the shape to which all arrays broadcast.
 
         Raises
         ------
@@ -248,10 +248,10 @@ def parse(text: str, names: Iterable[str]) -> Expression:
 
 @lru_cache(maxsize=1024)
 def _parse(text: str, names: Names) -> Expression:
-    """Parse an expression in variables of given names.
+    """Parse an expression of a load in variables with these names.
 
-    Results are cached (`lru_cache`), which needs hashable arguments. The names are
-    therefore a tuple. `ModelError` names the column at which the text is wrong.
+    Results are cached (`lru_cache`). Arguments of a cache must be hashable, so the names
+    are a tuple. `ModelError` states the column of a fault.
     """
     if len(text) > MAX_LENGTH:
         raise ModelError(
@@ -265,7 +265,8 @@ def _parse(text: str, names: Names) -> Expression:
         raise _syntax_error(forbidden.start(), f"found {forbidden[0]!a}{hint}")
     if not one_line.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
-    # Python's parser refuses spaces at the start. They count in the columns of messages.
+    # Python's parser refuses spaces at the start. They still count in the columns of
+    # messages.
     indentation = len(one_line) - len(one_line.lstrip(" "))
     python_tree = _parse_python(one_line.strip(" "), indentation)
     root = _convert_python_tree(python_tree, names, indentation)
@@ -282,14 +283,14 @@ def _syntax_error(column: int, message: str, allowed: str = _GRAMMAR) -> ModelEr
 
 
 def _parse_python(text: str, indentation: int) -> ast.expr:
-    """Return the syntax tree that Python's parser makes of an expression.
+    """Return the syntax tree of an expression, from Python's parser.
 
     Parameters
     ----------
     text
-        The expression without spaces at its start, which the parser refuses.
+        The expression without spaces at its start.
     indentation
-        Number of spaces that were removed from the start. Columns in messages count them.
+        Number of spaces that were removed from the start. Columns in messages include them.
 
     Raises
     ------
@@ -389,21 +390,21 @@ def _convert_number(value: Any, column: int) -> float:
 
 
 def _convert_name(name: str, names: Names, column: int) -> Node:
-    """Return the value of a named constant, or the name of a variable.
+    """Convert a name in an expression: to the value of a constant, or to a variable.
 
     Parameters
     ----------
     name
         Name in the expression.
     names
-        Names of variables that are allowed.
+        Names of variables that the expression may contain.
     column
         Column of the name, for messages.
 
     Raises
     ------
     ModelError
-        If the name is not among the allowed `names`.
+        If the name is neither a constant nor one of `names`.
     """
     if name in NAMED_CONSTANTS:
         return NAMED_CONSTANTS[name]
@@ -417,7 +418,7 @@ def _convert_name(name: str, names: Names, column: int) -> Node:
 
 
 def _read_function_name(call: ast.Call, column: int) -> str:
-    """Return the name of the function of a call.
+    """Return the name of the function in a call, after a check of name and arguments.
 
     Parameters
     ----------
@@ -454,21 +455,20 @@ def _read_function_name(call: ast.Call, column: int) -> str:
 def _iterate_steep_arguments(
     node: Node, non_smooth_functions: Sequence[str]
 ) -> Iterator[Node]:
-    """Yield the steep arguments of functions in a tree, the innermost first.
+    """Yield arguments near whose zeros a function changes suddenly, innermost first.
 
-    An argument of a function is called steep if the function can change suddenly near a
-    zero of the argument. A power series at another point does not show this change.
-    Examples are the arguments of tanh(1000 x) and sqrt(x). For max(a, b) it is the
-    difference a - b. Sums, products, sine and cosine have no steep arguments. All arguments
-    of other functions count, except constants and numerators.
+    Series that approximate an expression are inaccurate near such zeros. Examples are the
+    arguments of tanh(1000 x) and sqrt(x). For max(a, b) it is the difference a - b. Sums,
+    products, sine and cosine have no such (steep) arguments. Of all other functions, all
+    arguments count, except constants and numerators.
 
     Parameters
     ----------
     node
         Root of the tree.
     non_smooth_functions
-        Functions with kinks or jumps whose arguments are yielded too: either all of them
-        (abs, sign, min, max), or none.
+        The functions with kinks or jumps (abs, sign, min, max) whose arguments are yielded
+        too: all of them or none.
     """
     if not isinstance(node, tuple):
         return
@@ -476,7 +476,8 @@ def _iterate_steep_arguments(
     for argument in arguments:
         yield from _iterate_steep_arguments(argument, non_smooth_functions)
     is_ignored = name in NON_SMOOTH_FUNCTIONS and name not in non_smooth_functions
-    # The power series of these operations, such as products and sines, converge everywhere.
+    # Power series of these operations, such as products and sines, converge everywhere. So
+    # these have no steep arguments.
     if name in ENTIRE_OPERATIONS or is_ignored:
         return
     for argument in _steep_arguments(name, arguments):
@@ -495,8 +496,8 @@ def _steep_arguments(name: str, arguments: list[Node]) -> list[Node]:
         return [denominator]
     if name == "**":
         base, exponent = arguments
-        # A power with a natural number as exponent is a product. With another number only
-        # its base counts. With a variable exponent both count.
+        # With a natural exponent, a power is a product, which has no sudden change. With
+        # another constant exponent only the base counts.
         if isinstance(exponent, float):
             is_natural = exponent >= 0.0 and exponent.is_integer()
             return [] if is_natural else [base]

@@ -43,7 +43,7 @@ DRIVE_LOAD_NAME = "driving_torque"
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class PairTorque(Load):
-    """A torque about the axis of an R pair, on its second link.
+    """A torque about the axis of an R pair (hinge), on its second link.
 
     The reaction acts on the first link.
 
@@ -99,9 +99,9 @@ class Gravity(Load):
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """Check the acceleration, and that all moving links with inertia have a weight.
 
-        `key` is the key of the load in the file of the mechanism, for messages. A
-        `ModelError` is raised if no moving link has an inertia, or if one has a tensor of
-        inertia without mass and centre of mass.
+        `key` is the key of the load in the mechanism file, for messages. A `ModelError` is
+        raised if no moving link has an inertia. Another one is raised if a moving link has
+        an inertia tensor, but no mass or centre of mass.
         """
         # The base class checks the fields, here the acceleration.
         super().check(key, mechanism)
@@ -121,8 +121,8 @@ class Gravity(Load):
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """Return one component: the weights of all moving links.
 
-        A component has a magnitude, here the number 1, which multiplies its forces and
-        moments on links.
+        A component has a magnitude that multiplies its forces and moments on links. Here
+        the magnitude is the number 1.
         """
         weights = []
         for mass in mechanism.masses:
@@ -189,8 +189,8 @@ class PointForce(Load):
 class Moment(Load):
     """A moment on a link.
 
-    The reaction acts on the ground. `field_kinds` declares what each field contains, so
-    that the reader of mechanism files can check and convert it.
+    The opposite moment acts on the ground. `field_kinds` declares what each field contains.
+    The reader of mechanism files checks and converts the fields accordingly.
 
     Attributes
     ----------
@@ -222,9 +222,9 @@ class Moment(Load):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Spring(Load):
-    """A spring at an R pair with the torque -stiffness (v - rest) at the variable v.
+    """A spring at an R pair (hinge), with the torque -stiffness (v - rest).
 
-    The variable counts whole revolutions.
+    Here v is the variable of the pair. It counts whole revolutions.
 
     Attributes
     ----------
@@ -260,6 +260,9 @@ class Spring(Load):
 class Damper(Load):
     """A viscous damper at an R pair with the torque -damping v' at the rate v' (rad/s).
 
+    The class attributes declare the load for the reader of mechanism files and for
+    `components`, which inserts the fields into `torque_template`.
+
     Attributes
     ----------
     name
@@ -283,6 +286,10 @@ class Damper(Load):
 @dataclass(frozen=True)
 class Friction(Load):
     """Friction at an R pair with the torque -(torque tanh(v' / speed) + viscous v').
+
+    Here v' is the rate (rad/s) of the variable of the pair. The class attributes declare
+    the load for the reader of mechanism files, and for `components` of the base class,
+    which inserts the fields into `torque_template`.
 
     Attributes
     ----------
@@ -350,11 +357,11 @@ def _link_components(
     Parameters
     ----------
     mechanism
-        The mechanism on which it acts.
+        The mechanism on which the load acts.
     load
-        The force or moment, with the link and the axes of its components.
+        The force or moment. It has the link and the axes.
     magnitudes
-        Expressions of the three components.
+        Expressions of the three components in these axes.
     arm
         (3,) point of the link (m, link axes) at which a force acts; None for a moment.
     """

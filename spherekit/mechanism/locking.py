@@ -50,19 +50,19 @@ A smaller change is caused by rounding.
 def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mechanism:
     """Return the mechanism with R pairs locked, so that the two links of each become one.
 
-    The new link has the name of the ground, of the link with contacts, or of the first link
-    of the pair, in this order. Masses, loads and outputs of the other link are moved to it.
-    Loads and joint limits at the pair are removed, and so are an input at it and outputs
-    between both links.
+    The new link has the name of the ground, else of the link with contacts, else of the
+    first link of the pair. Masses, loads and outputs of the other link move to it. Loads,
+    joint limits and an input at the pair are removed, and so are outputs between both
+    links.
 
-    A mechanism can be given by the axes of its pairs in a reference pose. If a pair is
-    locked at another value than it has in this pose, the pose is impossible afterwards. The
-    result is then given by the arcs and angles of its links.
+    A mechanism can be described by the axes of its pairs in a reference pose (one
+    configuration). If a pair is locked at another value than in this pose, the pose becomes
+    impossible. The result is then described by the arcs and angles of its links.
 
     The contacts of the other link are described in the axes of the new link. The
     displacement of a contact along a circle is counted from azimuth 0 about the centre,
-    which depends on these axes. If it changes, a warning (`UserWarning`) states the
-    difference.
+    which depends on link axes. If the displacement changes, a warning (`UserWarning`)
+    states the difference.
 
     Parameters
     ----------
@@ -177,10 +177,10 @@ def _relative_rotation(
     value
         Value (rad) of the variable of the pair.
     kept_link
-        The link of the pair to whose axes the rotation leads.
+        The link to whose axes the rotation leads: the one that remains after locking.
     """
-    # The second link is turned relative to the first by the value of the pair, between the
-    # frames of the pair in both links.
+    # Each link has a frame of the pair, with the axis as z axis. The value of the pair is
+    # the rotation about z between both frames.
     first_frames, second_frames = pair_frames(mechanism)
     second_to_first = first_frames[pair.name] @ about_z(value) @ second_frames[pair.name].T
     return second_to_first if kept_link == pair.links[0] else second_to_first.T
@@ -224,8 +224,10 @@ class _LinkMerge:
     ) -> Profile:
         """Return a profile of the removed link in the axes of the kept link.
 
-        Arc lengths along a circle or a Fourier series are counted from azimuth 0 about its
-        centre. Azimuth 0 depends on the link axes, so other axes give another start:
+        A profile is a contact curve. A locked pair joins two links into one: the kept link,
+        which has the axes, and the removed link. Arc lengths along a circle or a Fourier
+        series are counted from azimuth 0 about its centre. Azimuth 0 depends on the link
+        axes, so other axes have another start:
 
         - A sliding circle keeps its shape, and only its displacement is counted from
           another point. A warning states the difference.
@@ -244,7 +246,7 @@ class _LinkMerge:
         Raises
         ------
         ModelError
-            If the start of the profile has to be kept and would be lost.
+            If another start would change the motion or the curve.
         """
         if contact.type == "Cr" or profile.kind == "fourier":
             raise ModelError(
@@ -276,8 +278,8 @@ def _arc_between_starts(
     """Return the arc between the old and the new start of a circle in rotated link axes.
 
     The displacement of a contact is the arc length from the start of the circle to the
-    contact point. The start is at azimuth 0 about the centre, and azimuth 0 is towards an
-    axis of the link. Rotated link axes therefore have another start.
+    contact point. The start is at azimuth 0 about the centre, which depends on the axes of
+    the link. In rotated link axes (after two links are joined), the start is another point.
 
     Parameters
     ----------
@@ -305,11 +307,11 @@ def _arc_between_starts(
 
 
 def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
-    """Return the link of a locked pair whose name and axes are kept, and the other link.
+    """Return the link of a locked pair that remains, with name and axes, and the other one.
 
-    The ground is kept in any case. Otherwise a link with contacts is kept, since the
-    profiles of a kept link are not rotated. If neither or both links have contacts, the
-    first link of the pair is kept.
+    A locked pair joins its two links into one. The ground always remains. Otherwise a link
+    with contacts remains, so that its profiles (contact curves) need no rotation. If
+    neither or both links have contacts, the first link remains.
 
     Returns
     -------
@@ -335,9 +337,10 @@ def _join_link_sizes(
 ) -> SizeGeometry:
     """Return the sizes of a mechanism in which the two links of a locked pair are one.
 
-    Sizes are the arcs and angles between the axes of a link. The joined link gets sizes
-    from the frames of its pairs, and all other links keep theirs. A mechanism that is given
-    in a reference pose has no sizes yet, so all of its links get them from frames.
+    Sizes are the arcs and angles between the axes of a link. The joined link gets new sizes
+    from the frames of its pairs, and all other links have the old ones. If the mechanism is
+    described by a reference pose (one configuration with all axes), there are no old sizes.
+    All links then get sizes from frames.
 
     Parameters
     ----------
@@ -346,7 +349,7 @@ def _join_link_sizes(
     locked
         The locked pair.
     remaining_pairs
-        The other pairs, with the joined link.
+        The other pairs, in which the joined link already replaces both links.
     merge
         The two links that are joined.
     """
@@ -380,8 +383,8 @@ def _frames_after_merge(
 ) -> tuple[dict[str, Floats], dict[str, Floats]]:
     """Return the frames of R pairs in the axes that their links have after a merge.
 
-    Frames in the link that becomes a part of another one are rotated to the axes of the
-    joined link. All other frames stay the same.
+    A merge joins two links into one. Frames in the removed link are rotated to the axes of
+    the joined link. All other frames stay the same.
 
     Parameters
     ----------
@@ -414,10 +417,10 @@ def _frames_after_merge(
 def _is_at_reference_value(
     mechanism: Mechanism, pair: Pair, value: float, message_start: str
 ) -> bool:
-    """Check that a pair can be locked, and return whether its axes need not change.
+    """Check that a pair can be locked; return whether it has this value in the pose.
 
-    They need not change if the mechanism is given in a reference pose, in which the pair
-    has this value.
+    If the pair is locked at the value that it has in the reference pose, all axes of this
+    pose remain valid. A mechanism without a reference pose has no such value.
 
     Parameters
     ----------
@@ -444,7 +447,7 @@ def _is_at_reference_value(
                 f"its joint limits, {degree_range_text(limit.low, limit.high)} deg "
                 f"({limit.low:.6g} to {limit.high:.6g} rad)"
             )
-    # Only a mechanism given in a reference pose has a value that is kept.
+    # Without a reference pose there is no value to compare with.
     if isinstance(mechanism.geometry, SizeGeometry):
         return False
     reference_value = mechanism.geometry.values.get(pair.name, 0.0)

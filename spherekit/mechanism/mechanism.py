@@ -269,7 +269,7 @@ class Mechanism:
         return self.link_number[name]
 
     def _repr_html_(self) -> str:
-        """Return tables of the pairs and of the links as HTML, for notebooks."""
+        """Return tables of the pairs (joints) and of the links as HTML, for notebooks."""
         range_by_pair = {
             driven.pair: f"input from {degree_range_text(driven.start, driven.stop)} deg"
             for driven in self.inputs
@@ -292,7 +292,8 @@ class Mechanism:
             link_rows.append([link, pairs, self._arcs_text(link), ", ".join(remarks)])
         pair_titles = ["pair", "type", "joins the links", "driven"]
         link_titles = ["link", "pairs", "arcs (deg)", "remarks"]
-        # A reference pose, and links with contacts alone, have no arcs.
+        # Columns 2 and 3 (arcs, remarks) are removed if empty. There are no arcs in a
+        # reference pose, or if all pairs are contacts.
         for column in (3, 2):
             if not any(row[column] for row in link_rows):
                 del link_titles[column]
@@ -507,7 +508,7 @@ class Mechanism:
         if tensor is None:
             mass_by_link.pop(link, None)
         else:
-            # Tuples of numbers; other shapes are refused.
+            # Arrays become tuples. Other shapes are refused.
             where = f"{self.name}: mass.{link}"
             rows = as_float_rows(f"{where}.tensor", tensor, (3, 3))
             mass_centre = None
@@ -550,14 +551,14 @@ class Mechanism:
 def unknown_name_error(
     where: str, what: str, name: str, names: Collection[str]
 ) -> ModelError:
-    """Return the error of a name that does not exist.
+    """Return the error about a name that does not exist, with a suggestion.
 
     Parameters
     ----------
     where
         Beginning of the message: the mechanism, and the key in its file.
     what
-        What should have the name, such as ``link``.
+        The kind of thing that should have the name, such as ``link``.
     name
         The name.
     names
@@ -570,7 +571,7 @@ def unknown_name_error(
 def _check(mechanism: Mechanism) -> None:
     """Check a mechanism; raise `ModelError` at the first fault.
 
-    Later checks use links and pairs by their names, so the names are checked first.
+    Names are checked first, because later checks find links and pairs by their names.
     """
     where = mechanism.name or "mechanism"  # beginning of all messages
     if len(mechanism.links) < 2:
@@ -578,7 +579,7 @@ def _check(mechanism: Mechanism) -> None:
     _check_names(where, mechanism)
     for pair in mechanism.pairs:
         _check_pair(f"{where}: pairs.{pair.name}", pair)
-    # Named assembly modes: values of R pairs, by the name of the mode.
+    # A named mode (way to assemble the mechanism) has values of R pairs.
     for mode, values in mechanism.modes.items():
         if mode.isdecimal():
             raise ModelError(
@@ -629,9 +630,9 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
     Raises
     ------
     ModelError
-        If a name is impossible, given twice, or refers to nothing.
+        If a name has wrong characters, is used twice, or refers to nothing.
     """
-    # The words for the named things, as messages have them, and the names.
+    # What is named, in the words of messages, and the names.
     for what, names in (
         ("link", mechanism.links),
         ("pair", [pair.name for pair in mechanism.pairs]),
@@ -671,7 +672,7 @@ class _NameReference(NamedTuple):
     what
         Whether it is the name of a link or of a pair.
     key
-        Key of the place in the file of the mechanism, such as "loads.spring.pair".
+        Key in the mechanism file, such as "loads.spring.pair".
     name
         The name.
     """
@@ -693,8 +694,9 @@ _REFERENCE_OF_FIELD_KIND: Mapping[str, Literal["link", "pair"]] = {
 def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
     """Yield all places at which a mechanism refers to a link or a pair by its name.
 
-    For example, a spring at pair 21 refers to this pair. The key of the place in the
-    mechanism file is "loads.spring.pair" if "spring" is the name of the load.
+    The caller checks that each such name exists. For example, a spring at pair 21 refers to
+    this pair. If "spring" is the name of the load, the key in the mechanism file is
+    "loads.spring.pair".
     """
     yield _NameReference("link", "ground", mechanism.ground)
     for table, parts in (
@@ -706,8 +708,8 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
         ("joint_limits", mechanism.joint_limits),
     ):
         for part in parts:
-            # The kind of a field says what it contains. A field of the kind "contact", for
-            # example, has the name of a pair. Fields without names are left out.
+            # The kind of a field says what the field contains. For example, the kind
+            # "contact" means the name of a pair. Other fields contain no names.
             for field_name, field_kind in field_kinds(part).items():
                 if field_kind not in _REFERENCE_OF_FIELD_KIND:
                     continue
@@ -728,9 +730,8 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
     for mode, values in mechanism.modes.items():
         for pair in values:
             yield _NameReference("pair", f"modes.{mode}", pair)
-    # The geometry is given in one of two ways: by arcs and angles of links, with the angles
-    # at which the variables of pairs are zero, or by the axes of pairs in a reference pose,
-    # with the values of their variables there.
+    # The geometry consists of sizes of links and zeros of pairs, or of axes and values of
+    # pairs in one pose.
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
         for link in geometry.links:
@@ -743,7 +744,7 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
 
 
 def _check_pair(where: str, pair: Pair) -> None:
-    """Check the type, profiles, contact data and links of a pair.
+    """Check the type, profiles, contact data and links of a pair (joint).
 
     Parameters
     ----------
@@ -755,13 +756,13 @@ def _check_pair(where: str, pair: Pair) -> None:
     Raises
     ------
     ModelError
-        If there can be no such pair.
+        If a pair with these data is impossible.
     """
     if pair.type not in JOINT_KINDS:
         raise ModelError(
             f'{where}: type "{pair.type}" is not one of {listing(JOINT_KINDS)}'
         )
-    # Exactly the contacts have profiles. R pairs have an axis instead.
+    # Contacts have profiles. R pairs have an axis instead.
     if (pair.profiles is None) != pair.kind.has_axis:
         raise ModelError(
             f"{where}: a contact pair (Cr, Cs) has a profile for each of its links, an R "
@@ -791,8 +792,8 @@ def _check_pair(where: str, pair: Pair) -> None:
 def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
     """Check that the arcs, angles and zeros of a mechanism fit its pairs.
 
-    Arcs and angles locate the axes of pairs in their links. The zero of an R pair is its
-    angle (rad) at which its variable reads zero.
+    Arcs and angles locate the axes of pairs (joints) in their links. The zero of an R pair
+    (hinge) is its angle (rad) at which its variable is 0.
 
     Parameters
     ----------
@@ -801,7 +802,7 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
     mechanism
         The mechanism, for its links and pairs.
     geometry
-        Its sizes.
+        The sizes: arcs and angles of links, and zeros.
 
     Raises
     ------
@@ -811,8 +812,8 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
     for name, zero in geometry.zeros.items():
         check_finite(f"{where}: pairs.{name}.zero", [zero])
     for link in mechanism.links:
-        # The axes of a link are those of its R pairs, and axes that are declared to have no
-        # pair.
+        # The axes of a link must be those of its R pairs, and those that the file declares
+        # to have no pair.
         r_pairs = [
             pair.name
             for pair in mechanism.pairs
@@ -826,9 +827,8 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
                 f"are [{listing(r_pairs)}]; "
                 f"{_advise_on_axes(link, mechanism, geometry, r_pairs)}"
             )
-        # Arcs are from 0 to pi. A link with signed arcs may have any finite arc: a negative
-        # one leads from the first axis in the opposite direction, and one above pi
-        # continues beyond the opposite point.
+        # Arcs are from 0 to pi. If a link allows signed arcs, they can be any finite
+        # number.
         for index, arc in enumerate(sizes.arcs):
             may_be_signed = sizes.signed and math.isfinite(arc)
             if not (0.0 <= arc <= math.pi or may_be_signed):
@@ -851,11 +851,11 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
 def _advise_on_axes(
     link: str, mechanism: Mechanism, geometry: SizeGeometry, r_pairs: Sequence[str]
 ) -> str:
-    """Return what to change so that the axes of a link are the axes of its R pairs.
+    """Return advice for the user if the axes of a link are not those of its R pairs.
 
-    An axis for which the mechanism has no pair was probably meant to have one. It joins the
-    links that list this axis. Other faults are a pair on the wrong link, or an axis that is
-    missing from the list of the link or stands in it twice.
+    Each axis of a link should have the name of an R pair (hinge) on this link. There are
+    several faults: the pair does not exist or is on another link, or the list of axes lacks
+    an axis or has it twice. A missing pair probably joins the links that list its axis.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from spherekit.wording import listing
 
 
 def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
-    """Return an output that a mechanism declares.
+    """Return an output (observed link) that a mechanism declares.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
     Raises
     ------
     ModelError
-        If the mechanism has no such output, or has several and no name is given.
+        If the mechanism has no such output, or several outputs and no name is stated.
     """
     outputs = {output.name: output for output in mechanism.outputs}
     if name is None and len(outputs) == 1:

@@ -46,7 +46,7 @@ arbitrary zero direction. Smaller: a zero direction can consist of rounding erro
 
 
 def pair_frames(mechanism: Mechanism) -> tuple[PairFrames, PairFrames]:
-    """Return the frames of all R pairs in their first and in their second link.
+    """Return the frames of all R pairs (hinges) in their first and in their second link.
 
     A frame F (3, 3) has the x, y and z axis of the pair in its columns, in link axes. The z
     axis is the axis of the pair. Let v be the pair variable (rad), Z(v) the rotation matrix
@@ -67,10 +67,9 @@ def pair_frames(mechanism: Mechanism) -> tuple[PairFrames, PairFrames]:
     first_frames = {}
     second_frames = {}
     for name, axis_numbers in geometry.axes.items():
-        # Link axes and ground axes coincide in the reference pose, so R_first and R_second
-        # are unit matrices there. The formula gives F_second = F_first Z(v) with the value
-        # v in this pose. The x axis of F_first is arbitrary, because only the angle between
-        # both frames counts.
+        # In the reference pose, link axes and ground axes coincide, so both A are unit
+        # matrices. With the value v in this pose, F_second = F_first Z(v). The x axis of
+        # F_first is arbitrary, because only the angle between both frames matters.
         axis = np.array(axis_numbers, dtype=float)
         first_frames[name] = frame_from(axis, perpendicular(axis))
         second_frames[name] = first_frames[name] @ about_z(geometry.values.get(name, 0.0))
@@ -80,15 +79,15 @@ def pair_frames(mechanism: Mechanism) -> tuple[PairFrames, PairFrames]:
 def pair_frames_from_sizes(
     pairs: Sequence[Pair], geometry: SizeGeometry
 ) -> tuple[PairFrames, PairFrames]:
-    """Return the frames of all R pairs in their first and in their second link.
+    """Return the frames of all R pairs in both of their links, from the sizes of links.
 
     Parameters
     ----------
     pairs
         All pairs of the mechanism. Contacts have no frame and are passed over.
     geometry
-        Sizes of the links, and the zero angle of each pair, by which its frame in the first
-        link is rotated.
+        Sizes (arcs and angles) of the links, and the zero angle of each pair. At this angle
+        the variable of the pair is 0.
 
     Returns
     -------
@@ -116,14 +115,14 @@ def pair_frames_from_sizes(
 def axes_from_sizes(sizes: LinkSizes) -> AxesOfLink:
     """Return the unit axes (3,) of a link in link axes, in the order of `sizes.axes`.
 
-    The first axis is z, and the second one is in the half-plane x = 0, y > 0. Each further
-    axis has an arc and an angle (rad). The arc is its distance from the first axis. The
-    angle is its azimuth about the first axis, counter-clockwise from the second axis.
+    The first axis is z, and the second one is in the half-plane x = 0, y > 0. The size of
+    each further axis is an arc and an angle (rad). The arc is its distance from the first
+    axis. The angle is its azimuth about the first axis, counter-clockwise from the second
+    axis.
     """
     axes: AxesOfLink = {name: np.array([0.0, 0.0, 1.0]) for name in sizes.axes[:1]}
-    # The angle of the second axis is zero by definition. If sizes are missing, the loop
-    # below leaves out the last axes. No error is raised here, because the constructor of
-    # the mechanism reports missing sizes.
+    # The angle of the second axis is zero by definition. If sizes are missing, the last
+    # axes are left out. The constructor of the mechanism reports this fault later.
     azimuths = (0.0, *sizes.angles)
     for name, arc, azimuth in zip(sizes.axes[1:], sizes.arcs, azimuths, strict=False):
         sine = np.sin(arc)
@@ -136,8 +135,9 @@ def axes_from_sizes(sizes: LinkSizes) -> AxesOfLink:
 def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
     """Return the frame (3, 3) of a pair axis in its link, by the other axes of the link.
 
-    The columns are the x, y and z axes in link axes. In the first link of a pair, callers
-    then rotate the frame about z by the zero angle of the pair, at which its variable is 0.
+    The frame shows from which direction the variable of the pair (joint) is measured. Its
+    columns are the x, y and z axes in link axes. In the first link, callers then rotate it
+    about z by the zero angle of the pair, at which the variable is 0.
 
     Parameters
     ----------
@@ -148,8 +148,7 @@ def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
         is not on the same line, or in an arbitrary direction if there is none.
     """
     axis = axes[name]
-    # The part of the other axis across this one. It is zero for an axis on the same line,
-    # such as this axis itself.
+    # The part of the other axis perpendicular to this one. It is zero for axes on one line.
     for other_axis in axes.values():
         toward = cross(cross(axis, other_axis), axis)
         length = np.linalg.norm(toward)
@@ -193,7 +192,7 @@ def arc_pole(first: Vector, second: Vector) -> Vector:
     Raises
     ------
     ModelError
-        If the two are equal or opposite, so that many great circles join them.
+        If the two vectors are equal or opposite, so that many great circles join them.
     """
     pole = cross(np.array(first), np.array(second))
     length = np.linalg.norm(pole)

@@ -12,11 +12,12 @@ from spherekit.mechanism.pair_frames import COLLINEAR_SINE
 
 
 class PoseSize(NamedTuple):
-    """An arc or an angle of a link, as it is in the reference pose.
+    """An arc or an angle of a link, measured in the reference pose.
 
-    All arcs of a link begin at the axis of its first R pair. For the axes 1, 2 and 3, the
-    arcs are 1-2 and 1-3. The angle of axis 3 is that at axis 1 from the arc 1-2 to the arc
-    1-3, counter-clockwise about axis 1.
+    The reference pose is one configuration with known axes. All arcs of a link begin at the
+    axis of its first R pair (hinge). For the axes 1, 2 and 3, the arcs are 1-2 and 1-3. The
+    angle of axis 3 is at axis 1, from the arc 1-2 to the arc 1-3, counter-clockwise about
+    axis 1.
 
     Attributes
     ----------
@@ -38,13 +39,13 @@ class PoseSize(NamedTuple):
 
 
 def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
-    """Return the arcs and angles of a link of a mechanism given in a reference pose.
+    """Return the arcs and angles of a link, from the axes of a reference pose.
 
-    All arcs begin at the axis of the link's first pair. For the axes 1, 2 and 3, the arcs
-    are 1-2 and 1-3. The angle of axis 3 is measured at axis 1, from the arc 1-2 to the arc
-    1-3, counter-clockwise about axis 1. The order of the sizes is then: arc 1-2, arc 1-3,
-    angle of axis 3. An axis on the line of the first one has no arc and no angle. Axes are
-    in the order of the mechanism's pairs.
+    The reference pose is one configuration with known axes. All arcs begin at the axis of
+    the first R pair (hinge) of the link. For the axes 1, 2 and 3, the arcs are 1-2 and 1-3.
+    The angle of axis 3 is at axis 1, from the arc 1-2 to the arc 1-3, counter-clockwise
+    about axis 1. The order of sizes is: arc 1-2, arc 1-3, angle of axis 3. An axis on the
+    line of the first one has no sizes. Axes are in the order of the pairs of the mechanism.
     """
     assert isinstance(mechanism.geometry, PoseGeometry)
     axes = [
@@ -53,8 +54,8 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
         if pair.kind.has_axis and link in pair.links
     ]
     _, first_axis = axes[0]
-    # `growth_axis` is the axis about which the end of an arc rotates when the size grows:
-    # the normal of its plane for the arc, the first axis for the angle.
+    # The end of an arc rotates about `growth_axis` when the size grows. For an arc it is
+    # the normal of its plane, for an angle the first axis.
     sizes: list[PoseSize] = []
     first_normal: Floats | None = None  # of the plane of the arc at which angles are zero
     for name, axis in axes[1:]:

@@ -33,7 +33,7 @@ def angles_in_radians(angles: ArrayLike, unit: AngleUnit) -> Floats:
 
 
 def as_float_rows(key: str, numbers: ArrayLike, shape: tuple[int, ...]) -> Any:
-    """Return numbers as a tuple of floats, or of rows of floats.
+    """Return numbers of a required shape as a tuple of floats, or of tuples of floats.
 
     Parameters
     ----------

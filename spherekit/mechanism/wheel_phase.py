@@ -25,7 +25,7 @@ from spherekit.wording import listing
 
 
 class Wheel(NamedTuple):
-    """A circle on the unit sphere in the axes of its link.
+    """The circle of a wheel on the unit sphere, in the axes of its link.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Wheel(NamedTuple):
     radius
         Angle between centre and circle (rad), between 0 and pi.
     start
-        Arc length (rad) along the circle at which lengths are zero.
+        Arc length (rad) from the zero direction to the point at which lengths are zero.
     """
 
     centre: Floats
@@ -75,7 +75,7 @@ class Wheel(NamedTuple):
 
 
 class WheelShaft(NamedTuple):
-    """The R pair about which a wheel rotates.
+    """The R pair (hinge) about which a wheel rotates.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
 def _find_shaft(
     mechanism: Mechanism, contact: Pair, wheel: str, phase: Angles
 ) -> WheelShaft:
-    """Find the R pair about which a wheel of a contact rotates.
+    """Find the R pair (hinge) about which a wheel of a rolling contact rotates.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def _find_shaft(
         Name of the link with the circle.
     phase
         Angles (rad) of the shafts of both wheels in one configuration, by the names of
-        their R pairs. The pair is chosen among these names; the angles are not used.
+        their R pairs. The shaft is chosen among these names. The angles are not used here.
 
     Raises
     ------
@@ -201,11 +201,11 @@ def _find_shaft(
     if contact.profiles is None or contact.profiles[side].round_axis is None:
         raise ModelError(f"the profile of {wheel} is not a circle about a shaft")
     first_frames, second_frames = pair_frames(mechanism)
-    # The second link of a pair is rotated relative to the first by its angle, about the z
+    # The second link of a pair is rotated relative to the first by the angle, about the z
     # axis of the frames of the pair in both links.
     first = first_frames[shaft.name]
     second = second_frames[shaft.name]
-    # The orientation of the wheel: its rotation matrix (3, 3) relative to the other link.
+    # The orientation is the rotation matrix from the wheel to the other link of the shaft.
     if shaft.links[1] == wheel:
         return WheelShaft(
             pair=shaft.name,
@@ -229,7 +229,8 @@ def find_wheel_contact(
     wheels
         The two wheels.
     orientations
-        Rotations (3, 3) from the axes of each wheel to those of the carrier.
+        Rotations (3, 3) from the axes of each wheel to those of the carrier, the link on
+        which both wheels rotate.
 
     Raises
     ------
@@ -242,13 +243,12 @@ def find_wheel_contact(
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
     # The contact point is on the great circle through both centres, at the distance of the
-    # first radius from the first centre. Both centres are described such that one circle
-    # touches the other from inside. (If they touch from outside, the second one has the
-    # opposite centre and the radius pi - radius.) The contact is therefore on the side of
-    # the second centre if the first circle is the larger one. It is on the opposite side if
-    # the first circle is the smaller one. The distance of the centres is the difference of
-    # the radii, so circles with equal radii have the same centre, which is an error.
-    # `across` is the part of the second centre perpendicular to the first.
+    # first radius from the first centre. Centres and radii are chosen so that one circle
+    # touches the other from inside. (In an external contact the second circle has the
+    # opposite centre and the radius pi - radius.) The contact is on the side of the second
+    # centre if the first circle is larger, otherwise on the opposite side. Circles with
+    # equal radii would coincide, which is an error. `across` is the part of the second
+    # centre perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)
     if size < COLLINEAR_SINE:

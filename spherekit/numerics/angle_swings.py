@@ -11,11 +11,11 @@ from spherekit.numerics.angles import SAME_ANGLE_RAD, wrap
 
 @dataclass(frozen=True)
 class AngleSwings:
-    """The widest swing of an angle in each of n assembly modes.
+    """The widest swing of an angle in each of n assembly modes (ways to assemble).
 
     A swing is the difference of the largest and the smallest angle over successive samples,
-    with full revolutions counted. A mode has several swings if the angle is unknown at some
-    samples in between.
+    with full revolutions counted. If the angle is unknown at samples in between, a mode has
+    several swings.
 
     Attributes
     ----------
@@ -33,9 +33,9 @@ class AngleSwings:
 def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     """Find how far angles swing over successive samples, with full revolutions counted.
 
-    Samples at which a mode cannot be assembled divide the other samples into pieces. The
-    change of an angle from sample to sample is taken in (-pi, pi] and added up within a
-    piece. The piece with the widest swing counts.
+    Where a mode cannot be assembled, the path of samples is divided into pieces. Within a
+    piece, the change of the angle from sample to sample is taken in (-pi, pi] and added up.
+    The piece with the widest swing counts.
 
     Parameters
     ----------
@@ -43,16 +43,16 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
         (k, n) angles (rad) at k samples of n assembly modes (ways to assemble the
         mechanism), NaN where a mode cannot be assembled.
     is_closed_path
-        Whether the last sample is the first one after full revolutions of the inputs. The
-        first piece then continues the last one if the angle is the same at both samples.
+        Whether the last sample repeats the first one after full revolutions of the inputs.
+        If the angle is the same at both, the first piece continues the last one.
 
     Returns
     -------
     The widest swing of each mode, and the samples at its ends.
     """
     path = _repeat_closed_paths(angles) if is_closed_path else angles
-    # (path samples, n) changes of the angles since the sample before, NaN if one of both
-    # angles is unknown.
+    # (path samples, n) change of each angle since the sample before. NaN if either angle is
+    # unknown.
     changes = np.full(path.shape, np.nan)
     changes[1:] = wrap(path[1:] - path[:-1])
     # The angles relative to the first sample. NaN counts as no change.
@@ -68,7 +68,7 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
         path_swing = _find_widest_swing(growth[:, mode], begins_piece[:, mode])
         if has_angles[mode]:
             swings[mode] = path_swing.swing
-        # Samples that were appended are counted as the samples that they repeat.
+        # The modulo turns a sample of the repeated path into the original one.
         low_samples[mode] = path_swing.low_sample % len(angles)
         high_samples[mode] = path_swing.high_sample % len(angles)
     return AngleSwings(swings, low_samples, high_samples)
@@ -77,18 +77,17 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
 def _repeat_closed_paths(angles: Floats) -> Floats:
     """Append the samples of a closed path to themselves, where this joins two pieces.
 
-    The last piece of a closed path continues with its first piece if the angle is the same
-    at the first and the last sample. In the repeated path both are one piece.
+    Samples at which the angle is unknown divide the path into pieces. If the angle is the
+    same at the first and the last sample, the last piece continues with the first. In the
+    repeated path both are one piece.
 
     Parameters
     ----------
     angles
         (k, n) angles (rad) at k samples of n assembly modes, NaN where they are unknown.
 
-    Returns
-    -------
-    (2 k, n) The second half has the angles again. It is NaN in modes whose first and last
-    piece do not meet, and in modes without NaN, which have a single piece.
+    (2 k, n) the angles twice. The second half is NaN in modes whose first and last piece do
+    not meet, and in modes with a single piece.
     """
     pieces_meet = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
     has_several_pieces = np.any(np.isnan(angles), axis=0)
@@ -115,8 +114,8 @@ class PathSwing(NamedTuple):
 def _find_widest_swing(growth: Floats, begins_piece: Bools) -> PathSwing:
     """Return the widest swing of an angle within a piece of a path.
 
-    Sweeps call this function for each design, so all that can be computed for many designs
-    at once is computed by the caller.
+    A piece is a part of the path in which the angle is known. Sweeps call this function
+    very often, so callers do the work that can be done for many designs at once.
 
     Parameters
     ----------
@@ -127,7 +126,7 @@ def _find_widest_swing(growth: Floats, begins_piece: Bools) -> PathSwing:
     """
     piece_starts = np.flatnonzero(begins_piece)
     piece_stops = np.append(piece_starts[1:], len(growth))
-    # The least and the greatest angle of each piece.
+    # `reduceat` finds the least and the greatest angle of each piece.
     lowest = np.minimum.reduceat(growth, piece_starts)
     highest = np.maximum.reduceat(growth, piece_starts)
     widest = np.argmax(highest - lowest)

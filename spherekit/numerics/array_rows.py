@@ -10,11 +10,12 @@ from spherekit.arrays import Array, Indices
 
 
 class ArrayRows:
-    """Base class of dataclasses whose arrays have one row per item along their first axis.
+    """Base class of dataclasses with arrays whose first axes are the same items (rows).
 
-    The methods select and join the rows of all these arrays together. A field may be an
-    array, another `ArrayRows`, or a dictionary or tuple of these. Fields of other types
-    belong to all rows; they are passed on unchanged.
+    A row is one item, such as one sample, and each array has a part of its data. The
+    methods select and join rows of all arrays together. A field may be an array, another
+    `ArrayRows`, or a dictionary or tuple of these. Fields of other types belong to all rows
+    and stay unchanged.
     """
 
     def rows(self, chosen: slice | Array) -> Self:
@@ -29,8 +30,8 @@ class ArrayRows:
     def assign_rows(self, rows: Indices, new: Self) -> None:
         """Replace some rows of the arrays in place by the rows of another record.
 
-        Nested records and arrays in dictionaries are changed too. Arrays in tuples are not:
-        a class with such a field must not use this method.
+        Nested records and arrays in dictionaries are changed too. Arrays in tuples are not,
+        so classes with such a field must not use this method.
 
         Parameters
         ----------
@@ -73,11 +74,11 @@ def _transform_fields(
     combine_arrays: Callable[[Any], Any],
     combine_records: Callable[[Any], Any],
 ) -> Any:
-    """Return the combination of the values that one field has in several records.
+    """Combine the values that one field has in several records.
 
-    A record is an `ArrayRows` object. Values of other types than arrays and records, which
-    belong to all rows, are taken from the first record. Dictionaries and tuples are
-    combined entry by entry.
+    A record is an `ArrayRows` object: a dataclass of arrays with common rows. Dictionaries
+    and tuples are combined item by item. All other values belong to all rows, and are taken
+    from the first record.
 
     Parameters
     ----------

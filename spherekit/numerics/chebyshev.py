@@ -195,10 +195,10 @@ class PiecewiseChebyshev:
 class CellFits:
     """Chebyshev series of F functions of m variables, fitted to samples in several cells.
 
-    A cell is an interval of one variable or a box of several variables.
+    A cell is an interval of one variable, or a box in several variables.
 
-    A series is a sum of coefficients times products of one Chebyshev polynomial T_k per
-    variable, with the orders k from 0 to the degree.
+    In a cell, a series is a sum of coefficients times products of one Chebyshev polynomial
+    T_k per variable. The orders k are from 0 to the degree.
 
     Attributes
     ----------
@@ -224,14 +224,16 @@ def fit_cells(
 ) -> CellFits:
     """Return Chebyshev series of functions on several cells.
 
-    The function is called once, with the samples of all cells.
+    Functions that take long to compute are replaced by such series. A cell is an interval
+    of one variable, or a box in several variables. The function is called once, with the
+    samples of all cells.
 
     Parameters
     ----------
     function
         Maps positions (n, m) to the values (n, F) of F functions.
     bounds
-        (cells, 2, m) lower and upper corner of each cell.
+        (cells, 2, m) lower and upper corner of each cell, in m variables.
     degree
         Degree of the series in each variable.
     check_positions
@@ -274,7 +276,8 @@ def _place_in_cells(reduced: Floats, bounds: Floats) -> Floats:
 def _transform_grid_samples(grid_samples: Floats, degree: int, variables: int) -> Floats:
     """Return the Chebyshev coefficients of functions from samples at a grid of nodes.
 
-    The samples are transformed along one variable after another.
+    A cell is a box in m variables. Its samples are transformed along one variable after
+    another.
 
     Parameters
     ----------
@@ -294,7 +297,8 @@ def _transform_grid_samples(grid_samples: Floats, degree: int, variables: int) -
     cell_count = len(grid_samples)
     tensor = grid_samples.reshape(cell_count, *[degree + 1] * variables, -1)
     for axis in range(1, variables + 1):
-        # The axis of nodes is summed over, and the new axis of orders comes last.
+        # The sum runs over the axis of nodes. The new axis of orders comes last, and is
+        # moved to its place.
         transformed = np.tensordot(tensor, fitting_matrix(degree), (axis, 1))
         tensor = np.moveaxis(transformed, -1, axis)
     return tensor
@@ -303,11 +307,11 @@ def _transform_grid_samples(grid_samples: Floats, degree: int, variables: int) -
 def evaluate_cells(
     x: Floats, cell_of: Indices, bounds: Floats, coefficients: Floats
 ) -> Floats:
-    """Return F functions of m variables at positions in given cells.
+    """Evaluate Chebyshev series of F functions of m variables at positions in cells.
 
-    In each cell a function is a sum of coefficients times products of one Chebyshev
-    polynomial per variable. Their argument is the position in the cell, from -1 to 1. It is
-    clipped to this range, so that positions outside their cell get the value at its edge.
+    A cell is a box in the m variables. In it a function is a sum of coefficients times
+    products of one Chebyshev polynomial per variable. Their arguments are the position in
+    the cell, from -1 to 1. Positions outside their cell get the value at its edge.
 
     Parameters
     ----------
@@ -328,7 +332,7 @@ def evaluate_cells(
     reduced = reduce_positions(x[groups.order], bounds[cell_of[groups.order]])
     polynomials = evaluate_polynomials(reduced, degree=coefficients.shape[1] - 1)
     values = np.full((len(x), coefficients.shape[-1]), np.nan)
-    # All positions in a cell take one matrix product.
+    # For speed, one matrix product evaluates all positions of a cell.
     for cell, start, stop in zip(groups.cells, groups.starts, groups.stops, strict=True):
         products = multiply_variables(polynomials[start:stop])
         # One row of coefficients for each product of polynomials, one column per function.
@@ -339,7 +343,7 @@ def evaluate_cells(
 
 @dataclass(frozen=True)
 class CellGroups:
-    """Positions, grouped by the cell in which they are.
+    """Indices of positions, grouped by the cell (interval or box) that contains them.
 
     Attributes
     ----------
@@ -415,9 +419,8 @@ def multiply_variables(polynomials: Floats) -> Floats:
     polynomials
         (n, m, degree + 1) values of T_0 ... T_degree at n positions, for each variable.
 
-    Returns
-    -------
-    (n, (degree + 1)^m) products, in the order of the flattened axes of a tensor series.
+    (n, (degree + 1)^m) products, in the order of the flattened coefficients of a series in
+    m variables.
     """
     products = polynomials[:, 0]
     for variable in range(1, polynomials.shape[1]):
@@ -449,17 +452,16 @@ def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
     """Return the real zeros of a Chebyshev series in [-limit, limit], rising.
 
     `series` has the coefficients of the Chebyshev polynomials T_0, T_1, ... The zeros are
-    eigenvalues of its companion matrix. Rounding turns a double zero into two complex ones
-    with imaginary parts below `MAX_IMAGINARY_PART`. Their real parts are returned. `limit`
-    is 1, or a little more, so that zeros that rounding moves beyond an end are not lost.
+    eigenvalues of its companion matrix. Rounding turns a double zero into two complex ones,
+    so zeros with imaginary parts below `MAX_IMAGINARY_PART` count as real. `limit` is 1, or
+    a little more for zeros that rounding moves beyond an end.
     """
-    # Tiny last coefficients would lead to large spurious eigenvalues. Those of the size of
-    # the rounding error (1e-15) are removed.
+    # Last coefficients as tiny as rounding errors (1e-15) would lead to large wrong
+    # eigenvalues, so they are removed.
     largest_coefficient = float(np.max(np.abs(series), initial=0.0))
     series = trim_series(series, 1e-15 * largest_coefficient)
-    # No polynomial T_k exceeds its value at the limit, cosh(k acosh(limit)), which is 1 for
-    # the limit 1. If the first term is larger than all others together can be, the series
-    # has no zero up to the limit.
+    # Up to the limit, T_k does not exceed cosh(k acosh(limit)). If the constant term is
+    # larger than all other terms together can be, there is no zero.
     orders = np.arange(1, len(series))
     largest_values = np.cosh(orders * np.arccosh(limit))
     if len(series) < 2 or abs(series[0]) > np.abs(series[1:]) @ largest_values:

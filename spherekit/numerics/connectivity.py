@@ -10,7 +10,7 @@ from spherekit.arrays import Indices
 
 
 def label_components(count: int, links: Indices) -> Indices:
-    """Return the number of the connected component of each item.
+    """Return for each item of a graph the number of its connected component.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def order_chains(count: int, links: Indices, directed: bool = False) -> list[Ind
         (L, 2) pairs of items that are neighbours in a chain. An item has at most two
         neighbours.
     directed
-        Whether the second item of each pair follows the first. By default a chain may
-        begin at either end.
+        Whether the second item of each pair follows the first. Otherwise a chain may begin
+        at either end.
 
     Returns
     -------
@@ -58,10 +58,9 @@ def order_chains(count: int, links: Indices, directed: bool = False) -> list[Ind
     first, second = links.T
     graph = coo_matrix((np.ones(len(links)), (first, second)), (count, count)).tocsr()
 
-    # A directed open chain starts at the item without predecessor, an undirected one at an
-    # item with a single neighbour. The items are sorted by the number of their predecessors
-    # or neighbours. The first item of each component in this order is therefore an end of
-    # an open chain, or any item of a closed one, and open chains come first.
+    # The search begins at an end of each open chain. This is an item without predecessor
+    # (directed), or with a single neighbour (undirected). Items are sorted by the number of
+    # predecessors or neighbours. So ends of open chains come before items of closed chains.
     linked_items = second if directed else links.ravel()
     neighbour_counts = np.bincount(linked_items, minlength=count)
     items_by_neighbours = np.argsort(neighbour_counts, kind="stable")
@@ -72,7 +71,7 @@ def order_chains(count: int, links: Indices, directed: bool = False) -> list[Ind
         if component_by_item[item] not in components_with_start:
             components_with_start.add(component_by_item[item])
             starts.append(item)
-    # From a start, a search in depth passes the items of its chain in order.
+    # A depth-first search from the start passes the items in order.
     return [
         depth_first_order(graph, start, directed, False).astype(np.intp) for start in starts
     ]

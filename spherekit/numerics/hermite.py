@@ -16,7 +16,8 @@ def cubic_hermite(
 ) -> Floats:
     """Return the values of cubic Hermite polynomials inside cells.
 
-    The polynomial of a cell has the given values and derivatives at both ends.
+    A cell is an interval of the variable. Its polynomial has these values and derivatives
+    at both ends.
 
     Parameters
     ----------
@@ -25,7 +26,7 @@ def cubic_hermite(
     length
         Lengths of the cells, in the unit of the variable.
     fraction
-        Positions in the cells, from 0 at the start to 1 at the stop.
+        Positions in the cells, from 0 at the start to 1 at the other end.
 
     Returns
     -------
@@ -47,9 +48,9 @@ def quintic_hermite(
 ) -> Floats:
     """Return the values of quintic Hermite polynomials inside cells.
 
-    The polynomial of a cell has the given values, first and second derivatives at both
-    ends. If a second derivative is unknown (NaN), the value of the cubic polynomial, which
-    does not use it, is returned.
+    A cell is an interval of the variable. Its polynomial has these values, first and second
+    derivatives at both ends. If a second derivative is unknown (NaN), the cubic polynomial
+    takes its place, which needs none.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def quintic_hermite(
     length
         (n,) lengths of the cells, in the unit of the variable.
     fraction
-        (n,) position in each cell, from 0 at the start to 1 at the stop.
+        (n,) position in each cell, from 0 at the start to 1 at the other end.
 
     Returns
     -------

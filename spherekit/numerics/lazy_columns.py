@@ -39,15 +39,15 @@ def _convert_to_array(
 
 @dataclass(frozen=True)
 class LazyColumn:
-    """A column of floats that a source computes when the column is read.
+    """A column of a table, of floats that are computed only when the column is read.
 
     Attributes
     ----------
     source
-        An object with a method `read(keys, reader)`. The method computes the columns with
-        these keys. It calls the reader with a slice of rows and the values of the columns
-        in these rows, until all rows were passed. The slices may come in any order and from
-        several threads at once.
+        An object with a method `read(keys, reader)`, which computes the columns with these
+        keys. It calls the reader several times, with a slice of rows and the values of all
+        columns in these rows. The slices may come in any order, and from several threads at
+        once.
     key
         Identifies the column in the source.
     count
@@ -71,9 +71,9 @@ class Interleaved:
 
     A table may have, for example, one row per pole (axis of relative rotation of two links)
     for each sample of a motion. Each pole is then a subject. The first rows of all subjects
-    come first, then their second rows, and so on. The rows are put together only when the
-    column is converted to an array (`numpy.asarray`), since some parts may be lazy: a
-    source computes them only then.
+    come first, then their second rows, and so on. Some parts may be lazy (computed only
+    when they are read). The rows are therefore put together only when the column becomes an
+    array (`numpy.asarray`).
 
     Attributes
     ----------
@@ -115,19 +115,17 @@ Column = Array | LazyColumn | Interleaved
 class Span(NamedTuple):
     """Successive rows of a column that are to be copied into an output array.
 
-    For example, rows 10 to 19 of a column become the rows 0 to 9 of the output.
+    For example, rows 10 to 19 of a column become rows 0 to 9 of the output.
 
     Attributes
     ----------
     rows
         The rows of the column.
     first_output_row
-        The row of the output to which the first of them is copied.
+        The row of the output to which the first of these rows is copied.
 
-    Notes
-    -----
-    In a column in which the rows of k subjects alternate, all three numbers are multiples
-    of k, so that each subject has equally many rows.
+    In a column with k subjects (such as poles), the rows of the subjects alternate. All
+    three numbers are then multiples of k, so that each subject has the same number of rows.
     """
 
     rows: slice
@@ -165,7 +163,7 @@ def read_columns(columns: Iterable[Column]) -> list[Array]:
 
 
 class _PartCopy(NamedTuple):
-    """A part of a column, and the rows of the output array to which it is copied.
+    """A part of a table column, and where its rows are written in the output array.
 
     A part has the rows of one subject, such as a pole. Most columns are a single part. In
     an interleaved column the rows of several parts alternate.
@@ -175,7 +173,7 @@ class _PartCopy(NamedTuple):
     part
         The part: an array, or a lazy column that a source computes.
     output
-        View of those rows of the output array that belong to the part.
+        View of the rows of the output array that belong to this part.
     subject_count
         Number of parts of the column, one for each subject.
     """
@@ -188,18 +186,18 @@ class _PartCopy(NamedTuple):
 def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
     """Copy rows of columns into output arrays, and compute lazy columns at the same time.
 
-    A source computes all its lazy columns in one pass, because that takes less time than
-    one pass for each.
+    A lazy column is computed by its source only when it is read. The source computes all
+    its columns in one pass, because that takes less time than one pass for each.
 
     Parameters
     ----------
     columns
         Columns, with the output array of each.
     spans
-        Which rows of each column are copied, and to which rows of its output. Rows of an
-        interleaved column are counted over all its parts.
+        Which rows of each column are copied, and to which rows of its output. In an
+        interleaved column the rows of several parts alternate, and all of them are counted.
     """
-    # By the identity (`id`) of the source, because a source need not be hashable.
+    # The key is the identity (`id`) of the source, because not every source is hashable.
     lazy_copies_by_source: defaultdict[int, list[_PartCopy]] = defaultdict(list)
     for column, output in columns:
         for part_copy in _divide_into_parts(column, output):
@@ -231,8 +229,9 @@ def _divide_into_parts(column: Column, output: Array) -> list[_PartCopy]:
 def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -> None:
     """Compute lazy columns of one source, and copy them as soon as they are computed.
 
-    The source computes slice after slice of the rows. It calls a function with the values
-    of each slice, which copies them. Rows are counted in three ways:
+    The source computes the rows slice by slice, and calls a function with the values of
+    each slice. Several subjects (such as poles) can share a column, and their rows
+    alternate. Rows are counted in three ways:
 
     - in a column: over all its parts, one for each subject (`spans`);
     - in a part: over the rows of one subject, of which the source has each once;
@@ -241,11 +240,11 @@ def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -
     Parameters
     ----------
     part_copies
-        The lazy columns, and where their rows are written.
+        The lazy columns of one source, and where their rows are written.
     spans
         Which rows are copied. Rows of interleaved columns are counted over all parts.
     """
-    # Parts of columns with equally many subjects share their spans.
+    # The spans of a part depend only on the number of subjects of its column.
     spans_in_part = {
         part_copy.subject_count: _count_in_part(spans, part_copy.subject_count)
         for part_copy in part_copies
@@ -287,10 +286,11 @@ def _count_in_part(spans: Sequence[Span], subject_count: int) -> list[Span]:
 
 
 def _spans_of_values(spans: Sequence[Span], computed_rows: slice) -> list[Span]:
-    """Return the part of each span that is computed, with rows counted from the first one.
+    """Return which computed rows are copied, with rows counted from the first computed one.
 
-    For example, if rows 20 to 29 are computed, row 0 of the result is row 20. Spans without
-    computed rows are left out.
+    A span is a range of rows to be copied, with its place in the output. A source has
+    computed only some rows. If these are rows 20 to 29, row 0 of the result is row 20.
+    Spans without computed rows are left out.
     """
     value_spans = []
     for span in spans:

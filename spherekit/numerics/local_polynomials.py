@@ -22,26 +22,26 @@ FIRST_CELLS = 16
 def make_local_polynomials(
     series: PiecewiseChebyshev, scales: Floats
 ) -> Callable[[float], list[float]]:
-    """Return a function that evaluates a series at one position in the least time.
+    """Return a fast function that evaluates a series at one position.
 
-    The series is fitted again by polynomials of degree `LOCAL_DEGREE` (7) in the distance
-    from the middle of narrow cells. Their coefficients are Python floats. For a few
-    functions at a single position, Horner's scheme with floats takes less time than
-    creating a NumPy array.
+    The series is fitted again, by polynomials of degree `LOCAL_DEGREE` (7) in the distance
+    from the middle of narrow cells (intervals). Their coefficients are Python floats. At a
+    single position, Horner's scheme with floats takes less time than creating a NumPy
+    array.
 
     Parameters
     ----------
     series
         m functions of one variable.
     scales
-        (m,) scales of the functions, to which `LOCAL_TOLERANCE` is relative.
+        (m,) sizes of the functions. `LOCAL_TOLERANCE` is relative to them.
 
     Returns
     -------
     A function that maps a position in the range of the series to the m values.
     """
-    # Functions that lose digits cannot be fitted to `LOCAL_TOLERANCE`. An error below
-    # `rounding_tolerance` that a halving does not reduce is rounding, and is accepted.
+    # Rounding errors can prevent a fit to `LOCAL_TOLERANCE`. If halving a cell no longer
+    # helps, an error up to `rounding_tolerance` is accepted.
     fine_series = PiecewiseChebyshev.fit(
         function=series.evaluate,
         low=float(series.edges[0]),
@@ -77,7 +77,9 @@ def make_local_polynomials(
 
 
 def _convert_to_powers(coefficients: Floats, half_widths: Floats) -> Floats:
-    """Return the coefficients of powers of the distance from the middle of each cell.
+    """Convert Chebyshev series to powers of the distance from the middle of each cell.
+
+    A cell is an interval of the variable. Powers are evaluated faster at one position.
 
     Parameters
     ----------
