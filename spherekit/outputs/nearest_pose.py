@@ -116,12 +116,13 @@ Larger: fewer rounds, and poses that are farther than the nearest one. Smaller: 
 
 @dataclass(frozen=True)
 class NormalCoordinates:
-    """Normal coordinates v (d,) around a point of the unit sphere in d + 1 dimensions.
+    """Coordinates of poses around one pose, so that the length of a vector is a distance.
 
-    The points of the sphere are poses: directions (d = 2), or orientations as unit
-    quaternions (d = 3). The coordinates v of a pose have the length of the arc from the
-    centre to the pose, and the direction in which this arc starts:
-    ``pose = cos(|v|) centre + sin(|v|) (v / |v|) basis``.
+    Poses are points of a unit sphere in d + 1 dimensions: directions (d = 2), or
+    orientations as unit quaternions (d = 3). The normal coordinates v (d,) of a pose
+    describe the arc from the centre to the pose. Their length is that of the arc (rad), and
+    their direction is the one in which the arc starts: ``pose = cos(|v|) centre + sin(|v|)
+    (v / |v|) basis``.
 
     Attributes
     ----------
@@ -196,7 +197,7 @@ class NearestPoseSearch:
     def find_nearest(
         self, target_pose: Floats, reachable: Floats
     ) -> tuple[Floats, float] | None:
-        """Find the reachable pose nearest to a target pose.
+        """Find the reachable pose nearest to a target pose that the mechanism cannot reach.
 
         Parameters
         ----------
@@ -213,9 +214,9 @@ class NearestPoseSearch:
         """
         # Coordinates v around the target: the distance of a pose is the length of v.
         chart = NormalCoordinates.around(target_pose)
-        # Each round improves starts to local minima. The next round starts from samples of
-        # the ball around the target that contains all poses nearer than the best one so
-        # far.
+        # Each round improves its starts to local minima. All nearer poses are in the ball
+        # around the target with the radius of the best distance so far. The next round
+        # starts from samples of this ball.
         starts = _choose_spread_starts(chart.coordinates(reachable))
         nearest: Floats | None = None
         for _ in range(MAX_SEARCH_ROUNDS):
@@ -234,7 +235,7 @@ class NearestPoseSearch:
         return chart.poses(nearest), chart.angle_per_arc * _length(nearest)
 
     def _choose_starts_in_ball(self, chart: NormalCoordinates, radius: float) -> Floats:
-        """Choose starts for the search among samples of a ball around the target pose.
+        """Choose starts for the next round of the search, in a ball around the target pose.
 
         The radius is the distance of the nearest reachable pose so far, so only poses in
         the ball can be nearer. A margin is how much is left to one limit of the mechanism.
@@ -243,24 +244,24 @@ class NearestPoseSearch:
         Parameters
         ----------
         chart
-            Normal coordinates v (d,) around the target pose: the pose at v is reached from
-            the target by an arc of length |v| (rad) that starts in the direction v.
+            Coordinates v (d,) around the target pose, so that |v| is the distance (rad) of
+            a pose from the target, along the sphere of poses.
         radius
-            Largest |v| (rad) of the ball.
+            Largest |v| (rad) in the ball.
 
         Returns
         -------
         (`SEARCH_START_COUNT`, d) coordinates. First come the reachable samples that are
-        nearest to the target, and then samples that are not reachable, but whose least
-        margin is nearest to 0. If both are too few, arbitrary samples fill the array.
+        nearest to the target. Then come samples out of reach, those with the smallest
+        violation of a limit first. If both are too few, arbitrary samples fill the array.
         """
         samples = radius * BALL_SAMPLES[chart.dimension]
         with np.errstate(all="ignore"):
             least_margin = np.min(self.margins(chart.poses(samples)), axis=1)
-        # 1. Reachable samples. All samples are sorted by their distance from the centre.
+        # 1. Reachable samples. The samples are sorted by distance, so the first ones are
+        # nearest.
         reachable = np.flatnonzero(least_margin >= 0.0)[:SEARCH_START_COUNT]
-        # 2. Samples out of reach, those with the smallest violation first. Reachable
-        # samples and those whose margin has no value come last.
+        # 2. Samples out of reach, by the size of their violation. All others come last.
         violation = np.where(least_margin < 0.0, -least_margin, np.inf)
         missing_count = SEARCH_START_COUNT - len(reachable)
         nearly_reachable = np.argsort(violation)[:missing_count]
@@ -345,19 +346,21 @@ class NearestPoseSearch:
     ) -> tuple[Floats, Floats]:
         """Compute margins and their gradients by central differences.
 
-        A margin is how much is left to one limit of the mechanism, negative beyond it.
+        A margin is how much is left to one limit of the mechanism, negative beyond it. The
+        search replaces margins by linear functions near a point.
 
         Parameters
         ----------
         chart
-            Normal coordinates around the target pose.
+            Coordinates v around the target pose, as vectors of length |v| = distance (rad).
         v
             (k, d) coordinates of k points.
 
         Returns
         -------
         margins
-            (k, bounds) margins at the points, NaN where a margin has no value.
+            (k, bounds) margins at the points for all limits (bounds), NaN where a margin
+            has no value.
         gradients
             (k, bounds, d) derivatives with respect to v, zero where they do not exist.
         """
@@ -398,16 +401,16 @@ class NearestPoseSearch:
     ) -> Floats | None:
         """Move points at the border inside the workspace, and return the nearest of them.
 
-        The points are results of the search. Because of rounding errors they can be a
-        little outside of the workspace.
+        The points are results of the search. Because of rounding errors they can be
+        slightly outside of the workspace.
 
         Parameters
         ----------
         chart
-            Normal coordinates around the target pose.
+            Coordinates v around the target pose. |v| is the distance (rad) of a point from
+            it.
         v
-            (k, d) coordinates of the points. The target has the coordinates 0, so |v| is
-            the distance of a point from it.
+            (k, d) coordinates of the points.
         starts
             (k, d) coordinates of the starts from which the search arrived at the points.
             Some of them are inside the workspace.
@@ -421,9 +424,9 @@ class NearestPoseSearch:
         nearest_distance = np.inf
         distances = np.linalg.norm(v, axis=1)
         for k in np.argsort(distances):
-            # The points are in the order of their distance before they are moved. A move
-            # back to a start can be long, so the first moved point need not be the nearest.
-            # A point that is farther than a moved one already is not moved any more.
+            # Points are tried in the order of their distance. A move can increase the
+            # distance much, so the first success need not be the best. Points that are
+            # already farther than the best success are not tried.
             if distances[k] >= nearest_distance:
                 break
             moved_point = self._move_point_inside(chart, v[k], starts[k])
@@ -435,16 +438,15 @@ class NearestPoseSearch:
     def _move_point_inside(
         self, chart: NormalCoordinates, point: Floats, start: Floats
     ) -> Floats | None:
-        """Move a point at the border of the workspace inside.
+        """Move a point at the border of the workspace inside, None if this fails.
 
-        The point is moved away from the limits of the mechanism that it nearly reaches, by
-        the shortest of `INWARD_STEPS` that leads inside. If none does, it is moved back
-        towards its start.
+        The point is moved away from the limits that it nearly reaches, by the shortest of
+        `INWARD_STEPS` that leads inside. If none does, it is moved back towards its start.
 
         Parameters
         ----------
         chart
-            Normal coordinates around the target pose.
+            Coordinates around the target pose.
         point
             (d,) coordinates of the point.
         start
@@ -452,7 +454,7 @@ class NearestPoseSearch:
 
         Returns
         -------
-        (d,) coordinates of a point inside, or None if there is none on both paths.
+        (d,) coordinates of a point inside, or None.
         """
         inward_direction = self._find_inward_direction(chart, point)
         moved_point = self._find_first_inside(chart, point, inward_direction, INWARD_STEPS)
@@ -463,13 +465,13 @@ class NearestPoseSearch:
     def _find_inward_direction(self, chart: NormalCoordinates, point: Floats) -> Floats:
         """Return the direction from a point at the border into the workspace.
 
-        A margin is how much is left to one limit of the mechanism. In the direction, all
+        A margin is how much is left to one limit of the mechanism. Along the direction, all
         margins that are nearly 0 (active) grow.
 
         Parameters
         ----------
         chart
-            Normal coordinates around the target pose.
+            Coordinates around the target pose.
         point
             (d,) coordinates of the point.
 
@@ -481,9 +483,8 @@ class NearestPoseSearch:
         values, gradients = self._linearise_margins(chart, point[None])
         margins = values[0]  # (bounds,)
         margin_gradients = gradients[0]  # (bounds, d)
-        # The direction is multiplied by `INWARD_STEPS`, the last of which is the longest.
-        # Other margins than the active ones are so large that such a step does not make
-        # them negative, unless it reduces a margin by 1000 times its own length.
+        # Steps inside have lengths of at most the last `INWARD_STEPS`. Margins above 1000
+        # times this length stay positive in such a step, so they are ignored.
         has_gradient = np.linalg.norm(margin_gradients, axis=1) > 0.0
         is_active = (margins < 1e3 * INWARD_STEPS[-1]) & has_gradient
         normals = unit_rows(margin_gradients[is_active])
@@ -495,16 +496,16 @@ class NearestPoseSearch:
     def _find_first_inside(
         self, chart: NormalCoordinates, point: Floats, direction: Floats, lengths: Floats
     ) -> Floats | None:
-        """Return the point where a straight path enters the workspace for good.
+        """Return a point of a straight path where it enters the workspace for good.
 
-        The points at the given lengths are tried first. The part of the path around the
-        border is then divided again in the same way. The search ends if this part is
-        shorter than `MIN_GAIN` (rad), or if all points of a division are inside.
+        The points at the given lengths are tested. The part of the path around the border
+        is then divided again in the same way, until this part is shorter than `MIN_GAIN`
+        (rad).
 
         Parameters
         ----------
         chart
-            Normal coordinates around the target pose.
+            Coordinates around the target pose.
         point, direction
             (d,) the path is ``point + length direction``. If the direction is NaN, all
             points of the path are outside.
@@ -520,15 +521,15 @@ class NearestPoseSearch:
             is_inside = self.is_inside(chart.poses(point + np.outer(lengths, direction)))
             outside_indices = np.flatnonzero(~is_inside)
             if len(outside_indices) == 0:
-                # The first point is so near to the border that rounding errors may have
-                # classified it wrongly, so the second one is used.
+                # The second point is used, because rounding errors may have decided about
+                # the first.
                 length_inside = lengths[min(1, last)]
                 break
             last_outside = int(outside_indices[-1])
             if last_outside == last:
                 return None
-            # The border is behind the last point outside. The second point after it is
-            # surely inside, whereas rounding errors may have decided about the first one.
+            # The border is behind the last point outside. Rounding errors may have decided
+            # about the next point, so the second next one is used.
             length_outside = lengths[last_outside]
             length_inside = lengths[min(last_outside + 2, last)]
             if (length_inside - length_outside) * _length(direction) < MIN_GAIN:
@@ -544,20 +545,22 @@ def _length(v: Floats) -> float:
 
 
 def _choose_spread_starts(reachable: Floats) -> Floats:
-    """Choose starts among reachable poses: near ones, and some that are far apart.
+    """Choose starts of a search: near ones, and some that are far apart.
+
+    Half of the starts are the poses nearest to the target. Each further start is the pose
+    that is farthest from all chosen before, so that separate regions of the workspace get
+    starts too.
 
     Parameters
     ----------
     reachable
-        (n, d) coordinates of reachable poses.
+        (n, d) coordinates of reachable poses. The target has the coordinates 0.
 
     Returns
     -------
-    (up to `SEARCH_START_COUNT`, d) coordinates. Half of them are those nearest to the
-    target. Each further one is the pose that is farthest from all those chosen before, so
-    that separate regions of the workspace get starts too.
+    (up to `SEARCH_START_COUNT`, d) coordinates.
     """
-    # Sorted by the distance from the target, which has the coordinates 0.
+    # Sort by the distance from the target.
     reachable = reachable[np.argsort(np.linalg.norm(reachable, axis=1))]
     chosen = list(reachable[: SEARCH_START_COUNT // 2])
     # (n,) distance of each pose from the nearest chosen one.
@@ -577,16 +580,16 @@ def _choose_spread_starts(reachable: Floats) -> Floats:
 def _merit(v: Floats, values: Floats, penalty: Floats) -> Floats:
     """Return the merit function that the search for the nearest pose minimises.
 
-    It is |v|^2 / 2, half the squared distance from the target, plus `penalty` times the sum
-    of the amounts by which margins are negative (exact penalty function). A margin is
-    negative beyond a limit of the mechanism.
+    It rates points that may violate limits: |v|^2 / 2, half the squared distance from the
+    target, plus `penalty` times the sum of all violations (exact penalty function).
 
     Parameters
     ----------
     v
-        (..., d) coordinates.
+        (..., d) coordinates of points; the target is at 0.
     values
-        (..., bounds) margins at v.
+        (..., bounds) margins at v: how much is left to each limit of the mechanism,
+        negative beyond it.
     penalty
         Factor of the sum of violations, in a shape that broadcasts to (...).
 
@@ -600,20 +603,20 @@ def _merit(v: Floats, values: Floats, penalty: Floats) -> Floats:
 
 
 def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Floats, float]:
-    """Compute one step of sequential quadratic programming (SQP) from a point.
+    """Compute one step of sequential quadratic programming (SQP) towards the nearest pose.
 
     The problem is to minimise ``|v|^2 / 2`` while no margin is negative. The step solves
-    the linearised problem: minimise ``|v + step|^2 / 2`` subject to
-    ``values + gradients @ step >= 0``. If no step satisfies all linearised margins, the
-    step instead reduces the violations in the sense of least squares. Steps are shortened
-    to a length of at most `MAX_SQP_STEP_RAD`.
+    the linearised problem: minimise ``|v + step|^2 / 2`` subject to ``values + gradients @
+    step >= 0``. If this has no solution, the step reduces the violations in the sense of
+    least squares. Its length is at most `MAX_SQP_STEP_RAD`.
 
     Parameters
     ----------
     v
-        (d,) coordinates of the point.
+        (d,) coordinates of the point; the target of the search is at 0.
     values
-        (bounds,) margins at the point. Margins that are NaN are ignored.
+        (bounds,) margins at the point: how much is left to each limit, negative beyond it.
+        Margins that are NaN are ignored.
     gradients
         (bounds, d) derivatives of the margins. Margins whose gradient is zero are ignored.
 
@@ -622,9 +625,9 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
     step
         (d,) change of v.
     largest_multiplier
-        Largest Lagrange multiplier of a linearised margin, 0 if none is active or no step
-        satisfies them. The caller's penalty factor of violated margins, in the merit
-        function of the line search, has to be larger.
+        Largest Lagrange multiplier of a linearised margin, 0 if none is active or there is
+        no solution. The caller needs it for the line search: there, the factor of violated
+        margins has to be larger.
     """
     is_used = (np.linalg.norm(gradients, axis=1) > 0.0) & np.isfinite(values)
     gradients = gradients[is_used]
@@ -635,7 +638,8 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
     step = point - v
     has_solution = np.isfinite(step).all()
     if not has_solution:
-        # No point satisfies all linearised margins. All multipliers are then 0.
+        # The limits contradict each other, and all multipliers are 0. Reduce the
+        # violations.
         violated = values < 0.0
         step = np.linalg.pinv(gradients[violated]) @ -values[violated]
     # The linearisation is a poor approximation beyond a fraction of a right angle. 1e-300
@@ -663,13 +667,13 @@ def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Flo
 
     Notes
     -----
-    This problem of least distance is solved as one of non-negative least squares: find the
-    weights u >= 0 that minimise the length of the residual
+    Lawson and Hanson solve this problem by non-negative least squares: find the weights u
+    >= 0 that minimise the length of the residual
 
         (normals.T @ u, offsets . u - 1).
 
-    If this has the components (p, -h) at the minimum, then x = p / h, and the multipliers
-    are u / h. The inequalities contradict each other if h is 0.
+    Let its components at the minimum be (p, -h). Then x = p / h, and the multipliers are u
+    / h. If h is 0, the inequalities contradict each other.
 
     References
     ----------
@@ -682,8 +686,8 @@ def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Flo
     zero_satisfies_all = not np.any(offsets > 0.0)
     if zero_satisfies_all:
         return np.zeros(d), np.zeros(len(offsets))
-    # Each inequality is divided by the length of its normal, so that this length has no
-    # influence. An inequality is a column of `system`.
+    # The columns of `system` are the inequalities. Each is divided by the length of its
+    # normal, which improves the conditioning.
     normal_lengths = np.linalg.norm(normals, axis=1)
     system = np.vstack([normals.T, offsets]) / normal_lengths
     target = np.append(np.zeros(d), 1.0)
@@ -691,7 +695,7 @@ def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Flo
     residual = system @ weights - target
     p = residual[:d]
     h = -residual[d]
-    # The limit allows for rounding errors.
+    # Contradictory inequalities have h = 0 up to rounding.
     if h < MIN_RESIDUAL_OF_SOLUTION:
         return np.full(d, np.nan), np.zeros(len(offsets))
     multipliers = weights / normal_lengths / h
@@ -713,8 +717,9 @@ def _make_disc_samples(count: int) -> Floats:
 def _make_ball_samples(count: int) -> Floats:
     """Return points (count, 3) spread evenly in the unit ball, the innermost first.
 
-    The directions follow the additive recurrence of M. Roberts in two dimensions, whose
-    constant is the real root of x^3 = x + 1. The radii give every point the same volume.
+    Their directions come from a sequence of evenly spread points in two dimensions
+    (additive recurrence of M. Roberts), with the real root of x^3 = x + 1 as its constant.
+    The radii grow so that every point stands for the same volume.
     """
     root = 1.324717957244746
     index = np.arange(count)

@@ -107,25 +107,26 @@ class InverseRows(ArrayRows):
     def with_status(self) -> Self:
         """Return the rows with the status that follows from their other values.
 
+        A row is one configuration of a pose. Its margin is the angle (rad) that is left to
+        the nearest limit.
+
         - A row with a negative margin becomes OUT_OF_REACH, and its values become NaN.
-        - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0. Then
-          an input moves while the output rests (I), or the output can move although the
-          inputs are locked (II). A row in which an input or a measure has no finite value
-          becomes AT_SINGULARITY too, because the pose does not determine it.
+        - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0 or not
+          finite. At type I an input moves while the output rests; at type II the output can
+          move although the inputs are locked. Inputs that are not finite have the same
+          effect.
         - All other rows become OK.
 
-        The margin of a row is the angle (rad) that is left to the nearest limit. If no
-        limits were examined, a pose without a configuration comes with the margin -inf,
-        which marks it as outside. Infinite margins become NaN.
+        The caller marks a pose without a configuration by the margin -inf if limits were
+        not examined. Infinite margins become NaN here.
         """
         is_outside = self.margin < 0.0
-        # Type I has a measure for each input (axis 1), type II has one for each row. If one
-        # of them is NaN, so is the least, and the row does not count as regular.
+        # Type I has a measure for each input (axis 1), type II has one. The result is NaN
+        # if one of them is NaN, and then fails the comparison below.
         least_measure = np.minimum(np.min(self.type_1, axis=1), self.type_2)
         has_inputs = np.isfinite(self.inputs).all(axis=1)
-        # Each measure is the sine of the distance (an angle) to the singularity, as that of
-        # a dyad to its dead centre. The same limit is therefore used for all. Below it half
-        # of the digits of the configuration are lost.
+        # Each measure is the sine of an angle, the distance to the singularity. Below this
+        # limit half of the digits of the configuration are lost.
         is_regular = has_inputs & (least_measure > SINGULAR_DYAD_SINE)
         status = np.where(is_regular, Status.OK, Status.AT_SINGULARITY)
         status[is_outside] = Status.OUT_OF_REACH
@@ -188,10 +189,15 @@ class OutputKinematics:
         return tuple(map(label_of, self.modes))
 
     def chosen_modes(self, text: str) -> tuple[Signs, ...]:
-        """Return the signs of the working modes that a text names.
+        """Return the working modes that a text of the user names.
 
+        A working mode is one way to assemble the legs at a pose, with a sign for each leg.
         The text is the label of a mode, such as ``+-+``, or its number. An empty text means
         all modes.
+
+        Returns
+        -------
+        The signs of each mode.
 
         Raises
         ------
@@ -214,16 +220,16 @@ class OutputKinematics:
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
-        """Raise the reason why the output has no inverse kinematics.
+        """Return the configurations of poses, which outputs of this class do not have.
 
-        Subclasses return the configurations of poses in some modes.
+        Subclasses override this method. Here it raises an error with the reason.
 
         Parameters
         ----------
         poses
             (n, 3) directions or (n, 3, 3) rotations, see `points`.
         modes
-            Labels of the modes.
+            Labels of the working modes, such as ``+-``.
         pairs
             Numbers of the pairs whose variables are returned.
 
@@ -232,10 +238,9 @@ class OutputKinematics:
         PlanError
             Always in this base class, since the output has no inverse kinematics.
         """
-        # Inverse kinematics needs virtual links that hold the output in its pose (a wrist).
-        # Outputs of this class allow none, for example because the number of inputs is not
-        # that of the coordinates of a pose. `with_wrist` is called for its error message,
-        # so the next line is never reached.
+        # Inverse kinematics adds virtual links that hold the output in its pose. This is
+        # impossible here, for example because of the number of inputs. `with_wrist` raises
+        # the error that says why, so the next line is never reached.
         with_wrist(self.mechanism, self.output.name)
         raise AssertionError(f"{self.output.name} can have virtual links")
 

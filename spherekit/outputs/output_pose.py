@@ -144,12 +144,14 @@ class PoseCandidates(ArrayRows):
         return len(self.values)
 
     def number_of(self, mode: str) -> int:
-        """Return the number of the configuration (candidate) that a text names.
+        """Return the number of the configuration that a text of the user names.
 
         Parameters
         ----------
         mode
-            The signs of the configuration, such as ``+-+``, or its number as text.
+            The signs of the assembly mode of the configuration, such as ``+-+``, or its
+            number as text. If several configurations have these signs, the first one is
+            meant.
 
         Raises
         ------
@@ -168,11 +170,10 @@ class PoseCandidates(ArrayRows):
 
 @dataclass(frozen=True)
 class EndOrientation:
-    """The orientation of the output link at the end of a rotation from a start pose.
+    """The orientation of the output link at the end of a rotation about a fixed axis.
 
-    The user requests the rotation by a pose at its start and another at its end. The
-    mechanism may have several configurations at the end pose, with different orientations.
-    One of them was chosen.
+    The user states the poses at the start and at the end. The mechanism may have several
+    configurations at the end pose, with different orientations. One of them was chosen.
 
     Attributes
     ----------
@@ -222,10 +223,9 @@ class PoseFinder:
         """Return every configuration found at a pose, in all assembly modes.
 
         In a mid-plane symmetric architecture (`form`), base and output mirror each other in
-        a plane. It gives the configurations in closed form. The pose may then also be given
-        by two angles phi and gamma of this plane. For other mechanisms configurations are
-        computed by position analysis if the pose is given by inputs, and by inverse
-        kinematics if it is given by a direction or an orientation.
+        a plane. The configurations are then computed in closed form, and a pose can also be
+        stated by two angles of this plane. For other mechanisms they come from position
+        analysis if the pose is stated by inputs, and from inverse kinematics otherwise.
 
         Parameters
         ----------
@@ -269,25 +269,24 @@ class PoseFinder:
     def _make_candidates(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
         """Return configurations as candidates for the start or end of a rotation.
 
-        A configuration is singular if one of three measures is nearly zero:
+        Singular configurations come last. A configuration is singular if one of three measures is nearly zero:
 
         - `loop_conditioning`, if the loops do not determine the links,
         - `output_singular_value`, if the output link cannot turn in as many ways as there
           are inputs,
-        - the transmission, if the inputs do not determine the output (type II).
-
-        Singular configurations come last.
+        - the transmission measure, if the inputs do not determine the output (type II).
 
         Parameters
         ----------
         values
-            (k, variables) closed configurations (rad).
+            (k, variables) pair variables (rad) of closed configurations.
         labels
             (k,) the signs of the dyads of each configuration, as text. A dyad is two links
             with three R pairs, and its sign is one of two ways to assemble it.
         """
         output_link = OutputLink.from_output(self.mechanism, self.output)
-        # Only the conditioning is read, which does not depend on the target orientation.
+        # Only the orientations and measures are read, which do not depend on the target (1,
+        # 3, 3).
         deviation = output_link.compare(values, np.eye(3)[None])
         conditioning = np.minimum(
             deviation.output_singular_value, deviation.loop_conditioning
@@ -307,7 +306,7 @@ class PoseFinder:
         return candidates.rows(np.argsort(candidates.singular, kind="stable"))
 
     def _find_at_pose(self, pose: Floats, is_direction: bool) -> PoseCandidates:
-        """Return the configurations at a pose by inverse kinematics.
+        """Return the configurations at a pose of the output, by inverse kinematics.
 
         Parameters
         ----------
@@ -322,8 +321,8 @@ class PoseFinder:
             If the output takes the other kind of pose, or does not reach it.
         """
         kinematics = InverseKinematics(self.mechanism, self.output.name)
-        # The wrist consists of two virtual links that prescribe the pose of the output. Its
-        # flag `points` is true if this pose is a direction.
+        # Inverse kinematics adds virtual links that hold the output (`wrist`). `points` is
+        # true if the output takes a direction, false if it takes an orientation.
         takes_direction = kinematics.wrist.points
         if takes_direction != is_direction:
             expected = "a direction" if takes_direction else "an orientation"
@@ -422,18 +421,18 @@ class PoseFinder:
     ) -> PoseCandidates:
         """Return the configurations at a pose in all modes of a mid-plane architecture.
 
-        The end effector is the mirror image of the base in the mid-plane, so the normal of
-        the mid-plane determines the pose. A leg has two links, and the axis between them is
-        its elbow. A mode has a sign, 1 or -1, for each leg, which chooses one of two
-        positions of the elbow. If the pose is given by inputs, the elbows of the driven
-        legs follow from the inputs. Only modes with the signs of these elbows are returned.
+        Base and end effector mirror each other in the mid-plane, so the normal of this
+        plane determines the pose. A leg has two links, and the axis between them is its
+        elbow. A mode has a sign, 1 or -1, for each leg, which chooses one of two positions
+        of the elbow. Inputs determine the elbows of the driven legs. If the pose is stated
+        by inputs, only modes with the signs of these elbows are returned.
 
         Parameters
         ----------
         architecture
             The mid-plane symmetric architecture of the mechanism.
         pose
-            The pose, in any description.
+            The pose: inputs, an orientation, a direction, or angles of the mid-plane.
 
         Raises
         ------
@@ -450,9 +449,8 @@ class PoseFinder:
             modes = [mode for mode in modes if np.all(mode[driven_legs] == driven_signs)]
         values = []
         for mode in modes:
-            # Both links of a pair agree on its axis in a mechanism of this architecture,
-            # which was tested when `architecture` was made. The residuals are therefore
-            # not used.
+            # The residuals show whether all loops close, which is known for this
+            # architecture.
             link_orientations = architecture.place(normals, mode)
             mode_values, _residuals = architecture.values(link_orientations)
             values.append(mode_values)
@@ -526,22 +524,21 @@ class PoseFinder:
     def _find_modes(self, candidates: PoseCandidates) -> list[tuple[str, str]]:
         """Return the labels of the assembly mode and working mode of each configuration.
 
-        A dyad is two links that can be placed in two ways, which its sign distinguishes.
-        Which links form dyads depends on what is given. If the inputs are given, links are
-        placed from the driven links on, and the signs are the assembly mode. If the pose of
-        the output is given, they are placed between base and output, and the signs are the
-        working mode.
+        Configurations in the same mode at the start and end of a rotation are preferred. A
+        dyad is two links that can be placed in two ways, which its sign distinguishes. In
+        an assembly mode, links are placed from known inputs. In a working mode, they are
+        placed from a known pose of the output. Different links can form the dyads in both
+        cases.
 
         Returns
         -------
-        For each candidate two texts: the signs of the dyads of given inputs (assembly
-        mode), and the signs of the dyads of a given pose (working mode). The second text is
-        empty if the configuration has no separate label of its working mode.
+        For each candidate two texts: the signs of its assembly mode and of its working
+        mode. The second text is empty if there is no separate working mode.
         """
         labels = candidates.labels.tolist()
         without_working_modes = [(label, "") for label in labels]
-        # In a mid-plane symmetric architecture the labels are the signs of the legs. They
-        # describe the working mode too, so it needs no second label.
+        # In a mid-plane symmetric architecture the labels are signs of the legs, which
+        # serve for both modes.
         has_mid_plane = self.form is not None
         # Inverse kinematics needs as many inputs as the pose has coordinates: 2 of a
         # direction or 3 of an orientation (`COORDINATES`).
@@ -568,16 +565,16 @@ class PoseFinder:
     def rotation(
         self, start: PoseCandidates, number: int, end: EndOrientation | AtRotation
     ) -> FollowedRotation:
-        """Return the rotation from a configuration to an orientation, or by an angle.
+        """Return the rotation of the output link from a configuration to its end.
 
-        The rotation is a path of configurations along which the output link turns about
-        one fixed axis. The path is followed numerically from its start.
+        The rotation is a path of configurations along which the output link turns about one
+        fixed axis. It is followed numerically, step by step.
 
-        In a mid-plane symmetric architecture, the output link is the mirror image of the
-        base in a plane. All poses along the path are such mirror images only if the axis
-        lies in the mid-plane of the start. Then a closed form gives the configuration from
-        which the path is followed: the start, or one shortly before it if it is singular.
-        Otherwise the start must not be singular.
+        In a mid-plane symmetric architecture, base and output link mirror each other in a
+        plane. This remains true along the path only if the axis lies in the mid-plane of
+        the start. The first configuration is then computed in closed form, and the start
+        may be singular: the path begins shortly before it. In all other cases the start
+        must not be singular.
 
         Parameters
         ----------
@@ -601,6 +598,8 @@ class PoseFinder:
                 rotation = _rotate_to_mirror_image(
                     architecture, start_orientation, signs, end
                 )
+            # None means that the axis is not in the mid-plane, or the end is no mirror
+            # image.
             if rotation is not None:
                 return rotation
 
@@ -615,8 +614,9 @@ class PoseFinder:
 def _find_working_mode(solutions: PoseSolutions, pose: int, values: Floats) -> str:
     """Return the label of the working mode of a configuration, "" if it is in none.
 
-    A pose has one configuration in each working mode. The one with the same variables is
-    searched.
+    A working mode is one way to assemble the mechanism at a pose of the output. All
+    configurations of the pose are known with their modes. The one with the same pair
+    variables is searched.
 
     Parameters
     ----------
@@ -651,6 +651,9 @@ def _rotate_in_mid_plane(
 ) -> FollowedRotation | None:
     """Return the rotation about an axis in the mid-plane, None if the axis is elsewhere.
 
+    Base and output link mirror each other in the mid-plane. Only if the axis is in this
+    plane, all poses of the rotation are such mirror images, and a closed form applies.
+
     Parameters
     ----------
     architecture
@@ -658,15 +661,16 @@ def _rotate_in_mid_plane(
     start_orientation
         (3, 3) orientation of the output link at the start.
     signs
-        (legs,) signs of the legs.
+        (legs,) signs, 1.0 or -1.0, of the legs: each chooses one of two positions of the
+        leg.
     end
         Axis and angle of the rotation.
     """
     normals, _deviation = architecture.normals(start_orientation[None])
     start_normal = normals[0]
     axis = unit(end.axis)
-    # The sine of the angle between the axis and the mid-plane. `frame` rotates from the
-    # axes of the normal to those of the base.
+    # The sine of the angle between the axis and the mid-plane. The normal is in mirror
+    # axes, from which `frame` leads to the axes of the base.
     axis_sine = abs(start_normal @ architecture.frame.T @ axis)
     if not axis_sine < IN_PLANE_RAD:
         return None
@@ -679,10 +683,10 @@ def _rotate_to_mirror_image(
     signs: Floats,
     end: EndOrientation,
 ) -> FollowedRotation | None:
-    """Return the rotation to a mirror image of the base, None if the end is none.
+    """Return the rotation to a mirror image of the base, None if the end is not one.
 
-    The orientation at the start is a mirror image of the base. The end may be any
-    orientation.
+    At the start, the output link is the mirror image of the base in a plane. If this is
+    true at the end, too, a closed form applies.
 
     Parameters
     ----------
@@ -691,7 +695,8 @@ def _rotate_to_mirror_image(
     start_orientation
         (3, 3) orientation of the output link at the start.
     signs
-        (legs,) signs of the legs.
+        (legs,) signs, 1.0 or -1.0, of the legs: each chooses one of two positions of the
+        leg.
     end
         The orientation at the end.
     """

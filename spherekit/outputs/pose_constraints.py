@@ -94,17 +94,17 @@ class ModeAtPoses(Protocol):
 class LegSpan(NamedTuple):
     """The reach of a leg: the range of the angle between its two outer axes.
 
-    A leg has two links and three axes.
+    A leg has two links and three axes. It closes only if the angle between the first and
+    the last axis is in this range.
 
     Attributes
     ----------
     first_pair, second_pair
-        Numbers of the pairs with these axes, in the mechanism without the wheels that drive
-        its links.
+        Numbers of the pairs with the outer axes, in the mechanism without driving wheels.
     shortest, longest
         Smallest and largest angle (rad) at which the leg closes.
     is_limited_by_width
-        Whether a width of the links, if the user gives one, increases the smallest angle:
+        Whether a width of the links, if the user states one, increases the smallest angle:
         links of some width cannot lie over each other.
     """
 
@@ -119,8 +119,9 @@ class LegSpan(NamedTuple):
 class AngleLimit:
     """A limit of an angle that depends on the pose of an output.
 
-    How far a pose is from the limit is measured in two ways: by the angle, for reports
-    (`left`), and by its cosine, for computations (`column`).
+    A pose is in the workspace if it keeps all limits. How far it is from a limit is
+    measured in two ways: by the angle, for reports (`left`), and by its cosine, for
+    computations (`column`).
 
     Attributes
     ----------
@@ -131,7 +132,8 @@ class AngleLimit:
     at_least
         True if the angle must be at least the limit, False if it must be at most the limit.
     cosine
-        Function that returns the cosine (n,) of the angle at n poses in one working mode.
+        Function that returns the cosine (n,) of the angle at n poses in one working mode
+        (way to assemble the mechanism).
     unit
         Reported angle per limited angle, usually 1.0. It is 0.5 if the limited angle is
         twice the angle that the user knows.
@@ -185,11 +187,10 @@ class Constraints:
         Ranges of angles between the axes of two pairs, so that links do not collide.
     near
         Least distance to singularities of type I of every input and of type II, as an angle
-        (rad); 0 for no limit. The distance is arcsin(min(m, 1)). The number m measures how
-        far a pose is from the singularity, and is 0 there. For type I, m is the angular
-        speed of the output per unit rate of the input: the output rests at the singularity
-        although the input moves. For type II, m is the transmission measure. It is 0 if the
-        output can move although the inputs are locked. The arcsine makes an angle of both.
+        (rad); 0 for no limit. The distance is arcsin(min(m, 1)) with a measure m that is 0
+        at the singularity. For type I (the input moves while the output rests), m is the
+        angular speed of the output per unit rate of the input. For type II (the output can
+        move although the inputs are locked), m is the transmission measure.
     width, radius
         Width of the links and radius of the sphere that they are on, in the same unit of
         length; 0 for no limit. A leg has two links and three axes. If it can fold so that
@@ -234,7 +235,7 @@ class LimitedOutput(Protocol):
 
 
 def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimit, ...]:
-    """Return all limits of an output: those of the mechanism and further constraints.
+    """Return all limits of an output: those of the mechanism and those of the user.
 
     Parameters
     ----------
@@ -246,10 +247,8 @@ def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimi
 
     Returns
     -------
-    Limits of angles between axes, then of pair angles, then of the distance to
-    singularities (`wanted.near`). This distance is an angle, too: its sine is a measure
-    that is 0 at the singularity. If there are no limits, the result is a single limit that
-    every pose keeps.
+    Limits of angles, in this order: angles between axes, pair angles, and distances to
+    singularities. Without any limits, the result is a single limit that every pose keeps.
 
     Raises
     ------
@@ -267,19 +266,19 @@ def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimi
 def find_least_margin(
     bounds: Sequence[AngleLimit], rows: ModeAtPoses
 ) -> tuple[Floats, Indices]:
-    """Return the margin to the nearest of several limits at n poses.
+    """Return how much is left to the nearest limit at n poses.
 
     Parameters
     ----------
     bounds
-        The limits.
+        The limits. A pose is in the workspace if it keeps all of them.
     rows
-        The mode at the poses.
+        The mechanism at the poses, in one working mode (way to assemble it).
 
     Returns
     -------
     margin
-        (n,) rad to the nearest limit, negative beyond it; NaN if it is not known.
+        (n,) angle (rad) to the nearest limit, negative beyond it; NaN if it is not known.
     limiting
         (n,) number of this limit, -1 if it is not known.
     """
@@ -287,14 +286,14 @@ def find_least_margin(
     angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)  # (n, limits)
     margin, limiting = _select_least(angle_margins)
 
-    # 2. Sign: the arc cosine amplifies rounding errors at 0 and pi, so a negative angle can
-    # be a rounding error there. The cosines decide whether a pose is inside.
+    # 2. Sign: near 0 and pi the arc cosine amplifies rounding errors, so a small negative
+    # angle may be wrong. The cosines decide whether a pose is inside.
     is_inside = _find_least_cosine_margin(bounds, rows) >= 0.0
     is_rounding = (margin < 0.0) & is_inside
     margin[is_rounding] = 0.0
 
-    # 3. Certainty: a margin that is NaN could be smaller than the least of the others. It
-    # matters only if this is not negative, since a pose beyond one limit is outside anyway.
+    # 3. Unknown margins (NaN): such a margin could be the smallest one. A pose beyond
+    # another limit is outside anyway.
     is_outside = margin < 0.0
     has_unknown_margin = np.isnan(angle_margins).any(axis=1)
     is_unknown = has_unknown_margin & ~is_outside
@@ -349,7 +348,7 @@ class _AngleRange:
 def _collect_axis_ranges(
     kinematics: LimitedOutput, constraints: Constraints
 ) -> dict[tuple[int, int], list[_AngleRange]]:
-    """Return all ranges that constraints set for angles between two axes.
+    """Return all ranges that are allowed for angles between two pair axes.
 
     They come from three sources:
 
@@ -391,8 +390,8 @@ def _collect_axis_ranges(
     for limit in constraints.apart:
         pair = _find_pair(kinematics, "apart", limit.one)
         other_pair = _find_pair(kinematics, "apart", limit.other)
-        # The angle between two axes of one link is constant, so its range is no limit of
-        # the poses. `_is_always_kept` raises an error if this angle is outside of it.
+        # The angle between two axes of one link is constant, so it does not limit the
+        # poses. If it is outside of the range, `_is_always_kept` raises an error.
         if not _is_always_kept(mechanism, limit, pair, other_pair):
             add_range(pair, other_pair, limit.low, limit.high, "apart")
     return ranges
@@ -464,11 +463,11 @@ def _limit_axis_angles(
 def _is_always_kept(
     mechanism: Mechanism, limit: InterferenceLimit, pair: int, other_pair: int
 ) -> bool:
-    """Return whether a range of the angle between two axes is kept in every pose.
+    """Return whether the angle between two pair axes is in its range in every pose.
 
-    The range is always kept if both axes are on one link: their angle is then constant and
-    has to be in the range, up to an angle of `COLLINEAR_SINE` (rad). Otherwise the angle
-    depends on the pose.
+    This is so if both axes are on one link: their angle is constant. If it is not in the
+    range, no pose is possible, and an error is raised. In other cases the angle depends on
+    the pose.
 
     Parameters
     ----------
@@ -512,12 +511,13 @@ def _is_always_kept(
 
 
 def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> float:
-    """Return the least angle (rad) between the axes at both ends of a leg with wide links.
+    """Return the least angle (rad) between the outer axes of a leg with wide links.
 
     A leg has two links and three axes. If it folds, its links come to lie side by side, and
-    its outer two axes are near each other. The links are bands on a sphere. The rule is
-    that the outer axes, at the middles of the bands, are at least one width apart, an arc
-    of width / radius (Chen et al. 2021, section 3). The angle is 0 for links without width.
+    its outer axes are near each other. The links are bands on a sphere, with the axes in
+    the middle of the bands. To avoid a collision, the outer axes stay at least one width
+    apart, an arc of width / radius (Chen et al. 2021, section 3). The angle is 0 for links
+    without width.
 
     Raises
     ------
@@ -526,8 +526,8 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
     """
     width = constraints.width
     radius = constraints.radius
-    # An angle between axes is at most pi, so width / radius may not be larger. Without a
-    # width any radius fits, even 0, which means that the user gave none.
+    # An angle between axes is at most pi, so the width is at most pi times the radius. The
+    # radius 0 means that the user stated none.
     fits = 0.0 <= width <= np.pi * radius < np.inf
     fits_without_width = width == 0.0 and 0.0 <= radius < np.inf
     if not (fits or fits_without_width):
@@ -676,13 +676,13 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
 
 
 def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
-    """Return the number of the pair with a name, in the mechanism without wheels.
+    """Return the number of the pair with a name that the user wrote in a constraint.
 
     Parameters
     ----------
     kinematics
         The output. `kinematics.carrying` is the part of its mechanism that carries it,
-        without the wheels that drive it.
+        without the wheels that drive it. The number is that in this part.
     option
         Name of the constraint, for messages.
     name
@@ -695,8 +695,7 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
     """
     carrying_numbers = kinematics.carrying.pair_number
     if name not in carrying_numbers:
-        # A text such as `; did you mean "41"?`, which is empty if no name is similar. The
-        # list of pairs is then a sentence of its own.
+        # A text such as `; did you mean "41"?`. It is empty if no name is similar.
         suggestion = nearest(name, carrying_numbers)
         reason = (
             f'{option}: no pair is named "{name}"{suggestion or "."} '

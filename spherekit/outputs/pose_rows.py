@@ -14,13 +14,15 @@ from spherekit.outputs.dyad_chain import reciprocal_vectors
 def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     """Return the output's angular velocity per unit rate of each input.
 
-    One input moves while the others are locked. The angular velocities are the columns of
-    the inverse of the matrix (inputs, 3) of rates.
+    The rates of the inputs per unit angular velocity form a matrix (inputs, 3). The wanted
+    angular velocities are the columns of its inverse. Column i is the angular velocity
+    while input i has the rate 1 and the others are locked.
 
     Parameters
     ----------
     rates
-        (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
+        (k, inputs, 3) rates of the inputs per unit angular velocity of the output, at k
+        configurations.
     directions
         (k, 3) if there are two inputs, the unit vector in which the output link points. The
         angular velocities are at right angles to it. None for three inputs.
@@ -30,11 +32,8 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     (k, 3, inputs) angular velocities in the axes of the rates. They are not finite in
     singular configurations, where the determinant of the rates is zero.
     """
-    # The reciprocal vectors of the rates are the columns of the inverse. The angular
-    # velocity of input i is reciprocal vector i. It changes input i at the rate 1, because
-    # its scalar product with the rates of this input is 1. It is at right angles to the
-    # rates of all other inputs, and to the direction, which is the third vector if there
-    # are two inputs.
+    # The columns of the inverse are the reciprocal vectors of its rows. With two inputs the
+    # direction is the third row.
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         scaled_reciprocals, volume = reciprocal_vectors(rates, directions)
         angular_velocities = scaled_reciprocals / volume[:, None, None]
@@ -45,20 +44,17 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
 def sense_of(rates: Floats, directions: Floats | None) -> Integers:
     """Return the sign (k,) of the determinant of the rates, 0 if it has no sign.
 
-    The sign changes at singularities only, so it tells poses on both sides of a singularity
-    apart. Poses with the same sign and working mode (choice of one of two positions for
-    each leg) that are connected form an aspect. The mechanism can move between all poses of
-    an aspect without passing a singularity.
+    The sign changes at singularities only. Connected poses with the same sign and the same
+    working mode (choice of one of two positions for each leg) form an aspect. The mechanism
+    can move between all poses of an aspect without passing a singularity.
 
     Parameters
     ----------
     rates
         (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
     directions
-        (k, 3) if there are two inputs, the unit vector in which the output link points. The
-        rates of the inputs are at right angles to it. The vector becomes the third row of
-        the determinant, which is then the signed area that the rates span. None for three
-        inputs.
+        (k, 3) if there are two inputs, the unit vector in which the output link points. It
+        becomes the third row of the determinant. None for three inputs.
     """
     # Where a leg is stretched or folded, rates are infinite, and their determinant is NaN.
     with np.errstate(over="ignore", invalid="ignore"):

@@ -34,15 +34,14 @@ def output_kinematics(
 
     The methods are tried in this order:
 
-    1. Dyads (groups of two links and three R pairs) have a closed form, which gives all
-       configurations at a pose.
-    2. Dyads that are driven by wheels have a closed form, too. Another one applies if base
-       and output link are mirror images of each other. It gives only configurations with
-       this symmetry. The option `graph` skips these two.
-    3. Otherwise the output is held in each pose, and the position solver places the links
-       group by group, as they follow from the graph of all links.
+    1. If the mechanism consists of dyads (groups of two links and three R pairs), a closed
+    form gives all configurations at a pose. 2. Two special architectures have a closed
+    form, too: dyads that wheels drive, and mechanisms in which base and output link are
+    mirror images of each other. The latter gives only configurations with this symmetry.
+    The option `graph` skips both. 3. Otherwise the output is held in each pose, and the
+    position solver places all links group by group.
 
-    If there are neither two nor three inputs, only the poses at inputs can be computed.
+    Unless there are two or three inputs, only the poses at inputs can be computed.
 
     Parameters
     ----------
@@ -60,9 +59,8 @@ def output_kinematics(
         If the output link by itself cannot take every direction (or orientation), or if the
         mechanism does not have as many degrees of freedom as inputs.
     """
-    # A pose has two coordinates (direction) or three (orientation), `COORDINATES`. Only
-    # with as many inputs do poses determine the inputs. `points` says that poses are
-    # directions.
+    # A pose has two coordinates (direction) or three (orientation). It determines the
+    # inputs only if they are as many.
     if len(mechanism.inputs) not in COORDINATES:
         return OutputKinematics(mechanism, chosen_output(mechanism, output), points=False)
     inverse = InverseKinematics(mechanism, output)
@@ -77,10 +75,15 @@ def output_kinematics(
 
 
 def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> ClosedKinematics:
-    """Return the kinematics of an output that are solved in closed form.
+    """Return the kinematics of an output, which must have a closed form.
 
-    A closed form gives all configurations at a pose of the output. It needs no known
-    configuration from which a search starts.
+    A closed form computes all configurations at a pose of the output directly, without a
+    search that needs a start.
+
+    Parameters
+    ----------
+    mechanism, output
+        The mechanism, and the name of its output if there are several.
 
     Raises
     ------
@@ -109,8 +112,7 @@ def _find_special_form(inverse: InverseKinematics) -> ClosedKinematics:
     SolveError
         If there is none. The message says why the second kind does not apply.
     """
-    # `inverse` adds virtual links (the wrist), which hold the output link in its pose. The
-    # mechanism of the user is without these.
+    # The mechanism of the user, without the virtual links that hold the output in its pose.
     mechanism = inverse.own
     output = inverse.wrist.output
     # None if the mechanism is not of the first kind.

@@ -202,9 +202,10 @@ class PathNodes(ArrayRows):
     def interpolate(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return the variables at angles between the nodes of the path.
 
-        A cell is the part of the path between two neighbouring nodes. In each cell the
-        variables are polynomials of degree 5 that agree with the values and with the first
-        and second derivatives at both nodes (quintic Hermite interpolation).
+        A node is a computed configuration at an angle theta of the path, with derivatives
+        by theta. Between two nodes, each variable is a polynomial of degree 5 that agrees
+        with the values and the first and second derivatives at both nodes (quintic Hermite
+        interpolation).
 
         Parameters
         ----------
@@ -216,9 +217,8 @@ class PathNodes(ArrayRows):
         values
             (n, variables) the variables (rad).
         cell_size
-            (n,) rad, the difference of theta or the largest difference of a variable
-            between both nodes of the cell, whichever is larger. It is a scale for the error
-            of the values.
+            (n,) rad, a scale for the error of the values. It is the larger one of the
+            difference of theta and the largest difference of a variable between both nodes.
         """
         if len(self.theta) == 1:
             return np.repeat(self.values, len(theta), axis=0), np.zeros(len(theta))
@@ -235,10 +235,10 @@ class PathNodes(ArrayRows):
 
 @dataclass(frozen=True)
 class TrackedPath:
-    """The part of a path that was tracked.
+    """The part of a path of configurations that was tracked.
 
-    Along the path a target orientation turns about an axis by the angle theta, and the
-    configurations are those nearest to the target.
+    Along the path a target orientation turns about an axis by the angle theta. In each
+    configuration the output link is as near to the target as possible.
 
     Attributes
     ----------
@@ -247,8 +247,8 @@ class TrackedPath:
     end
         OK if the path reached the requested angle, otherwise the reason why it ends.
     leaps
-        Angles theta (rad) of singular configurations. Single steps (leaps) led from one
-        side of each to the other, because the links are not determined there.
+        Angles theta (rad) of singular configurations on the path. They were stepped over
+        (leaps), because the equations do not determine the links there.
     """
 
     nodes: PathNodes
@@ -310,15 +310,15 @@ class RotationPath:
     def find_nearest(
         self, theta: Floats, guess: Floats
     ) -> tuple[TargetDeviation, NewtonSteps]:
-        """Return the configurations nearest to the targets, by Newton's method.
+        """Return the configurations in which the output link is nearest to its targets.
 
-        The nearest configuration is the one with the smallest angle between the output link
-        and its target orientation.
+        The target is an orientation that turns about a fixed axis. Nearest means the
+        smallest angle between output link and target. The method is Newton's.
 
         Parameters
         ----------
         theta
-            (n,) angles (rad) by which the target has turned about its fixed axis.
+            (n,) angles (rad) by which the target has turned.
         guess
             (n, variables) pair variables (rad) from which the method starts.
 
@@ -337,8 +337,8 @@ class RotationPath:
             # If the output link can follow the target (`exact`), its orientation is one
             # more equation. Otherwise the angle to the target is minimised.
             deviation = self.output_link.compare(values, targets[rows])
-            # A step that is NaN becomes 0, which ends the iteration of its row. Whether a
-            # result is a nearest configuration is tested later, by its error.
+            # A step that is NaN becomes 0, which ends the iteration of its row. The caller
+            # tests the error of the result.
             return np.nan_to_num(deviation.newton_step(self.exact))
 
         values, newton_steps = newton(
@@ -354,17 +354,16 @@ class RotationPath:
     def make_nodes(self, theta: Floats, deviation: TargetDeviation) -> PathNodes:
         """Return nodes of the path: configurations with derivatives and quality measures.
 
-        The target is an orientation that turns about a fixed axis by the angle theta. The
-        output link takes it, if the mechanism allows that (`exact`). Otherwise the path has
-        the configurations in which the output link is nearest to it.
+        Along the path a target orientation turns about a fixed axis by the angle theta. In
+        each configuration the output link is as near to the target as possible.
 
         Parameters
         ----------
         theta
             (n,) angles of the target (rad).
         deviation
-            The nearest configurations at these angles, with equations, derivatives and
-            errors that compare the output link with its target.
+            The configurations at these angles, compared with the target. They should be the
+            nearest ones.
         """
         rates = deviation.rates(self.axis)  # by theta
         has_rates = all_finite(rates.first, 1)
@@ -522,12 +521,13 @@ class RotationPath:
         return None
 
     def track(self, first_node: PathNodes, end: float) -> TrackedPath:
-        """Track the path from a node to the angle `end` (rad), or as far as steps succeed.
+        """Track the path from a node to the angle `end` (rad), or as far as possible.
 
-        The path has the configurations nearest to a target that turns about an axis by the
-        angle theta. A step that fails is halved, and the step after a success is twice as
-        long. If a short step fails, a leap over a singular configuration is tried. If the
-        leap fails, too, the step is halved again. The path ends at the smallest step.
+        Along the path a target orientation turns about an axis by the angle theta. A node
+        is a configuration in which the output link is as near to the target as possible. A
+        step that fails is halved, and the step after a success is twice as long. Where
+        short steps fail, the next configurations may be singular. One step over them is
+        then tried, a leap. The path ends where even the smallest step fails.
         """
         nodes = [first_node]
         # Angles (rad) of the singular configurations over which leaps have led.

@@ -93,7 +93,11 @@ Larger: short excursions from the range are noticed. Smaller: they are missed.
 
 
 class FixedAxisRotation(Protocol):
-    """A rotation of an output link about a fixed axis, sampled at any angle theta."""
+    """Interface of a rotation of an output link about a fixed axis.
+
+    The mechanism moves so that its output link turns about the axis by the angle theta. The
+    configuration is known at any theta.
+    """
 
     @property
     def axis(self) -> Floats:
@@ -138,7 +142,9 @@ def dead_centre(rotation: FixedAxisRotation) -> str:
 
 @dataclass(frozen=True)
 class Extreme:
-    """The largest speed or acceleration of an input during a schedule.
+    """The largest speed or acceleration of an input during a rotation of the output.
+
+    It shows how near the drive of this input is to its limits.
 
     Attributes
     ----------
@@ -168,7 +174,7 @@ class Extreme:
 class Trajectory:
     """The inputs at n times while an output link turns about a fixed axis.
 
-    A controller can follow these rows.
+    A controller can follow these values.
 
     Attributes
     ----------
@@ -184,7 +190,7 @@ class Trajectory:
         (n,) transmission measure, at most 1. It is 0 at a singularity of type II, where
         locked inputs do not hold the output.
     status
-        (n,) codes of `Status`: OK, or the reason why numbers of the row are missing.
+        (n,) codes of `Status`: OK, or the reason why numbers are missing at this time.
     """
 
     names: Names
@@ -245,10 +251,12 @@ class TimeScaling:
         return max(self.extremes, key=required_duration_ratio)
 
     def at(self, t: ArrayLike) -> Trajectory:
-        """Return the rows at times t (n,) from 0 to the duration (s).
+        """Return the inputs at times t (n,) from 0 to the duration (s).
 
-        The motion is first evaluated as if it took 1 s. Speeds are then divided by the
-        duration, accelerations by its square.
+        Parameters
+        ----------
+        t
+            (n,) times (s).
 
         Raises
         ------
@@ -256,6 +264,8 @@ class TimeScaling:
             If a time is outside.
         """
         t = check_range(t, self.duration, "t", "s")
+        # First evaluate the motion as if it took 1 s. Speeds are then divided by the
+        # duration, accelerations by its square.
         samples, unit_motion = _evaluate_unit_motion(
             self.rotation, self.shape, t / self.duration
         )
@@ -272,17 +282,17 @@ class TimeScaling:
         )
 
     def table(self, samples: int) -> Trajectory:
-        """Return rows at equally spaced times, both ends included.
+        """Return the inputs at equally spaced times, both ends included.
 
         Parameters
         ----------
         samples
-            Number of rows, at least 2. With a cycle time of the controller there is one row
-            for each cycle instead.
+            Number of times, at least 2. If the controller has a cycle time, it is ignored:
+            there is one time for each cycle instead.
         """
         if self.cycle is not None:
-            # The duration is a whole number of cycles; `round` removes rounding errors. For
-            # the same reason no time may exceed the duration.
+            # The duration is a whole number of cycles, up to rounding errors. `round` and
+            # `minimum` remove these.
             cycle_count = round(self.duration / self.cycle)
             ticks = np.arange(cycle_count + 1)
             return self.at(np.minimum(ticks * self.cycle, self.duration))
@@ -405,7 +415,10 @@ def schedule_limits(
     shape: str | Law,
     cycle: float | None,
 ) -> tuple[Law, Floats]:
-    """Return the law and the limits of a schedule, after checking them.
+    """Return the law and the limits of a schedule, after checking the arguments.
+
+    A law shape states which fraction of the rotation is reached after each fraction of its
+    duration.
 
     Parameters
     ----------
@@ -429,8 +442,8 @@ def schedule_limits(
     law
         The law shape.
     limits
-        (2 inputs,) largest speeds (rad/s), then largest accelerations (rad/s2) of the
-        inputs; infinite without a limit.
+        (2 inputs,) largest speeds (rad/s) of all inputs, then their largest accelerations
+        (rad/s2); infinite without a limit.
     """
     if cycle is not None and not 0.0 < cycle < np.inf:
         raise SolveError(f"cycle: found {cycle:g}, expected a time above 0 s")
@@ -447,7 +460,7 @@ def schedule_limits(
 
 
 def _check_shape(shape: str | Law) -> Law:
-    """Return a law shape that is given by its name or as a law.
+    """Return the law shape that the user has chosen, by its name or as a law.
 
     A law shape is the fraction of the total angle that is reached, as a function of the
     fraction t of the total time.
@@ -479,11 +492,18 @@ def _check_shape(shape: str | Law) -> Law:
 
 
 def _find_largest(functions: PiecewiseChebyshev, column: int) -> float:
-    """Return the position at which one of several functions has its largest size.
+    """Return the position at which one of several functions has its largest absolute value.
 
-    The functions are polynomials in cells (Chebyshev interpolants). Candidates for the
-    position are the zeros of the derivative, and the edges of the cells, where the
-    derivative can jump. `column` is the number of the function.
+    The functions are polynomials in cells (piecewise Chebyshev interpolants). Candidates
+    for the position are the zeros of the derivative, and the edges of the cells, where the
+    derivative can jump.
+
+    Parameters
+    ----------
+    functions
+        The functions.
+    column
+        Number of the function.
     """
     derivative = functions.derivative
     second_derivative = derivative.derivative
@@ -530,8 +550,8 @@ def _evaluate_unit_motion(
     """
     s, ds, dds = law.at(unit_time)
     angle = rotation.angle
-    # Because of rounding errors s can be a little outside of 0 to 1, where the rotation is
-    # not known.
+    # Rounding errors can move s a little outside of 0 to 1, where the rotation is not
+    # defined.
     samples = rotation.at(angle * np.clip(s, 0.0, 1.0))
     is_lost = ~all_finite(samples.second_rates, 1)
     if np.any(is_lost):

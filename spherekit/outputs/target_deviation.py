@@ -61,13 +61,15 @@ become very long.
 
 @dataclass(frozen=True)
 class OutputLink:
-    """An output link, in a mechanism whose ground is the link that it is relative to.
+    """An output link in a mechanism, prepared for comparing its orientation with targets.
+
+    The ground of the mechanism is here the link that the output is relative to, also called
+    body 0.
 
     Attributes
     ----------
     closure
-        Equations of the closed loops of the mechanism. Body 0 is the link that the output
-        is relative to.
+        Equations of the closed loops of the mechanism.
     number
         Number of the output link.
     degrees_of_freedom
@@ -103,9 +105,11 @@ class OutputLink:
         values
             (n, variables) pair variables (rad).
         target_orientations
-            (n or 1, 3, 3) rotations from the axes of the output link to those of body 0.
+            (n or 1, 3, 3) rotations from the axes of the output link to those of body 0,
+            the link that the output is relative to.
         """
-        # Orientations of all links, and the rotation vector of each variable at unit rate.
+        # Orientations of all links, and for each variable its vector: the angular velocity
+        # at its pair if the variable has the rate 1.
         linearisation = self.closure.linearise(values)
         orientations = linearisation.rotations[:, self.number]
         # For each variable 1 or -1 if its pair is on the path from body 0 to the output
@@ -123,11 +127,12 @@ class OutputLink:
 
 @dataclass(frozen=True)
 class JacobianSplit:
-    """The closure Jacobian J of n configurations, split by its singular values.
+    """The free motions and the pseudo-inverse of the closure Jacobian J.
 
-    J has the derivatives of the closure equations by the variables. Its rank r is not
-    determined from the singular values: it is taken as the number of variables less the
-    degrees of freedom, which is the rank at regular configurations.
+    J has the derivatives of the loop closure equations by the variables, at n
+    configurations. A singular value decomposition splits it. Its rank r is set to the
+    number of variables less the degrees of freedom, the rank at regular configurations.
+    Near singular ones the rank could not be recognised safely from the singular values.
 
     Attributes
     ----------
@@ -199,10 +204,10 @@ class TargetDeviation:
     def _jacobian_split(self) -> JacobianSplit:
         """The closure Jacobian J, split by its singular value decomposition.
 
-        At a regular configuration J has the rank r = variables - degrees of freedom of the
-        mechanism, which are as many as its inputs. The pseudo-inverse uses the r largest
-        singular values. The right singular vectors of the others are the motions that keep
-        the loops closed (null space).
+        J has the derivatives of the loop closure equations. At a regular configuration its
+        rank is r = variables - degrees of freedom. The pseudo-inverse uses the r largest
+        singular values. The other right singular vectors are the motions that keep the
+        loops closed (null space).
         """
         variable_count = self.values.shape[1]
         rank = variable_count - self.output_link.degrees_of_freedom
@@ -269,13 +274,12 @@ class TargetDeviation:
         """(n, variables, 3) the moment that the pair of each variable transmits.
 
         Imagine a torsional spring of unit stiffness between the output link and its target.
-        The remaining rotation is its moment on the link. It is balanced by the reactions
-        that keep the loops closed, and the pairs transmit both.
+        Its moment on the link is the remaining rotation to the target. It is balanced by
+        the reactions that keep the loops closed, and the pairs transmit both.
 
-        In the nearest configuration to the target, the spring is in equilibrium: no pair
-        transmits a moment about its own axis, about which it turns freely. The derivatives
-        of the nearest configuration follow from this. If the link is on the target, all
-        moments are zero.
+        The configuration nearest to the target is the equilibrium of this spring: no pair
+        transmits a moment about its own axis. The derivatives of the nearest configuration
+        follow from this. If the link is on the target, all moments are zero.
         """
         spring_force = np.vecmat(self.remaining_rotation, self.output_jacobian)
         moments = self._transmitted_moments(
@@ -285,7 +289,7 @@ class TargetDeviation:
         return np.where(self._is_off_target[:, None, None], moments, 0.0)
 
     def _balancing_reactions(self, force: Floats) -> Floats:
-        """Return the reactions in the loops that balance generalised forces.
+        """Return the reactions in the loops that balance forces on the variables.
 
         The reactions m satisfy J^T m + force = 0, with the closure Jacobian J. The solution
         is m = -(J^+)^T force, with the pseudo-inverse J^+.
@@ -293,7 +297,8 @@ class TargetDeviation:
         Parameters
         ----------
         force
-            (n, variables) generalised forces on the variables.
+            (n, variables) generalised force on each variable, such as a moment about a pair
+            axis.
 
         Returns
         -------
@@ -305,15 +310,15 @@ class TargetDeviation:
     def _transmitted_moments(self, output_moment: Floats, reactions: Floats) -> Floats:
         """Return the moments (n, variables, 3) that the pairs of all variables transmit.
 
-        A moment on the output link is transmitted by the pairs on the path from body 0 to
-        this link. The reaction of a loop is transmitted by all pairs of the loop.
+        A moment on the output link is transmitted by the pairs on the path from body 0 (the
+        base) to this link. The reaction of a loop is transmitted by all pairs of the loop.
 
         Parameters
         ----------
         output_moment
             (n, 3) moment on the output link.
         reactions
-            (n, loops, 3) reaction of each loop.
+            (n, loops, 3) reaction of each loop: the moment at the pair that closes it.
         """
         # These arrays have 1 or -1 for the direction in which a path or a loop goes through
         # a pair, and 0 if it does not contain the pair.
@@ -335,8 +340,8 @@ class TargetDeviation:
         """Return the second time derivatives of the axis vectors of all variables.
 
         The axis a of a pair is fixed in a body with the angular velocity w and the angular
-        acceleration w', so a'' = w' x a + w x a'. With the variables v between body 0 and
-        this body, their rates r_v and their vectors a_v, at constant rates
+        acceleration w', so a'' = w' x a + w x a'. With constant rates r_v of the variables
+        v between body 0 and this body, and their axes a_v,
 
             w = sum of r_v a_v,    w' = sum of r_v a_v'.
 
@@ -345,7 +350,7 @@ class TargetDeviation:
         rates
             (n, variables) constant rates of the variables.
         vector_rates
-            (n, variables, 3) first derivatives of the vectors at these rates.
+            (n, variables, 3) first derivatives of the axes at these rates.
 
         Returns
         -------
@@ -411,19 +416,19 @@ class TargetDeviation:
         """Return the motion (n, variables) that closes the loops and balances forces.
 
         A torsional spring of unit stiffness acts between the output link and its target. If
-        the variables change by x, its generalised forces on the variables change by -K x,
-        with the stiffness matrix K of the spring. The result is the x for which
+        the variables change by x, its forces on the variables change by -K x, with the
+        stiffness matrix K. The result is the x for which
 
             J x = closure_change,        N^T (force - K x) = 0.
 
-        By the first equation, with the Jacobian J of the loops, x closes the loops. By the
-        second one, it balances the forces in all motions that keep the loops closed, the
-        columns of N. Other forces are balanced by reactions in the loops.
+        The first equation, with the Jacobian J of the loops, closes the loops. The second
+        one balances the forces. The columns of N are the motions that keep the loops
+        closed; other forces are balanced by reactions in the loops.
 
         Parameters
         ----------
         force
-            (n, variables) generalised forces on the variables without the part -K x.
+            (n, variables) forces on the variables at x = 0.
         closure_change
             (n, equations) required change of the closure residuals.
         stiffness
@@ -435,8 +440,7 @@ class TargetDeviation:
         closing_motion = np.matvec(split.pseudo_inverse, closure_change)
         remaining_force = force - self._gradient_rates(closing_motion)
         # 2. The motion that balances the remaining forces and keeps the loops closed.
-        # `left_inverse` gives NaN for a stiffness that is exactly singular, where
-        # `np.linalg.inv` would raise an error.
+        # `left_inverse` returns NaN for a singular stiffness and raises no error.
         free_motion = np.matvec(
             left_inverse(stiffness), np.vecmat(remaining_force, split.null_space)
         )
@@ -446,14 +450,14 @@ class TargetDeviation:
         """Return the Newton step (n, variables), in rad, towards the nearest configuration.
 
         The nearest configuration has closed loops and the smallest angle a between the
-        output link and its target: it is a minimum of a^2 / 2.
+        output link and its target orientation: it is a minimum of a^2 / 2.
 
         Parameters
         ----------
         can_follow
-            Whether the mechanism can reach the target. Three equations for the orientation
-            of the output link are then solved together with those of the loops. They can
-            determine the step even where the equations of the loops lose their rank.
+            Whether the mechanism can reach the target. The orientation of the output link
+            then adds three equations to those of the loops. Together they can determine the
+            step even where the loops alone do not.
         """
         if can_follow:
             # Close the loops, and turn the output link by the remaining rotation.
@@ -471,20 +475,18 @@ class TargetDeviation:
         )
 
     def _convex_stiffness(self) -> Floats:
-        """Return a stiffness (n, freedoms, freedoms) with which the angle a decreases.
+        """Return a stiffness (n, freedoms, freedoms) for steps that decrease the angle a.
 
-        The `stiffness` is the second derivative of a^2 / 2 by the motions that keep the
-        loops closed. Where its smallest eigenvalue is not clearly positive, a^2 / 2 is not
-        convex, and a full Newton step could increase the angle. The Gauss-Newton matrix
-        W^T W replaces it there. The columns of W are the angular velocities of the output
-        link in these motions. The eigenvalues of W^T W are never negative, so its step
-        decreases the angle if it is short enough.
-
-        The smallest eigenvalue of W^T W is the scale for that of the stiffness, because
-        both matrices are equal if the output link is on its target.
+        a is the angle between the output link and its target. The `stiffness` is the second
+        derivative of a^2 / 2 by the motions that keep the loops closed. Where it is not
+        clearly positive definite, a Newton step could increase the angle. It is replaced
+        there by the Gauss-Newton matrix W^T W, which has no negative eigenvalues. The
+        columns of W are the angular velocities of the output link in these motions.
         """
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
-        # The eigenvalues of W^T W are the squares of the singular values of W.
+        # The scale for the smallest eigenvalue of the stiffness: both matrices are equal if
+        # the link is on its target. The eigenvalues of W^T W are the squares of the
+        # singular values of W.
         least_gauss_newton_eigenvalue = self.output_singular_value**2
         is_convex = (
             self.least_eigenvalue > MIN_CONVEXITY_RATIO * least_gauss_newton_eigenvalue
@@ -494,10 +496,16 @@ class TargetDeviation:
     def error(self, can_follow: bool) -> Floats:
         """Return the error (n,), in rad, of configurations that should be the nearest ones.
 
-        The error is the larger one of two numbers. The first one is the closure residual.
-        If the mechanism can reach the target (`can_follow`, one flag for all targets), the
-        second one is the remaining rotation to it. If not, the second one is the gradient
-        of a^2 / 2 along the configurations, where a is the angle to the target.
+        The nearest configuration has closed loops and the smallest angle a to the target.
+        The error is the larger one of two numbers, the closure residual and an error of the
+        output link.
+
+        Parameters
+        ----------
+        can_follow
+            Whether the mechanism can reach the target. If so, the error of the output link
+            is the remaining rotation to the target. If not, it is the gradient of a^2 / 2
+            in the motions that keep the loops closed, which is 0 at a minimum.
         """
         if can_follow:
             output_error = self.remaining_rotation
@@ -513,13 +521,13 @@ class TargetDeviation:
     def rates(self, axis: Floats) -> TargetRates:
         """Return how the configurations change while the target turns about an axis.
 
-        A nearest configuration is one with the smallest angle between the output link and
-        its target. The configurations of this object must be nearest ones. The target
-        orientation turns about the axis by the angle theta. There are two cases:
+        The configurations must be nearest ones: those with the smallest angle between the
+        output link and its target orientation. The target turns by the angle theta. There
+        are two cases:
 
-        - The output link follows the target exactly. Its rotation then gives three
-          equations in addition to those of the loops. These may determine the derivatives
-          even where the loops have lost their rank.
+        - The output link follows the target exactly. Its rotation then adds three equations
+          to those of the loops. Together they can determine the derivatives even where the
+          loops have lost their rank.
         - Otherwise the output link stays as near as possible to the target.
 
         Parameters
@@ -544,19 +552,18 @@ class TargetDeviation:
         )
 
     def _following_rates(self, axis: Floats) -> TargetRates:
-        """Return the derivatives with which the output link follows its target.
+        """Return the derivatives with which the output link follows its target exactly.
 
         The target turns about the axis by the angle theta. With the Jacobians J of the
-        loops and G of the output link, the first and second derivatives of the variables
-        by theta, x' and x'', have to satisfy
+        loops and G of the output link, the first and second derivatives of the variables by
+        theta, x' and x'', have to satisfy
 
-            J x' = 0,           G x' = axis,
-            J x'' = -J' x',     G x'' = -G' x'.
+            J x' = 0,           G x' = axis, J x'' = -J' x',     G x'' = -G' x'.
 
-        The result has the derivatives with the smallest misfit. The link follows the target
-        (`follows`) if it is on it and the misfit is zero, up to the tolerance
-        `ON_TARGET_RAD`. The misfit is the difference between both sides of the equations:
-        the angle (rad) by which the link would leave the target while it turns by 1 rad.
+        They are solved by least squares. The misfit, the difference between both sides of
+        these equations, shows whether the link can follow the target. `follows` is true if
+        the link is on the target and the misfit is zero, up to the tolerance
+        `ON_TARGET_RAD`.
 
         Parameters
         ----------
@@ -575,8 +582,8 @@ class TargetDeviation:
         acceleration_right = -np.concatenate([loop_bias, output_bias], axis=1)
         second = np.matvec(self.system_inverse, acceleration_right)
         acceleration_misfit = np.matvec(self.system, second) - acceleration_right
-        # The right side can be large near singular configurations, and its rounding errors
-        # with it, so the tolerance is relative to 1 + its size.
+        # Near singular configurations the right side and its rounding errors are large, so
+        # the misfit is relative to 1 + its size.
         acceleration_misfit /= 1.0 + max_abs(acceleration_right, axis=1)[:, None]
 
         misfit = max_abs(np.hstack([velocity_misfit, acceleration_misfit]), axis=1)

@@ -39,14 +39,15 @@ COORDINATES = (2, 3)
 class VirtualOutputChain:
     """A mechanism with two virtual links, which prescribe the pose of one of its outputs.
 
-    Two virtual links and three R pairs in series lead from the link that the output is seen
-    from to the output link. The angles of these pairs are the coordinates of the pose. All
-    three pairs are driven if the output is an orientation. If it is a direction, the first
-    two are driven and the third, about the direction itself, turns freely.
+    They serve for inverse kinematics. Two virtual links and three R pairs in series lead
+    from the link that the output is seen from to the output link. The angles of these pairs
+    are the coordinates of the pose, and become the inputs. If the output is an orientation,
+    all three are driven. If it is a direction, the third pair turns freely about this
+    direction.
 
     The inputs of the original mechanism are no longer driven. The position analysis of the
-    extended mechanism therefore gives the values of these inputs for a pose. The numbers of
-    virtual links and pairs come after those of the original mechanism.
+    extended mechanism therefore gives their values for a pose. The numbers of virtual links
+    and pairs come after those of the original mechanism.
 
     Attributes
     ----------
@@ -201,13 +202,12 @@ def _choose_unused_names(
 def _add_to_pose(
     geometry: PoseGeometry, pair_names: list[str], direction: Vector
 ) -> PoseGeometry:
-    """Return a reference pose with the three virtual pairs added.
+    """Return a reference pose with the axes and angles of three virtual pairs added.
 
-    The virtual pairs and two virtual links lead in series from the base to the output link,
-    so that the pair angles are the coordinates of the pose. The first axis is z of the
+    Two virtual links and three virtual pairs in series hold the output link in its pose.
+    The angles of these pairs are the coordinates of the pose. The first axis is z of the
     base, and the third one the direction of the output. The second, the tilt axis, is at
-    right angles to both. In the reference pose the angles are the azimuth and the tilt of
-    the direction, and the turn 0.
+    right angles to both.
 
     Parameters
     ----------
@@ -235,14 +235,12 @@ def _add_to_sizes(
     virtual_pairs: Sequence[Pair],
     direction: Vector,
 ) -> SizeGeometry:
-    """Return the sizes of all links with the three virtual pairs added.
+    """Return the sizes of all links with three virtual pairs added.
 
-    The virtual pairs and two virtual links lead in series from the base to the output link.
-    They can prescribe the pose of the output, because the angles of the virtual pairs are
-    its coordinates: Euler angles about z, y and z of an orientation, or azimuth, tilt and
-    turn of a direction.
-
-    New sizes of the links are computed from the frames of all pairs.
+    Two virtual links and three virtual pairs in series hold the output link in its pose.
+    The angles of these pairs are the coordinates of the pose: Euler angles about z, y and z
+    of an orientation, or azimuth, tilt and turn of a direction. The new sizes are computed
+    from the frames of all pairs.
 
     Parameters
     ----------
@@ -256,7 +254,7 @@ def _add_to_sizes(
         Direction of the output in the axes of its link; z for an orientation, whose third
         Euler angle is about z.
     """
-    # The frames (3, 3) by the name of the pair, in the first and in the second links.
+    # The frames (3, 3) of all pairs in their first and in their second link, by pair name.
     first_frames, second_frames = pair_frames(mechanism)
     virtual_frames = _make_virtual_frames(direction)
     for pair, frames in zip(virtual_pairs, virtual_frames, strict=True):
@@ -287,7 +285,10 @@ class VirtualPairFrames:
 
 
 def _make_virtual_frames(direction: Vector) -> tuple[VirtualPairFrames, ...]:
-    """Return the frames of the three virtual pairs, from the base to the output link.
+    """Return the frames of three virtual pairs, from the base to the output link.
+
+    The pairs hold the output in its pose. They rotate one after another about z, y and z
+    (Euler angles), where the last axis is the direction of the output.
 
     Parameters
     ----------
@@ -298,8 +299,8 @@ def _make_virtual_frames(direction: Vector) -> tuple[VirtualPairFrames, ...]:
     # The pair rotates about the y axis of both links, and its angle counts from their z.
     x, y, z = np.eye(3)
     y_frame = np.stack([z, x, y], axis=1)
-    # A frame whose z axis is the direction: Z(azimuth) Y(tilt) Z(0). The last angle decides
-    # where the turn about the direction is zero.
+    # A frame whose z axis is the direction: Z(azimuth) Y(tilt) Z(0). The last angle sets
+    # the zero of the turn about the direction.
     azimuth_and_tilt = azimuth_tilt(np.array([direction]))
     pointing_angles = np.append(azimuth_and_tilt, [[0.0]], axis=1)
     direction_frame = from_euler_zyz(pointing_angles)[0]

@@ -113,9 +113,9 @@ def _list_possible_lengths(
     """Return rolled lengths with which the wheels may mesh as in the mechanism file.
 
     The rolled length of a contact is the arc (rad) that one wheel has rolled on the other.
-    The given lengths close the loops, but the wheels may mesh in other teeth than in the
-    file. The right lengths then differ from the given ones by whole revolutions of wheels.
-    Only lengths that some inputs can roll are returned.
+    The loops also close if wheels mesh in other teeth than in the file. Their lengths then
+    differ from the right ones by whole revolutions of wheels. All such lengths that some
+    values of the inputs produce are returned.
 
     Parameters
     ----------
@@ -124,13 +124,12 @@ def _list_possible_lengths(
     gear_phases
         The ratios by which the lengths follow from the inputs.
     lengths
-        (m,) rolled lengths (rad), one for each contact.
+        (m,) rolled lengths (rad) that close the loops, one for each contact.
 
     Returns
     -------
-    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first. At
-    most `MAX_TRIED_ASSEMBLIES` are returned, because the caller closes the loops for each
-    of them, which takes time.
+    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first. They
+    are at most `MAX_TRIED_ASSEMBLIES`, because the caller spends time on each.
     """
     combinations = _combine_equivalent_lengths(held_solver, gear_phases, lengths)
     possible_lengths = combinations[_can_be_rolled(gear_phases, combinations)]
@@ -171,17 +170,17 @@ def _combine_equivalent_lengths(
 
 
 def _can_be_rolled(gear_phases: GearPhases, lengths: Floats) -> Bools:
-    """Return whether some inputs roll a set of lengths in the assembly of the file.
+    """Return whether some inputs roll a set of lengths, if wheels mesh as in the file.
 
-    The lengths are linear functions of the inputs: `gear_phases.lengths` in the reference
-    configuration, plus ratios @ (change of the inputs). Some change of the inputs gives a
-    change of the lengths if its projection onto the range of the matrix `ratios` does not
-    alter it. It need not consist of whole revolutions.
+    A rolled length is the arc (rad) that one wheel has rolled on another. The lengths are
+    linear functions of the inputs: lengths at a reference plus ratios @ (change of the
+    inputs). A change of the lengths is possible if it is in the range (column space) of the
+    matrix `ratios`: then the projection onto this range does not alter it.
 
     Parameters
     ----------
     gear_phases
-        The ratios by which the lengths follow from the inputs.
+        The lengths at the reference, and the ratios.
     lengths
         (n, m) sets of rolled lengths (rad).
 
@@ -200,7 +199,10 @@ def _can_be_rolled(gear_phases: GearPhases, lengths: Floats) -> Bools:
 def _find_input_revolutions(
     gear_phases: GearPhases, q: Floats, lengths: Floats
 ) -> Floats | None:
-    """Return inputs that roll given lengths and differ from q by whole revolutions.
+    """Return inputs that roll the given lengths and differ from q by whole revolutions.
+
+    Closed loops determine the inputs only up to whole revolutions. The lengths that the
+    wheels have rolled on each other decide how many there are.
 
     Parameters
     ----------
@@ -214,7 +216,7 @@ def _find_input_revolutions(
     Returns
     -------
     (inputs,) rad, with the smallest sum of absolute values. None if no inputs up to
-    `MAX_INPUT_REVOLUTIONS` away roll the lengths; inputs farther away are not recognised.
+    `MAX_INPUT_REVOLUTIONS` away roll the lengths.
     """
     inputs = _list_inputs_of_one_period(gear_phases, q)
     misfit = max_abs(gear_phases.rolled_lengths(inputs) - lengths, axis=1)
@@ -227,13 +229,14 @@ def _find_input_revolutions(
 def _list_inputs_of_one_period(gear_phases: GearPhases, q: Floats) -> Floats:
     """Return inputs that differ from q by whole revolutions, over one period of the wheels.
 
-    After one period of an input, all wheels are in their first positions again. Inputs
-    farther away would repeat these positions.
+    After one period of an input, all wheels are in their first positions again, so other
+    inputs would repeat these positions.
 
     Parameters
     ----------
     gear_phases
-        The ratios by which rolled lengths follow from the inputs, and the periods.
+        The ratios by which the lengths that wheels roll on each other follow from the
+        inputs, and the periods.
     q
         (inputs,) values of the inputs (rad).
 

@@ -25,10 +25,11 @@ from spherekit.tolerances import REACH_SLACK, SINGULAR_DYAD_SINE
 
 @dataclass(frozen=True)
 class RateFraction:
-    """A rate that is linear in the angular velocity w of the output, at n poses.
+    """A rate as a fraction ``numerator . w / denominator``, at n poses.
 
-    The rate is ``numerator . w / denominator``. Both parts are finite at singular
-    configurations, where the rate itself is not.
+    The rate is linear in the angular velocity w of the output. At singular configurations
+    it can be infinite. Both parts of the fraction are finite there, so they are stored
+    separately.
 
     Attributes
     ----------
@@ -56,12 +57,12 @@ class RateFraction:
 class ClosingLinkState:
     """The state of the closing link of a mechanism at n poses.
 
-    An output that points in a direction can turn about this direction. Once its direction
-    and its turn are given, all links but one are placed one after another: two at a time,
-    as a dyad (two links with three pairs) between two placed links. The last one, the
-    *closing link*, joins two placed links by two pairs. The angle between the axes of these
-    pairs must be the arc of the closing link, which is an equation for the turn. The
-    residual is the cosine of this angle less the cosine of the arc.
+    An output that points in a direction can turn about this direction. Once direction and
+    turn are known, most links are placed two at a time: as a dyad (two links with three
+    pairs) between two placed links. One link is left, the *closing link*, which joins two
+    placed links. The angle between the axes of its two pairs must be its arc, which is an
+    equation for the turn. The residual is the cosine of this angle less the cosine of the
+    arc.
 
     Attributes
     ----------
@@ -82,10 +83,11 @@ class ClosingLinkState:
 
 @dataclass(frozen=True)
 class DyadReach:
-    """How far the dyads of a mode are from the limits of their reach, at n poses.
+    """How far a mechanism of dyads is from the limits of its reach, at n poses.
 
-    A dyad is two links between two supports. It reaches if the angle between its outer axes
-    is between the angles at which it is folded and stretched.
+    A dyad is two links, joined by a middle pair, between two other links. Its two outer
+    pairs join it to these. It reaches if the angle between its outer axes is between the
+    angles at which it is folded and stretched.
 
     Attributes
     ----------
@@ -153,9 +155,10 @@ class MiddleAxisParts:
 class PairRateEquation:
     """The equation for the rate of one pair of a dyad, at n poses.
 
-    The two links of a dyad are between two supports with the angular velocities w_near and
-    w_far. The rate of a pair of the dyad, that of one of its links relative to the other,
-    follows from ``normal . (w_far - w_near) = -triple_product * rate``.
+    A dyad is two links, joined by a middle pair. Its near and far pair join it to two
+    supports (links placed before) with the angular velocities w_near and w_far. The rate of
+    one of the three pairs follows from ``normal . (w_far - w_near) = -triple_product *
+    rate``.
 
     Attributes
     ----------
@@ -164,7 +167,8 @@ class PairRateEquation:
     triple_product
         (n,) triple product b . (a x c) of the near axis a, middle axis b and far axis c.
     moving_link
-        Number of the link whose rate it is, relative to the other link of the pair.
+        Number of the link of the pair whose rotation, relative to the other link of the
+        pair, has this rate.
     """
 
     normal: Floats
@@ -174,7 +178,9 @@ class PairRateEquation:
 
 @dataclass(frozen=True)
 class LinkVector:
-    """A vector that is fixed in a link, in the axes of the base and of a pair frame.
+    """A vector that is fixed in a link, in the axes of the base and of a pair of the link.
+
+    Pair angles are measured between two such vectors.
 
     Attributes
     ----------
@@ -192,7 +198,9 @@ class LinkVector:
 
 @dataclass(frozen=True)
 class ScaledAngle:
-    """An angle, given by its cosine and sine times a common positive factor.
+    """An angle, represented by its cosine and sine times a common positive factor.
+
+    The factor need not be known, since it cancels in the arc tangent.
 
     Attributes
     ----------
@@ -216,14 +224,14 @@ Result = TypeVar("Result")
 
 
 def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result]:
-    """Return a method of `WorkingMode` that reuses results of other modes (a decorator).
+    """Decorate a method of `WorkingMode` so that several modes share its results.
 
-    A working mode is a sign for each dyad, which says in which of two ways its two links
-    are placed. Many quantities depend on the signs of some dyads only. They are computed
-    once for all modes of the same poses in which these signs are equal.
+    A working mode is a sign for each dyad (two links), which chooses one of two ways to
+    place it. Many quantities depend on the signs of some dyads only. They are computed once
+    for all modes of the same poses in which these signs are equal.
 
-    The arguments of the method must be hashable, and it must read the signs of the same
-    dyads in all modes.
+    The arguments of the method must be hashable. In all modes, it must read the signs of
+    the same dyads.
     """
 
     @wraps(method)
@@ -279,11 +287,12 @@ class WorkingMode:
     def find_or_compute(
         self, method: Callable[..., Result], arguments: tuple[Hashable, ...]
     ) -> Result:
-        """Return the result of a method, from another mode if that has computed it.
+        """Return the result of a method, which may have been computed for another mode.
 
-        A result that is stored can be used by all modes with the same signs of those dyads
-        that the method reads. For example, the middle axis of dyad 0 depends on the sign of
-        dyad 0. The modes (1, 1) and (1, -1) of two dyads therefore have the same one.
+        A working mode is a sign for each dyad (two links). A method may depend on the signs
+        of some dyads only. All modes in which these signs are equal share its result. For
+        example, the middle axis of dyad 0 depends on the sign of dyad 0 only. The modes (1,
+        1) and (1, -1) of two dyads therefore have the same one.
 
         Parameters
         ----------
@@ -295,8 +304,8 @@ class WorkingMode:
         quantity = (method.__name__, *arguments)
         if not self._is_stored(quantity):
             self._compute_and_store(quantity, method, arguments)
-        # If this quantity is needed to compute another one, the other one depends on the
-        # same signs.
+        # This quantity may be a part of another one, which then depends on the same signs.
+        # The record tells this to the computation of the other one.
         self.recorded_dyads.update(self.chain.sign_dependencies[quantity])
         return self.shared_results[self._make_result_key(quantity)]  # type: ignore[no-any-return]
 
@@ -323,7 +332,10 @@ class WorkingMode:
         method: Callable[..., Result],
         arguments: tuple[Hashable, ...],
     ) -> None:
-        """Compute a quantity, record the dyads whose signs it reads, and store the result.
+        """Compute a quantity, record which dyads it depends on, and store the result.
+
+        A working mode is a sign for each dyad (two links). The record has the dyads whose
+        signs are read. Other modes with the same signs of these dyads can use the result.
 
         Parameters
         ----------
@@ -334,8 +346,7 @@ class WorkingMode:
         arguments
             Its arguments.
         """
-        # This copy of the mode has an empty record of dyads, but uses the same stored
-        # results.
+        # A copy of this mode with an empty record. The stored results are the same object.
         recording_mode = replace(self, recorded_dyads=set())
         # NumPy must not warn of NaN, which is the result at poses out of reach.
         with np.errstate(all="ignore"):
@@ -404,10 +415,11 @@ class WorkingMode:
 
     @_shared_between_modes
     def reach(self) -> DyadReach:
-        """Return how far the dyads are from the limits of their reach.
+        """Return how far the mechanism is from the limits of its reach.
 
-        The margin of a mode is the least margin of its dyads. The mode is singular if one
-        of its dyads is nearly stretched or folded.
+        It consists of dyads (two links between two others). Each has a margin, the angle
+        left until it is stretched or folded. The least margin of all dyads counts. The
+        configuration is singular if a dyad is nearly stretched or folded.
         """
         numbers = range(len(self.chain.dyads))
         margins = np.array([self._dyad_margin(number) for number in numbers])
@@ -418,8 +430,8 @@ class WorkingMode:
         # The first dyad that has the least margin.
         limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
         status = np.where(np.all(is_regular, axis=0), Status.OK, Status.AT_SINGULARITY)
-        # Rounding errors of the arcs may exceed a limit by `REACH_SLACK`. NaN does not
-        # reach either.
+        # Rounding errors of the arcs may exceed a limit by `REACH_SLACK`. The comparison is
+        # false for NaN, which is out of reach too.
         is_within_reach = margin >= -REACH_SLACK
         status[~is_within_reach] = Status.OUT_OF_REACH
         return DyadReach(margin, limiting, status.astype(np.int8))
@@ -461,15 +473,23 @@ class WorkingMode:
         return -axis if is_opposite else axis
 
     def _placed_axis(self, pair: int, link: int) -> Floats:
-        """Return the axis of a pair in base axes, from the placement of one of its links.
+        """Return the axis of a pair in base axes, computed from one of its links.
 
-        The shape is (3, n), or (3, 1) if the axis is the same at all poses.
+        Parameters
+        ----------
+        pair, link
+            Numbers of the pair and of one of its links, which is placed already.
+
+        Returns
+        -------
+        (3, n), or (3, 1) if the axis is the same at all poses.
         """
         chain = self.chain
-        # Some axes of the posed link are given with the poses.
+        # The posed link is the one that the poses place. Some of its axes are stated there.
         if link == chain.posed_link and pair in self.posed_axes:
             return self.posed_axes[pair]
-        # The middle axis of a dyad is found before the orientations of its two links.
+        # A dyad is two links, joined by its middle pair. The axis of this pair is computed
+        # first, before the orientations of the two links.
         dyad_number = chain.dyad_of_link.get(link)
         if dyad_number is not None and pair == chain.dyads[dyad_number].middle_pair:
             axis, _ = self.signed_middle_axis(dyad_number)
@@ -507,9 +527,9 @@ class WorkingMode:
     def _vector_of_dyad_link(self, link: int, x: float, y: float, z: float) -> Floats:
         """Return a vector that is fixed in a link of a dyad, in base axes (3, n).
 
-        The link has an outer pair, at a link placed before, and the middle pair of the
-        dyad. Their axes p and q are known. The vector is a sum of p, q and p x q with
-        constant weights.
+        A dyad is two links joined by a middle pair. Each link also has an outer pair, which
+        joins it to a link placed before. The axes p and q of both pairs are known at all
+        poses. The vector is a sum of p, q and p x q with constant weights.
 
         Parameters
         ----------
@@ -550,16 +570,16 @@ class WorkingMode:
 
     @_shared_between_modes
     def _middle_axis_parts(self, dyad_number: int) -> MiddleAxisParts:
-        """Return the parts of the middle axis of a dyad, for both of its positions.
+        """Return the parts of the middle axis of a dyad, which give both of its positions.
 
-        The middle axis b has the angles `dyad.arcs` A and C to the outer axes a and c. Its
-        two positions are mirror images of each other about the plane of a and c. They are
+        A dyad is two links with three pair axes a, b, c. The outer axes a and c are known.
+        The middle axis b has the angles `dyad.arcs` (the arcs of the links) to them. Its
+        two positions are mirror images of each other about the plane of a and c:
 
             b = sum_weight (a + c) + difference_weight (a - c) + cross_weight (a x c),
 
-        with both signs of the cross weight. `spherekit.geometry.dyad_axis` has formulas for
-        the weights. They use A / 2, C / 2, |a + c|^2 and |a - c|^2 instead of A, C and
-        a . c, and so lose no digits if a and c are nearly parallel.
+        with both signs of the cross weight. The formulas for the weights use half arcs, |a
+        + c|^2 and |a - c|^2. In this way no digits are lost if a and c are nearly parallel.
         """
         dyad = self.chain.dyads[dyad_number]
         half_near_arc, half_far_arc = dyad.half_arcs
@@ -569,9 +589,9 @@ class WorkingMode:
         sum_square = dot_columns(total, total)
         difference_square = dot_columns(difference, difference)
 
-        # 1. The triple product t = b . (a x c). Its square is negative out of reach, where
-        # t is NaN. Rounding errors can make the square negative at the limit of the reach,
-        # too, where t is 0.
+        # 1. The triple product t = b . (a x c). Its square is negative out of reach, and t
+        # is NaN there. At the limit of the reach t is 0. There the square can be negative
+        # by rounding.
         triple_product_square = triple_square(
             half_near_arc, half_far_arc, sum_square, difference_square
         )
@@ -617,19 +637,25 @@ class WorkingMode:
     def _find_vector_off_axis(self, pair: int, link: int) -> LinkVector:
         """Return a vector of a link that is not parallel to the axis of a pair.
 
-        The pair angle is measured between such a vector of its first link and one of its
-        second link.
+        The pair angle is measured from such a vector of its first link to one of its second
+        link.
+
+        Parameters
+        ----------
+        pair, link
+            Numbers of the pair and of one of its links.
         """
         chain = self.chain
         pair_frame = chain.frame_in(pair, link)  # (3, 3); columns are its x, y and z axis
-        # The orientations of the base and of the posed link are known, so any vector of
-        # them is known. x of the frame is at right angles to the axis of the pair, z.
+        # The orientations of the base and of the posed link (placed by the poses) are
+        # known. So the x axis of the pair frame can be used, at right angles to the pair
+        # axis z.
         if link in (chain.base, chain.posed_link):
             return LinkVector(
                 in_base=self.vector(link, pair_frame[:, 0]),
                 in_pair_frame=np.array([1.0, 0.0, 0.0]),
             )
-        # Of a link of a dyad, the axes of its pairs are known first.
+        # Of other links, only the axes of their pairs are known at first.
         other_pair = self._choose_pair_off_axis(pair, link)
         axis_in_link = chain.axis_in(other_pair, link)
         return LinkVector(
@@ -658,12 +684,12 @@ class WorkingMode:
 
     @_shared_between_modes
     def pair_rate(self, pair: int) -> RateFraction:
-        """Return the rate of a pair's variable per unit angular velocity of the output.
+        """Return the rate of a pair's variable, as a fraction for any motion of the output.
 
-        The pair belongs to a dyad, two links between two links placed before, its supports.
-        The supports have angular velocities that are known already. The rate of the pair is
-        the one with which the dyad follows them. It is a fraction
-        ``numerator . w / denominator`` with the angular velocity w of the output.
+        The fraction is ``numerator . w / denominator`` with the angular velocity w of the
+        output. The pair belongs to a dyad: two links between two links placed before, its
+        supports. The angular velocities of the supports are known first. The rate is the
+        one with which the dyad follows its supports.
         """
         chain = self.chain
         dyad = chain.dyads[chain.dyad_of_pair[pair]]
@@ -689,19 +715,19 @@ class WorkingMode:
     def _pair_rate_equation(self, pair: int) -> PairRateEquation:
         """Return the equation for the rate of a pair of a dyad.
 
-        The near, middle and far pair of the dyad have the axes a, b, c and the rates A, B,
-        C. These are the rates of the near link relative to the near support, of the far
-        link relative to the near link, and of the far link relative to the far support. The
-        angular velocity of the far link, computed from both supports, is
+        A dyad is two links between two supports. The chain is: near support, near pair,
+        near link, middle pair, far link, far pair, far support. The three pairs have the
+        axes a, b, c and the rates A, B, C: of the near link relative to the near support,
+        of the far link relative to the near link, and of the far link relative to the far
+        support. The angular velocity of the far link, computed from both supports, is
 
             w_near + a A + b B = w_far + c C.
 
         The scalar product of this equation with the vector product of two axes leaves only
         the rate of the third pair (Cramer's rule). With the triple product t = b . (a x c),
 
-            (b x c) . (w_far - w_near) = -t A,
-            (c x a) . (w_far - w_near) = -t B,
-            (b x a) . (w_far - w_near) = -t C.
+            (b x c) . (w_far - w_near) = -t A, (c x a) . (w_far - w_near) = -t B, (b x a) .
+            (w_far - w_near) = -t C.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
@@ -718,17 +744,16 @@ class WorkingMode:
     ) -> RateFraction:
         """Return the scalar product of a vector and the angular velocity of a link.
 
-        The result is linear in the angular velocity w of the output. It is a fraction
-        ``numerator . w / denominator``, both parts of which are finite at singularities.
+        The result is a fraction ``numerator . w / denominator`` with the angular velocity w
+        of the output. Both parts are finite at singularities.
 
-        A link of a dyad is joined to its support, a link placed before, by an outer pair of
-        the dyad. The angular velocity of the link is that of its support plus a rotation
-        about the axis of this pair, so
+        An outer pair joins each link to its support, a link placed before:
 
             vector . w_link = vector . w_support +- (rate of the pair) (vector . axis).
 
-        The support is treated in the same way. This ends at the base, which is at rest, or
-        at the posed link, whose angular velocity is w.
+        The support is treated in the same way, and so on. This ends at the base, which is
+        at rest, or at the posed link (placed by the poses), which has the angular velocity
+        w.
 
         Parameters
         ----------
@@ -737,8 +762,8 @@ class WorkingMode:
         link
             Number of the link; its angular velocity is relative to the base.
         normal_pairs
-            Pairs whose axes are at right angles to the vector. Rotation about these axes
-            adds nothing to the scalar product, so its rate is not computed.
+            Pairs whose axes are at right angles to the vector. Rotation about them adds
+            nothing to the scalar product, so their rates are not computed.
         """
         chain = self.chain
         if link == chain.base:
@@ -747,9 +772,9 @@ class WorkingMode:
             return RateFraction(vector, np.ones(1))
         outer_pair, support = chain.support_of(link)
         if self._is_on_one_axis(outer_pair, normal_pairs, link):
-            # The axis of the outer pair is at right angles to the vector, too, so the
-            # rotation about it adds nothing. The outer pair is also a pair of the support,
-            # and there it is the one whose axis is known to be at right angles.
+            # The axis of the outer pair is at right angles to the vector, so it adds
+            # nothing. It is also an axis of the support, where it is passed on for the same
+            # purpose.
             return self.angular_velocity_along(vector, support, [outer_pair])
         support_part = self.angular_velocity_along(vector, support)
         # The rate of a pair is that of its second link relative to its first one.
@@ -818,18 +843,18 @@ class WorkingMode:
         return np.where(is_out_of_reach, self._continue_speed_square(pair), square)
 
     def _continue_speed_square(self, pair: int) -> Floats:
-        """Return numbers (n,) that continue the squared output speed beyond the reach.
+        """Return numbers (n,) that continue the squared output speed out of reach.
 
         The search for the border of a workspace needs a number that changes its sign there.
-        The squared speed is positive within the reach and 0 at its limit. The numbers of
-        this function are negative where the dyad of the input does not reach. They are 0
-        elsewhere.
+        The squared speed of the output per unit rate of an input is positive within the
+        reach and 0 at its limit. This function continues it beyond. It returns 0 where the
+        dyad of the input reaches or is unknown.
 
-        If the dyad is between the base and the output's link, the speed is |t| / sin(arc).
-        Here t is the triple product of the axes of the dyad, and the arc is that of the
-        link which the input does not drive. The square of t depends smoothly on the angle
-        between the outer axes, and is negative where the dyad does not reach. For other
-        dyads the same function is used. The squared speed may then have a kink at 0.
+        A dyad is two links between two others. If it joins the base to the output link, the
+        speed is |t| / sin(arc). Here t is the triple product of its axes, and the arc is
+        that of its link which the input does not drive. The square of t becomes negative
+        smoothly out of reach. For other dyads the same formula is used, but the result may
+        have a kink at 0.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
@@ -838,8 +863,8 @@ class WorkingMode:
         undriven_arc = far_arc if pair == dyad.near_pair else near_arc
         triple_product_square = self._middle_axis_parts(dyad_number).triple_product_square
         continuation = triple_product_square / np.sin(undriven_arc) ** 2
-        # The comparison is false in two cases, in which another dyad is out of reach: this
-        # dyad reaches (positive), or its outer axes are unknown (NaN).
+        # Positive numbers (this dyad reaches) and NaN (its outer axes are unknown) become
+        # 0.
         return np.where(continuation < 0.0, continuation, 0.0)
 
     def axes(self, count: int) -> Floats:
@@ -873,16 +898,15 @@ class WorkingMode:
 def _angle_about_axis(axis: Floats, first: LinkVector, second: LinkVector) -> ScaledAngle:
     """Return the angle about the axis of a pair from one vector to another one.
 
-    The projections p and q of both vectors onto the plane at right angles to the axis
-    enclose the angle. The results are p . q and axis . (p x q). The common factor is the
-    product of the lengths of p and q.
+    With the projections p and q of both vectors onto the plane at right angles to the axis,
+    the cosine is p . q and the sine axis . (p x q), both times the lengths of p and q.
 
     Parameters
     ----------
     axis
         (3, n) axis of the pair in base axes, a unit vector.
     first, second
-        A vector of each link of the pair. Both have z components along this axis.
+        A vector fixed in each link of the pair. In their pair frames, z is along this axis.
     """
     _, _, first_along_axis = first.in_pair_frame
     _, _, second_along_axis = second.in_pair_frame
@@ -895,17 +919,17 @@ def _angle_about_axis(axis: Floats, first: LinkVector, second: LinkVector) -> Sc
 
 
 def _angle_at_zero(first: LinkVector, second: LinkVector) -> ScaledAngle:
-    """Return the angle about the axis of a pair from one vector to another, at variable 0.
+    """Return the angle about a pair axis between two vectors, where the pair variable is 0.
 
-    Each link has a frame of the pair, with z along its axis. Both frames coincide where the
-    variable of the pair is 0. The x and y components of both vectors are then in the same
-    axes: they are two vectors p and q in one plane, and the angle is the one from p to q.
-    Its cosine and sine have the lengths of p and q as a factor.
+    It is subtracted from the angle at other positions. Each link has a frame of the pair,
+    with z along its axis. If the variable is 0, both frames coincide. The x and y
+    components of both vectors then form two vectors p and q in one plane, and the angle is
+    the one from p to q.
 
     Parameters
     ----------
     first, second
-        A vector of each link of the pair.
+        A vector fixed in each link of the pair.
     """
     first_x, first_y, _ = first.in_pair_frame  # p
     second_x, second_y, _ = second.in_pair_frame  # q
@@ -917,29 +941,29 @@ def _angle_at_zero(first: LinkVector, second: LinkVector) -> ScaledAngle:
 def _eliminate_turn(
     input_rate: RateFraction, closing_link: ClosingLinkState
 ) -> RateFraction:
-    """Return the rate of an input while the closing link fits.
+    """Return the rate of an input while the closing link determines the turn.
 
-    An output that is a direction d can turn about this direction. In some mechanisms the
-    closing link, which joins two links that are placed already, determines the turn.
+    An output that points in a direction d can turn about this direction. In some mechanisms
+    a closing link joins two links that are placed already. It fits at one turn only.
 
     Parameters
     ----------
     input_rate
-        Rate of the input if the turn were free: r . w per unit of its denominator.
+        Rate of the input if the turn were free: r . w / denominator, with the angular
+        velocity w of the output.
     closing_link
-        The directions d, and the rate s . w at which the closing link ceases to fit.
+        The directions d, and the rate s . w / denominator at which the closing link ceases
+        to fit.
 
     Notes
     -----
-    The angular velocity of the output is w = v + k d, where v moves the direction and k is
-    the rate of the turn. The closing link fits if s . w = 0, so k = -(s . v) / (s . d). The
-    rate of the input is then
+    The angular velocity is w = v + k d, where v moves the direction and k is the rate of
+    the turn. The closing link fits if s . w = 0, so k = -(s . v) / (s . d). The rate of the
+    input is then
 
         r . w = r . v + k (r . d) = ((s . d) r - (r . d) s) . v / (s . d).
 
-    The scalar product of the vector in front of v with d is 0. Therefore w can be written
-    in the place of v. A factor of s cancels, so the denominator of the residual's rate is
-    not needed.
+    The vector in front of v is at right angles to d, so w can take the place of v.
     """
     d = closing_link.directions
     r = input_rate.numerator

@@ -31,20 +31,22 @@ SUPER_FIBONACCI_PSI = 1.533751168755204288118041
 class Judged:
     """Margins, inputs and measures of singularities at n poses in one working mode.
 
+    A working mode is one way to assemble the legs at a pose of the output.
+
     Attributes
     ----------
     margin
         (n,) angle (rad) that is left to the nearest limit, negative outside of the
-        workspace.
+        workspace. NaN if it is not known: a limited angle may have no value where a leg
+        does not reach.
     limiting
-        (n,) number of this limit. -1 if it is not known, because a limited angle has no
-        value at a pose that the legs cannot reach. `margin` is NaN there.
+        (n,) number of this limit, -1 if the margin is not known.
     inputs
         (n, inputs) rad.
     type_1
-        (n,) measure of type I. Each input alone moves the output with some speed per unit
-        rate of the input. This is the smallest of these speeds. It is 0 at a singularity of
-        type I, where an input moves while the output rests.
+        (n,) measure of type I: the smallest speed with which a single input moves the
+        output, per unit rate of the input. It is 0 at a singularity of type I, where an
+        input moves while the output rests.
     type_2
         (n,) measure of type II, from 0 to 1: how surely locked inputs hold the output. It
         is 0 at a singularity of type II, where the output can move nevertheless.
@@ -64,20 +66,19 @@ class Judged:
 
 @dataclass(frozen=True)
 class DirectionWorkspace:
-    """The directions that one working mode reaches.
+    """The directions that an output reaches in one working mode.
 
-    A working mode is one way to assemble the legs at a given pose of the output.
+    A working mode is one way to assemble the legs at a pose of the output.
 
     Attributes
     ----------
     signs
         The sign, 1 or -1, of each leg in the working mode.
     region
-        The set of directions with its border. It is known by its margins: functions of the
-        direction, one for each limit of an angle, that are negative beyond the limit.
+        The set of directions with its border.
     same_as
-        Signs of a mode earlier in the list of results that reaches the same directions.
-        Then `region` is the result of that mode. Otherwise None.
+        Signs of an earlier mode in the list of results that reaches the same directions,
+        whose `region` is used. None if the region was computed for this mode.
     """
 
     signs: Signs
@@ -87,9 +88,9 @@ class DirectionWorkspace:
 
 @dataclass(frozen=True)
 class OrientationWorkspace:
-    """The orientations that one working mode reaches.
+    """The orientations that an output reaches in one working mode.
 
-    A working mode is one way to assemble the legs at a given pose of the output.
+    A working mode is one way to assemble the legs at a pose of the output.
 
     Attributes
     ----------
@@ -98,8 +99,8 @@ class OrientationWorkspace:
     orientations
         The set of orientations with its volume.
     same_as
-        Signs of a mode earlier in the list of results that reaches the same orientations.
-        Then `orientations` is the result of that mode. Otherwise None.
+        Signs of an earlier mode in the list of results that reaches the same orientations,
+        whose `orientations` are used. None if they were computed for this mode.
     """
 
     signs: Signs
@@ -110,10 +111,11 @@ class OrientationWorkspace:
 def make_margins(
     kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs
 ) -> Margins:
-    """Return a function that computes the margins of poses in one working mode.
+    """Return a function that computes how well poses keep all limits, in one working mode.
 
-    Each limit of an angle gives a pose a margin: the difference of the cosines of the angle
-    and of its limit, negative beyond the limit.
+    Each limit of an angle gives a pose a margin: the difference between the cosines of the
+    angle and of its limit, negative beyond the limit. A working mode is one way to assemble
+    the legs.
 
     Parameters
     ----------
@@ -126,8 +128,8 @@ def make_margins(
 
     Returns
     -------
-    A function of directions (n, 3) or quaternions xyzw (n, 4) that returns the margins
-    (n, bounds).
+    A function of directions (n, 3) or quaternions xyzw (n, 4) that returns the margins (n,
+    bounds).
     """
 
     def margins(poses: Floats) -> Floats:
@@ -199,7 +201,9 @@ def direction_workspaces(
     modes: Sequence[Signs],
     tolerance: float = 1e-4,
 ) -> tuple[DirectionWorkspace, ...]:
-    """Return the directions that each working mode reaches.
+    """Return the directions that an output reaches in each working mode.
+
+    A working mode is one way to assemble the legs at a pose of the output.
 
     Parameters
     ----------
@@ -213,15 +217,15 @@ def direction_workspaces(
     Notes
     -----
     A region is computed with a mesh of directions. The margins of a direction say how much
-    is left to each limit. If another mode has the same margins, bit for bit, at all
-    vertices of this mesh, its region is assumed to be the same and is not computed again.
+    is left to each limit. If two modes have exactly equal margins at all vertices of this
+    mesh, their regions are assumed to be equal, and only one is computed.
     """
 
     def find_directions(margins: Margins) -> _SampledWorkspace[Region]:
         """Return the region of a mode, with the vertices of its mesh and their margins."""
-        # The area is not known beforehand, so the first target error is relative to half
-        # the sphere (2 pi). If the region turns out to be smaller, it is computed again. An
-        # empty region has no area to which an error could be relative.
+        # The area is not known beforehand. The first error is relative to half the sphere
+        # (2 pi). A smaller region is computed again with a smaller error. An empty region
+        # is not.
         region = find_region(margins, tolerance * 2.0 * np.pi)
         target_error = tolerance * region.area
         if region.error > target_error > 0.0:
@@ -243,10 +247,9 @@ Workspace = TypeVar("Workspace")
 class _SampledWorkspace(Generic[Workspace]):
     """A workspace of one working mode, with margins at sampled poses.
 
-    A workspace is a region of directions or of orientations that the output reaches. The
-    margin of a pose to a limit is a smooth function of the pose, which is positive inside
-    the limit and negative beyond it. If another mode has the same margins at these poses,
-    bit for bit, it is assumed to have the same workspace.
+    A workspace is the set of poses that the output reaches. The margin of a pose to a limit
+    is positive inside the limit and negative beyond it. Another mode with exactly equal
+    margins at these poses is assumed to have the same workspace, which saves time.
 
     Attributes
     ----------
@@ -255,7 +258,7 @@ class _SampledWorkspace(Generic[Workspace]):
     margins
         (n, limits) margin of each pose to each limit.
     workspace
-        The region that was computed with these poses.
+        The region of directions or orientations, computed with these poses.
     """
 
     poses: Floats
@@ -269,9 +272,9 @@ def _share_between_modes(
     modes: Sequence[Signs],
     find_workspace: Callable[[Margins], _SampledWorkspace[Workspace]],
 ) -> Iterator[tuple[Signs, Workspace, Signs | None]]:
-    """Yield the workspace of each mode, computed once for modes with equal margins.
+    """Yield the workspace of each mode, computed once for modes that have the same one.
 
-    Margins say by how much poses keep the limits. Modes whose margins are equal at all
+    Margins say by how much poses keep the limits. Modes with exactly equal margins at all
     sampled poses are assumed to have the same workspace.
 
     Parameters
@@ -281,7 +284,7 @@ def _share_between_modes(
     modes
         The working modes, each with the signs, 1 or -1, of its legs.
     find_workspace
-        Function that returns the workspace, with samples, for the margins of a mode.
+        Function that computes the workspace, with samples, from the margins of a mode.
 
     Yields
     ------
@@ -290,7 +293,8 @@ def _share_between_modes(
     workspace
         Its workspace.
     same_as
-        Signs of the earlier mode for which the workspace was computed, otherwise None.
+        Signs of the earlier mode with the same workspace. None if the workspace was
+        computed for this mode.
     """
     # By the signs of the modes for which a workspace was computed.
     computed: dict[Signs, _SampledWorkspace[Workspace]] = {}
@@ -316,13 +320,12 @@ def orientation_workspaces(
     modes: Sequence[Signs],
     tolerance: float = 1e-2,
 ) -> tuple[OrientationWorkspace, ...]:
-    """Return the orientations that each working mode reaches.
+    """Return the orientations that an output reaches in each working mode.
 
-    A working mode is one way to assemble the legs of a parallel mechanism at a given pose.
-    The margins of a pose say how much is left to each limit. They are computed at evenly
-    spread samples. Modes that have the same margins at all samples, bit for bit, have the
-    same workspace, which is computed once. The attribute `same_as` of a result names the
-    earlier mode that it was computed for.
+    A working mode is one way to assemble the legs of a parallel mechanism at a pose. The
+    margins of a pose say how much is left to each limit. If two modes have exactly equal
+    margins at evenly spread samples, their workspaces are assumed to be equal, and only one
+    is computed.
 
     Parameters
     ----------
@@ -407,17 +410,17 @@ def nearest_reachable(
     The nearest pose (3,) or (4,), and the angle (rad) to it. None if no pose of the
     workspace is known.
     """
-    # Poses of the workspace (k, 3 or 4) from which `nearest_in_mode` starts its search. It
-    # also starts from evenly spread poses of its own.
+    # Reachable poses (k, 3 or 4) from which the search starts, in addition to evenly spread
+    # ones.
     if isinstance(workspace, OrientationWorkspace):
-        # One orientation well inside, stored as `place`.
+        # `place` is one orientation well inside.
         inside_poses = workspace.orientations.place[None]
     else:
         region = workspace.region
         if not region.components:
             return None
         # One direction in every connected part, and the point of the region nearest to the
-        # given pose. The border of the region is an approximation, so it is a start only.
+        # pose outside. The latter is only a start, since the border is an approximation.
         component_poses = [component.place for component in region.components]
         inside_poses = np.stack([region.nearest(place), *component_poses])
     # For one pose the list has one item: the nearest pose with the angle to it, or None.
@@ -434,7 +437,7 @@ def nearest_in_mode(
     places: Floats,
     inside_poses: Floats | None = None,
 ) -> list[tuple[Floats, float] | None]:
-    """Return for each pose outside of a workspace the nearest reachable pose, in one mode.
+    """Return, for each pose outside of a workspace, the nearest reachable pose in one mode.
 
     Parameters
     ----------
@@ -446,14 +449,14 @@ def nearest_in_mode(
         The n poses outside: (n, 3) directions or (n, 4) unit quaternions xyzw.
     inside_poses
         (k, 3 or 4) poses in the workspace, as further starts of the search. The other
-        starts are evenly spread poses, of which those in the workspace are used.
+        starts are evenly spread poses, as far as they are in the workspace.
 
     Returns
     -------
-    For each of the n poses the nearest reachable pose and the angle (rad) between both.
-    None if there is no pose to start from. The search improves many starts to local minima,
-    which it locates to 1e-8 rad (`spherekit.outputs.nearest_pose`). A nearer pose in a very
-    small part of the workspace may be missed.
+    For each of the n poses the nearest reachable pose and the angle (rad) between both, or
+    None if there is no pose to start from. Local minima are located to 1e-8 rad
+    (`spherekit.outputs.nearest_pose`). A nearer pose in a very small part of the workspace
+    may be missed.
     """
 
     def is_inside(poses: Floats) -> Bools:
@@ -482,7 +485,7 @@ def nearest_poses(
     """Return the nearest reachable poses to poses outside of a workspace.
 
     The workspace is that of one working mode under the limits of the mechanism itself,
-    without further constraints.
+    without further constraints. A pose without a result is NaN.
 
     Parameters
     ----------
