@@ -269,7 +269,8 @@ class PoseFinder:
     def _make_candidates(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
         """Return configurations as candidates for the start or end of a rotation.
 
-        Singular configurations come last. A configuration is singular if one of three measures is nearly zero:
+        Singular configurations come last. A configuration is singular if one of three
+        measures is nearly zero:
 
         - `loop_conditioning`, if the loops do not determine the links,
         - `output_singular_value`, if the output link cannot turn in as many ways as there

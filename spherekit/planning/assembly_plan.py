@@ -27,7 +27,7 @@ from spherekit.wording import listing
 
 
 def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the numbers of the driven pairs.
+    """Return the numbers of the driven pairs, which are the inputs of a mechanism.
 
     Raises
     ------
@@ -53,15 +53,15 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
 
 
 def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) -> Mechanism:
-    """Return the mechanism with other inputs.
+    """Return the mechanism with other inputs, as the user names them.
 
     Parameters
     ----------
     mechanism
-        The mechanism. It is returned itself if no names are given.
+        The mechanism. It is returned itself if no names are stated.
     names
-        Name of the driven pair, or names of several. By default its own inputs are checked
-        and kept.
+        Name of the driven pair, or names of several. Without names, the inputs that the
+        mechanism has are checked.
 
     Raises
     ------
@@ -213,8 +213,9 @@ class Assembly(NamedTuple):
     def joining_group(self, link: int, reference: int) -> Group | None:
         """Return the group that determines the motion of a link relative to another one.
 
-        Group after group is placed, which joins the bodies of the group to one body. The
-        wanted group is the one that joins the bodies of the two links.
+        A group is a set of bodies that become one rigid body when all its pairs are closed.
+        A body is a set of rigidly joined links. Group after group is placed. The wanted
+        group is the one that joins the bodies of the two links.
 
         Parameters
         ----------
@@ -223,26 +224,26 @@ class Assembly(NamedTuple):
 
         Returns
         -------
-        The group. None if input pairs join the two links: they then belong to one body,
-        and do not move relative to each other while the inputs are given.
+        The group. None if locked input pairs join the two links: they then belong to one
+        body from the start.
         """
         for group in self.groups:
             bodies_with_links = [
                 body for body in group.bodies if link in body or reference in body
             ]
-            # One body: it has only one of the links, or both, which were joined before.
-            # Two bodies: each has one of the links, and the group joins them.
+            # Two bodies: each has one of the links, and the group joins them. One body: it
+            # has only one of the links, or both were joined before.
             if len(bodies_with_links) == 2:
                 return group
         return None
 
 
 def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
-    """Return the groups of a mechanism whose input pairs are locked.
+    """Return the groups in which the links of a mechanism are placed, in order.
 
-    With locked inputs the mechanism is a structure. A group is a smallest part of it that
-    is rigid by itself, such as a dyad. Its positions can be solved alone, and it is one
-    body in the groups after it.
+    With all inputs locked, the mechanism is a rigid structure. A group is a smallest part
+    of it that is rigid by itself, such as a dyad (two links and three R pairs). Its
+    positions can be solved alone. It is one body in the groups after it.
 
     Parameters
     ----------
@@ -260,10 +261,8 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         or depends on the other inputs, or if a part of the mechanism is rigid.
     """
     inputs = driven_pairs(mechanism)
-    # The pebble game is an algorithm that counts the degrees of freedom of all parts of a
-    # graph. `check_mobility` compares their number with that of the inputs, locks all
-    # inputs but the first, and checks that the first can still move. It returns no game
-    # (None) if some constraints repeat others, so that counting gives wrong numbers.
+    # Check the mobility. The pebble game is an algorithm that counts the degrees of freedom
+    # of all parts of a graph. It is None if redundant constraints make the count useless.
     _, pebble_game = check_mobility(
         mechanism, driven=inputs, locked=inputs[1:], by_rank=by_rank
     )
@@ -280,19 +279,20 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
 def _split_with_redundancy(
     mechanism: Mechanism, body_of_link: Sequence[int], pairs: Sequence[int]
 ) -> tuple[Group, ...]:
-    """Return the groups of a structure in which some constraints repeat others.
+    """Return the groups of a rigid structure in which some constraints repeat others.
 
-    An example is two wheels on a common carrier that roll on each other. The carrier
-    already keeps them in touch, and their contact repeats this constraint. If such contacts
-    are the only reason, counting finds the groups without the repeated constraints. If
-    constraints repeat each other in another way, all bodies are one group.
+    A group is a smallest rigid part, which can be placed alone. An example of repeated
+    constraints is two wheels on a common carrier that roll on each other: the carrier
+    already keeps them in touch. If there are only such contacts, their repeated constraints
+    are left out of the count. In all other cases, all bodies are one group.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     body_of_link
-        For each link the smallest number of a link of its body.
+        For each link the number of its body, a set of rigidly joined links: the smallest
+        number of a link in it.
     pairs
         Numbers of the pairs that join the bodies.
     """
@@ -309,8 +309,7 @@ def _split_with_redundancy(
             pairs=pairs,
             redundant=True,
         )
-        # The flag `revolute` marks groups of R pairs with independent equations, which have
-        # methods of their own. Here the equations depend on each other.
+        # `revolute` promises independent equations, which is not true here.
         return (whole_group._replace(revolute=False),)
 
 
@@ -439,25 +438,26 @@ def _find_smallest_part(
 ) -> set[int]:
     """Return the smallest rigid part that contains both bodies of an open pair.
 
-    A part is a set of bodies, and a pair is open if it belongs to no group yet. Among parts
-    of equal size the first one is returned, in the order of the numbers of the two bodies.
+    A part is a set of bodies, which are placed together next. A pair is open if it has not
+    been placed yet. Of parts of equal size the first one is returned, in the order of the
+    numbers of the two bodies.
 
     Parameters
     ----------
     pebble_game
-        Counts the degrees of freedom. Each body owns three of them, its pebbles. A
-        constraint takes a pebble of one of its two bodies, and points to the other body.
+        Counts the degrees of freedom of sets of bodies.
     open_pairs
-        The two links of each pair that belongs to no group yet, by number of the pair.
+        The two links of each open pair, by number of the pair.
     body_of_link
-        For each link the smallest number of a link of its body.
+        For each link the number of its body, a set of rigidly joined links: the smallest
+        number of a link in it.
     """
     parts = []
     for body_a, body_b in _list_couples(open_pairs, body_of_link):
         part = _find_smallest_part_with(pebble_game, body_a, body_b)
         parts.append(part)
-        # No smaller part can follow: the least one is a dyad, which has two links and the
-        # body that joins them to the rest.
+        # The smallest possible part is a dyad: two links and the body to which they are
+        # joined. So the search can end here.
         if len(part) == DYAD_BODIES:
             break
     # Of parts of equal size `min` returns the first one.
@@ -482,26 +482,26 @@ def _list_couples(
 def _find_smallest_part_with(pebble_game: PebbleGame, body_a: int, body_b: int) -> set[int]:
     """Return the smallest rigid part that contains two bodies of a rigid structure.
 
-    A free pebble is a degree of freedom of a body that no constraint has taken. The whole
-    structure can move on the sphere as one body, so it has three free pebbles
-    (`BODY_FREEDOMS`). They are gathered on body a, which does not change their number. The
-    part is all bodies that can then be reached from a and b along constraints (Lee and
-    Streinu 2008).
+    The pebble game counts degrees of freedom (Lee and Streinu 2008). Each body has three,
+    its pebbles. Each constraint takes a pebble of one of its two bodies, and points to the
+    other body. The free pebbles are those that no constraint has taken. A rigid structure
+    has three of them, for its motion as a whole (`BODY_FREEDOMS`).
+
+    They are gathered on body a. The part is then all bodies that can be reached from a and
+    b along constraints.
 
     Parameters
     ----------
     pebble_game
-        Counts the degrees of freedom. A constraint takes a pebble of one of its two bodies,
-        and points to the other body.
+        The game with all constraints of the structure.
     body_a, body_b
         Numbers of the two bodies.
 
     Notes
     -----
-    The reachable bodies are rigid: no constraint leads out of them, so constraints between
-    them take all their pebbles but the three of a rigid body. A smaller part is not rigid:
-    constraints that lead out of it take some of its pebbles. Constraints within it take
-    fewer, so that more than three freedoms of its bodies remain.
+    The part is rigid: no constraint leads out of it, so constraints within it take all its
+    pebbles but three. A smaller part with both bodies is not rigid: constraints that lead
+    out of it take some pebbles, and fewer constraints are within it.
     """
     pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
     return pebble_game.reachable_bodies([body_a, body_b])

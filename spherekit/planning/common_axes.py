@@ -26,8 +26,8 @@ class CommonAxis(NamedTuple):
     pair
         Lowest number of an R pair about this axis.
     is_exact
-        Whether the axes of any two such pairs of one link are equal bit for bit, or exactly
-        opposite, as vectors in link axes. Otherwise they agree up to rounding.
+        Whether the axes of any two such pairs in one link are exactly equal or opposite
+        vectors. Otherwise they agree up to rounding.
     """
 
     links: frozenset[int]
@@ -38,11 +38,12 @@ class CommonAxis(NamedTuple):
 def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
     """Return the axes that several R pairs of one link have in common.
 
-    All links that such pairs join rotate about this axis relative to each other.
+    Examples are the coaxial wheels of a gear train. All links that such pairs join turn
+    about this axis relative to each other.
     """
     number = mechanism.pair_number
-    # Numbers of two R pairs with the same axis in a link they share, and of all such pairs
-    # whose axes agree only up to rounding.
+    # Numbers of two R pairs with the same axis in a common link, and of those pairs for
+    # which this is true only up to rounding.
     coaxial_couples: list[tuple[int, int]] = []
     rounded_pairs: set[int] = set()
     for axes in link_axes(mechanism).values():
@@ -53,11 +54,11 @@ def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
                 continue
             couple = number[name_a], number[name_b]
             coaxial_couples.append(couple)
-            # The axes of a link may have opposite directions.
+            # Two vectors of one line may be opposite.
             is_equal = np.array_equal(axis_a, axis_b) or np.array_equal(axis_a, -axis_b)
             if not is_equal:
                 rounded_pairs.update(couple)
-    # Pairs that couples connect, directly or through others, have one axis.
+    # Couples with a common pair belong to one axis (connected components).
     common_axes = []
     for pairs in connected_components(len(mechanism.pairs), coaxial_couples):
         if len(pairs) > 1:

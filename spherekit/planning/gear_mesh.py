@@ -31,7 +31,7 @@ the way.
 
 
 class GearMesh(NamedTuple):
-    """A rolling contact of two wheels on a carrier, as a relation of pair variables.
+    """A rolling contact of two wheels on a carrier, as a linear relation of pair angles.
 
     The carrier is a link relative to which both wheels rotate about their centres, by the
     angles f and g. Their circles have the radii r and s (rad) on the unit sphere. Rolling
@@ -46,7 +46,7 @@ class GearMesh(NamedTuple):
         their signs, 1 or -1. The angle of the wheel relative to the carrier is the sum of
         the pair variables times these signs.
     paths
-        The same pairs in their order from each wheel to the carrier. Each entry has the
+        The same pairs in their order from each wheel to the carrier. Each item has the
         number of the pair, and which of its two links (0 or 1) is nearer to the wheel.
         Rotations from the wheel to the carrier are multiplied in this order.
     """
@@ -74,6 +74,7 @@ class GearMesh(NamedTuple):
             sin(r) and sin(s): floats, or balls (floats with error bounds).
         """
         signs_of_first_wheel, signs_of_second_wheel = self.angle_signs
+        # The pairs of both wheels have different axes, so no pair belongs to both.
         factor_by_pair = {}
         # The pairs of a wheel have its axis, so no pair belongs to both wheels.
         for pair, sign in signs_of_first_wheel.items():
@@ -95,11 +96,11 @@ class CarriedContact(NamedTuple):
     angles f and g. The circles have the radii r and s (rad) on the unit sphere. Rolling
     keeps sin(r) f - sin(s) g constant.
 
-    This relation, without a change of sign, applies also to wheels that touch from outside
-    and rotate in opposite senses. A circle on the sphere has two opposite centres. For both
-    circles the centre on the same side of their common tangent is taken. If the wheels
-    touch from outside, this is the opposite centre for one of them: its radius here is 180
-    degrees less that of the wheel, and its angle is counted about the opposite axis.
+    This relation applies also to wheels that touch from outside and rotate in opposite
+    senses. A circle on the sphere has two opposite centres. For both circles the centre on
+    the same side of their common tangent is used. If the wheels touch from outside, this is
+    the opposite centre for one of them: its radius here is 180 degrees less that of the
+    wheel, and its angle is counted about the opposite axis.
 
     Attributes
     ----------

@@ -53,7 +53,8 @@ class GearTrain(NamedTuple):
     Attributes
     ----------
     followers
-        Numbers of the R pairs whose angles follow from the inputs, but are not inputs.
+        Numbers of the R pairs whose angles follow from the inputs, without the inputs
+        themselves.
     ratios
         (followers, inputs) derivatives of their angles by the inputs.
     offsets
@@ -66,9 +67,9 @@ class GearTrain(NamedTuple):
         (contacts,) their rolled lengths (rad) at inputs of zero.
     wheel_lengths
         (contacts, 2) by how much the first and the second wheel of each contact have rolled
-        (rad) if the variables of all R pairs are zero, with whole turns. This is in general
-        no assembled position, so both lengths of a contact differ. NaN if the mechanism is
-        given in a reference pose, from which `offsets` and `lengths` follow instead.
+        (rad) if the variables of all R pairs are zero, with whole turns. The mechanism is
+        usually not assembled at these angles, so both lengths of a contact differ. NaN if a
+        reference pose determines `offsets` and `lengths` instead.
     """
 
     followers: tuple[int, ...]
@@ -170,12 +171,12 @@ class TrainConstants(NamedTuple):
 
 
 class _Relations(NamedTuple):
-    """The linear relations between pair variables that several rolling contacts impose.
+    """The linear relations between pair angles that several rolling contacts impose.
 
-    Two wheels turn by f and g relative to their carrier. Their circles have the radii r and
-    s, so the point of contact moves by -sin(r) f along the first circle and by -sin(s) g
-    along the second. If the wheels roll, both are equal: sin(r) f - sin(s) g is constant.
-    Each of the angles f and g is a sum of variables of R pairs with signs.
+    Two wheels turn by f and g relative to their carrier, a link that carries both. Their
+    circles have the radii r and s. If they roll, the point of contact moves equally far
+    along both circles, so sin(r) f - sin(s) g is constant. Each of the angles f and g is a
+    sum of variables of R pairs with signs.
 
     Attributes
     ----------
@@ -196,15 +197,23 @@ class _Relations(NamedTuple):
     def of_contacts(
         contacts: Sequence[CarriedContact], pair_count: int, driven: Sequence[int]
     ) -> "_Relations":
-        """Return the relations sin(r) f - sin(s) g = constant of contacts of two wheels.
+        """Return the relations sin(r) f - sin(s) g = constant of some rolling contacts.
 
-        The wheels have the radii r and s. They turn by f and g relative to their carrier,
-        the link that carries both. `driven` are the numbers of the driven pairs.
+        Two wheels with the radii r and s roll on each other. They turn by f and g relative
+        to their carrier, the link that carries both.
+
+        Parameters
+        ----------
+        contacts
+            The contacts.
+        pair_count
+            Number of all pairs of the mechanism.
+        driven
+            Numbers of the driven pairs.
         """
         factors, first_factors = np.zeros((2, len(contacts), pair_count))
         for k, contact in enumerate(contacts):
-            # f and g are sums of pair variables with signs. `angle_signs` has two mappings
-            # from numbers of pairs to signs, one for f and one for g. The factors of f are
+            # f and g are sums of pair variables with signs. The factors of sin(r) f are
             # also stored alone, because they give the length that a contact has rolled.
             pairs_of_first_wheel, _ = contact.mesh.angle_signs
             for pair, factor in contact.angle_factors().items():
@@ -373,18 +382,19 @@ def _wheel_circumferences(contacts: Sequence[CarriedContact]) -> Floats:
 def _solve_angles_of_equal_lengths(
     wheel_lengths: Floats, follower_factors: Floats
 ) -> Floats:
-    """Return the follower angles at which both wheels of each contact have rolled equally.
+    """Return the follower angles at which both wheels of contacts have rolled equally.
 
-    In the position with all angles zero, the lengths of both wheels differ. Angles a of the
-    followers change the difference by sin(s) g - sin(r) f, which is -F a with the factors F
-    (`_Relations`). The difference becomes zero if F a is equal to it.
+    Followers are pairs that turn with the wheels. If all their angles are zero, the lengths
+    of both wheels differ, so the wheels do not fit. The angles a change the first length
+    less the second one by -F a, with the factors F of the relations. The difference becomes
+    zero if F a is equal to it.
 
     Parameters
     ----------
     wheel_lengths
         (m, 2) arc lengths (rad) of both wheels of m independent contacts at angles of zero.
     follower_factors
-        (m, m) factors F of the angles of m followers in the relations.
+        (m, m) factors F of the angles of m followers in the relations of the contacts.
     """
     differences = wheel_lengths[:, 0] - wheel_lengths[:, 1]
     return np.asarray(np.linalg.solve(follower_factors, differences), dtype=float)
@@ -396,10 +406,11 @@ def _fit_contact_to_angles(
     difference: float,
     first_angle_length: float,
 ) -> Floats | None:
-    """Return the lengths of both wheels of a contact whose wheel angles are known.
+    """Return the lengths that both wheels of a contact with known angles have rolled.
 
-    The angles follow from other contacts. Of all whole turns that fit to them, those with
-    the smallest rolled length are chosen.
+    The angles follow from other contacts. The lengths are known up to whole turns of the
+    wheels. Of all turns that fit to the angles, those with the smallest rolled length are
+    chosen.
 
     Parameters
     ----------
@@ -410,8 +421,8 @@ def _fit_contact_to_angles(
     difference
         Required first length minus the second.
     first_angle_length
-        Length sin(r) f (rad) that belongs to the angle f of the first wheel, of the radius
-        r. The rolled length is the first length minus this.
+        Length sin(r) f (rad) that belongs to the angle f of the first wheel, with the
+        radius r. The rolled length is the first length minus this.
 
     Returns
     -------
@@ -440,10 +451,9 @@ def _find_fitting_lengths(
 ) -> Floats:
     """Return the arc lengths along two circles in contact, including whole turns.
 
-    The angles of both wheels are known from other contacts. These angles determine the
-    difference of the two lengths. Each length is known up to whole circumferences. All
-    combinations of up to `MAX_REPEATED_CONTACT_TURNS` turns are tried, since wheels may
-    have rolled far.
+    Each length is known up to whole circumferences. The angles of both wheels, known from
+    other contacts, determine the difference of the lengths. All combinations of up to
+    `MAX_REPEATED_CONTACT_TURNS` turns are tried, since wheels may have rolled far.
 
     Parameters
     ----------
@@ -471,10 +481,10 @@ def _contact_lengths_at_zero(
 ) -> list[float]:
     """Return where two wheels touch if the variables of all R pairs are zero.
 
-    The variable of a rolling contact is the length by which the wheels have rolled. On each
-    wheel, the mechanism file states the point that touches the other wheel when this
-    variable is zero (key `start` or `phase`). Arc lengths along the circle of the wheel are
-    measured from this point.
+    The variable of a rolling contact is the length by which the wheels have rolled. For
+    each wheel, the mechanism file states the point of its circle that touches the other
+    wheel when this variable is zero. Arc lengths along the circle are measured from this
+    point.
 
     Parameters
     ----------
@@ -488,10 +498,8 @@ def _contact_lengths_at_zero(
     (2,) arc lengths (rad) of the point of contact along the circles of both wheels.
     """
     # Rotations from the axes of each wheel to those of the carrier, the link that carries
-    # both wheels. A path has the R pairs from a wheel to the carrier. `near` (0 or 1) says
-    # which of the two links of a pair is nearer to the wheel. In each of its links a pair
-    # has a frame, whose axes are columns in link axes. At the angle zero both frames
-    # coincide, so far_frame near_frame^T rotates from the nearer link to the other one.
+    # both wheels. Several R pairs may lead there. `near` is the number (0 or 1) of the link
+    # of a pair that is nearer to the wheel.
     rotations = []
     for path in contact.mesh.paths:
         rotation = np.eye(3)
@@ -500,6 +508,9 @@ def _contact_lengths_at_zero(
             frames = joint.first, joint.second
             near_frame = frames[near]
             far_frame = frames[1 - near]
+            # At angle zero the frames of the pair in both links coincide, so this product
+            # rotates from the nearer link to the other one. The columns of a frame are its
+            # axes.
             rotation = far_frame @ near_frame.T @ rotation
         rotations.append(rotation)
     return find_wheel_contact(contact.wheels, rotations)

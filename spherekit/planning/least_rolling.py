@@ -35,17 +35,16 @@ def find_least_rolled_turns(
 ) -> Integers | None:
     """Return the whole turns of wheels in the assembly in which they have rolled least.
 
-    The point of contact of two wheels is known along each circle up to whole
-    circumferences, the turns. Each choice of turns is another assembly of the same wheels.
-    The chosen one has the smallest sum of the absolute values of all rolled lengths at
-    inputs of zero. If sums are equal, the assembly with the largest length of the first
-    contact is chosen, then of the second contact, and so on. Turns that change no length
-    are zero.
+    Wheels can be put together with different teeth in contact. So the point of contact of
+    two wheels is known along each circle only up to whole circumferences, the turns. Of all
+    assemblies, the one with the smallest sum of absolute rolled lengths at inputs of zero
+    is chosen. If sums are equal, it is the one with the largest length of the first
+    contact, then of the second contact, and so on.
 
     The angles a of the pairs that follow from the inputs are unknown. The rolled lengths
     are ``lengths[:, 0] - first_slopes @ a``, measured along the first circles. They are the
-    same along the second circles, which gives the equations
-    ``matrix @ a = lengths[:, 0] - lengths[:, 1]``.
+    same along the second circles, which gives the equations ``matrix @ a = lengths[:, 0] -
+    lengths[:, 1]``.
 
     Parameters
     ----------
@@ -62,8 +61,8 @@ def find_least_rolled_turns(
 
     Returns
     -------
-    (m, 2) numbers of turns to add along both circles; None if there are too many circles to
-    try all combinations.
+    (m, 2) numbers of turns to add along both circles; 0 where turns change no length. None
+    if there are too many circles to try all combinations.
     """
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     rolled_without_turns = lengths[:, 0] - first_slopes @ inverse @ (
@@ -87,8 +86,10 @@ def _find_changes_by_turns(
 ) -> dict[tuple[int, int], Floats]:
     """Return how one turn along each circle changes the rolled lengths of all m contacts.
 
-    A circle is left out if its turn changes nothing, or changes the same as that of an
-    earlier circle apart from the sign. Its turns would give no other assemblies.
+    The rolled lengths are lengths[:, 0] - first_slopes @ a. Here a are angles with matrix @
+    a = lengths[:, 0] - lengths[:, 1], and `lengths` (m, 2) has the two arc lengths of each
+    contact. A turn adds a circumference to one of them. Turns that change nothing, or the
+    same as those of an earlier circle (or the opposite), are left out.
 
     Parameters
     ----------
@@ -104,8 +105,8 @@ def _find_changes_by_turns(
     """
     changes: dict[tuple[int, int], Floats] = {}
     for contact, side in np.ndindex(*circumferences.shape):
-        # A longer first length of this contact, or a shorter second one, changes the right
-        # side of the equations for the angles, and so all rolled lengths.
+        # The change of -first_slopes @ a: the first length increases the right side of the
+        # equations for a, the second one decreases it.
         sign = 2 * side - 1
         change = first_slopes @ inverse[:, contact] * sign
         if side == 0:
@@ -130,10 +131,15 @@ def _are_equal_up_to_sign(change: Floats, other_change: Floats) -> bool:
 
 
 def _list_turn_counts(circle_count: int) -> Integers | None:
-    """Return all combinations of whole turns of some circles, in both senses.
+    """Return all combinations of whole turns of some wheels, in both senses.
 
     The largest number of turns is `MAX_TRIED_TURNS`, or less if there would be more than
     `MAX_TURN_COMBINATIONS` combinations.
+
+    Parameters
+    ----------
+    circle_count
+        Number of circles along which turns are tried.
 
     Returns
     -------
@@ -149,18 +155,18 @@ def _list_turn_counts(circle_count: int) -> Integers | None:
 
 
 def index_of_least_rolled(rolled: Floats) -> Indices:
-    """Return the index of the assembly with the smallest rolled lengths.
+    """Return the index of the assembly in which wheels have rolled least.
 
-    This is the assembly with the smallest sum of absolute values. If sums are equal, it is
-    the one with the largest length of the first contact, then of the second, and so on.
+    Assemblies have different teeth in contact. The chosen one has the smallest sum of
+    absolute rolled lengths. If sums are equal, it is the one with the largest length of the
+    first contact, then of the second, and so on.
 
     Parameters
     ----------
     rolled
         (n, m) rolled lengths (rad) of m contacts in n assemblies.
     """
-    # Lengths are rounded, so that rounding errors do not decide between equal ones. The
-    # sign of `rolled` puts large lengths first. `lexsort` sorts by its last key first, so
-    # the keys are reversed.
+    # `lexsort` sorts in rising order, so lengths have the opposite sign, and its most
+    # important key is the last one. Rounding removes rounding errors between equal values.
     keys = np.column_stack([np.sum(np.abs(rolled), axis=1), -rolled])
     return np.lexsort(np.round(keys / SAME_ROLLED_LENGTH_RAD).T[::-1])[0]

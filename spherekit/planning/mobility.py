@@ -59,7 +59,8 @@ class PebbleGame:
     def gather_pebbles(self, body: int, count: int, keep: Sequence[int] = ()) -> int:
         """Move free pebbles to a body until it has enough of them, if possible.
 
-        A free pebble is a degree of freedom of a body that no constraint has taken.
+        Pebbles count degrees of freedom. Each body has three, and each constraint takes one
+        of them. The others are free. They can be moved from body to body along constraints.
 
         Parameters
         ----------
@@ -68,7 +69,7 @@ class PebbleGame:
         count
             Number of free pebbles that it should have.
         keep
-            Bodies whose pebbles are not taken.
+            Bodies whose free pebbles must stay where they are.
 
         Returns
         -------
@@ -82,22 +83,26 @@ class PebbleGame:
     def _fetch_pebble(self, body: int, visited: set[int]) -> bool:
         """Move one free pebble to a body, and return whether this is possible.
 
-        A pebble is a degree of freedom of a body, and free if no constraint has taken it. A
-        new constraint is independent if enough free pebbles can be moved to its bodies, so
-        the moves count the mobility.
+        Pebbles count degrees of freedom. Each body has three, and each constraint takes a
+        pebble of one of its two bodies. It then points from this body to the other one, its
+        target. It can take a free pebble of its target instead, so that the pebble of the
+        first body becomes free. If the target has no free pebble, one is moved to the
+        target in the same way first.
 
-        A constraint between bodies A and B that has taken a pebble of A points from A to B.
-        It may take a free pebble of B instead. If B has no free pebble, one is moved to B
-        first in the same way. So the pebble comes along a path of constraints that ends at
-        a body with a free pebble (augmenting path). Bodies in `visited` are not tried; the
-        set is changed in place.
+        Parameters
+        ----------
+        body
+            The body.
+        visited
+            Bodies that have been tried and are not tried again. The set is changed in
+            place.
         """
         for target in self.constraint_targets[body]:
             if target in visited:
                 continue
             visited.add(target)
             if self.free_pebbles[target] or self._fetch_pebble(target, visited):
-                # The targets of the body change here, so the loop must not continue.
+                # This changes the list of the loop, which therefore ends here.
                 self._exchange_pebble(body, target)
                 return True
         return False
@@ -116,11 +121,11 @@ class PebbleGame:
     def add_constraint(self, body_a: int, body_b: int) -> bool:
         """Add one constraint between two bodies; return False if it is redundant.
 
-        A pebble is a degree of freedom of a body. Each body has three, and each independent
-        constraint takes one of them. Other pebbles can be moved from body to body along the
-        constraints. The new constraint is independent if four free pebbles can be moved to
-        its two bodies: three for the rigid motion of both, and one for a relative motion
-        that it can remove.
+        Pebbles count degrees of freedom. Each body has three, and each independent
+        constraint takes one. Free pebbles can be moved along the constraints. The new
+        constraint is independent if four free pebbles can be moved to its two bodies: three
+        for the motion of both as a whole, and one for a relative motion, which the
+        constraint removes.
         """
         if self.gather_pebbles(body_a, BODY_FREEDOMS) < BODY_FREEDOMS:
             return False
@@ -180,17 +185,23 @@ class PebbleGame:
         return self.reachable_bodies([body_a, body_b])
 
     def merge_bodies(self, part: set[int], into: int) -> None:
-        """Replace a rigid part by one of its bodies, which has three free pebbles then.
+        """Replace a rigid part by one of its bodies, so that it counts as one body.
 
-        Each body has three pebbles, one for each degree of freedom. A constraint takes a
-        pebble of one of its bodies, and points from this body to the other. All constraints
-        within the part are removed, and its other bodies lose their pebbles. Constraints
-        from outside that point to a body of the part point to the remaining body.
+        Pebbles count degrees of freedom. Each body has three. A constraint takes a pebble
+        of one of its bodies, and points from this body to the other. Constraints within the
+        part are removed. Constraints from outside that point to the part now point to the
+        remaining body, which has three free pebbles.
+
+        Parameters
+        ----------
+        part
+            Numbers of the bodies of the part.
+        into
+            The body that remains.
         """
-        # The k bodies of the part have 3 k pebbles. Since the part is rigid, constraints
-        # within it have taken 3 k - 3 of them. The other three may have been taken by
-        # constraints that lead out of the part. Gathering them turns these constraints
-        # round. All constraints that start in the part are then within it.
+        # A rigid part has three pebbles that its inner constraints have not taken.
+        # Constraints that lead out of the part may have taken them. Gathering turns such
+        # constraints round, so that they point to the part.
         self.gather_pebbles(into, BODY_FREEDOMS)
         for body in range(len(self.constraint_targets)):
             if body in part:
@@ -305,10 +316,10 @@ def inputs_to_declare(mobility: int) -> str:
 
 
 def _play_on_links(mechanism: Mechanism) -> PebbleGame:
-    """Play the pebble game with all links and pairs, which counts degrees of freedom.
+    """Count the degrees of freedom of all links and pairs, and return the count.
 
-    Each link begins with three, and each constraint of a pair removes one of them unless it
-    is redundant.
+    The pebble game is the algorithm of this count. Each link begins with three degrees of
+    freedom (pebbles). Each constraint of a pair removes one of them unless it is redundant.
 
     Raises
     ------
@@ -346,10 +357,10 @@ def play_on_bodies(
     pairs: Iterable[int],
     carried_contacts: frozenset[int] = frozenset(),
 ) -> tuple[PebbleGame, bool]:
-    """Play the pebble game with bodies that consist of links, and some of the pairs.
+    """Count the degrees of freedom of bodies (rigidly joined links) with some pairs.
 
-    The game counts degrees of freedom: each body begins with three, and each constraint of
-    a pair removes one of them unless it is redundant.
+    The pebble game is the algorithm of this count. Each body begins with three degrees of
+    freedom (pebbles). Each constraint of a pair removes one of them unless it is redundant.
 
     Parameters
     ----------
@@ -370,7 +381,8 @@ def play_on_bodies(
     is_independent
         Whether no constraint was redundant.
     """
-    # Numbers of links that are not the number of a body remain without constraints.
+    # The game has a body for each link number. Those that are not the number of a body get
+    # no constraints.
     pebble_game = PebbleGame(len(body_of_link))
     is_independent = True
     for number in pairs:

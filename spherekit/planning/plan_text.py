@@ -119,23 +119,30 @@ def _pole_as_names(plan: Plan, pole: Pole) -> list[str]:
 
 
 def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
-    """Return a step of a plan as plain lists and dictionaries.
+    """Return a step of a plan of poles as plain lists and dictionaries, for JSON.
 
-    A pole is the axis of the relative rotation of two bodies. A step gives one of these:
+    A pole is the axis of the relative rotation of two bodies. A step finds one of these:
 
     - a pole that is the axis or contact line of a pair (`PrimaryPole`),
-    - a pole at the intersection of two lines on the sphere, each a great circle through two
-      known poles or the contact plane of a sliding pair (`LinePole`),
-    - all poles of an irreducible part, which do not follow one by one from poles outside of
-      the part (`BlockPoles`).
+    - a pole at the intersection of two great circles (`LinePole`). A circle goes through
+      two known poles, or is in the contact plane of a sliding pair,
+    - all poles of an irreducible part, in which poles do not follow one by one
+      (`BlockPoles`).
 
-    Links and pairs are given by their names. A pass consists of all steps that need poles
-    of earlier passes only. Its number is the `pass_number` of these steps.
+    A pass is a round of steps that use poles of earlier rounds only. Links and pairs are
+    represented by their names.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    step
+        One of its steps.
     """
     names_of = plan.mechanism.names_of
     if isinstance(step, BlockPoles):
-        # All poles of the part are computed at once. The plan also shows how they could
-        # follow one by one (entry "passes") if one of them, the opening pole, were known.
+        # All poles of the part are computed together. For information, "passes" shows how
+        # the others would follow one by one if one pole, the opening pole, were known.
         opening = None if step.opening is None else _pole_as_names(plan, step.opening)
         return {
             "pass": step.pass_number,

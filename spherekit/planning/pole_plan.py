@@ -31,19 +31,18 @@ class PrimaryPole:
     A pole is the axis of the relative rotation of two bodies. The contact line of a rolling
     contact is the line through the centre of the sphere and the point of contact.
 
-    Several R pairs can have one line as their common axis. This line is the pole of any two
-    of the bodies that these pairs join, also of two bodies without a pair between them. The
-    latter poles are found in passes, of which each uses the poles of earlier ones.
+    Several R pairs can have one common axis. It is the pole of any two of the bodies that
+    these pairs join, even if no pair joins these two directly.
 
     Attributes
     ----------
     pole
         The two bodies.
     pair
-        Number of the pair, or of an R pair on the common line.
+        Number of the pair, or of an R pair on the common axis.
     pass_number
-        0 if the pair joins the two bodies. Otherwise the number of the pass that finds the
-        pole on a common axis.
+        0 if the pair joins the two bodies. Otherwise the pole is found later, in the pass
+        (round of the search for poles) of this number.
     """
 
     pole: Pole
@@ -66,8 +65,8 @@ class LinePole:
 
     A pole P_ij is the axis of the relative rotation of the bodies i and j. By the
     Aronhold-Kennedy theorem it lies on the great circle through P_ik and P_jk for every
-    third body k. Any two of its great circles determine it. The two with the
-    best-conditioned intersection are chosen at each configuration.
+    third body k. Any two of its great circles determine it. In each configuration, the two
+    with the best-conditioned intersection are used.
 
     Attributes
     ----------
@@ -111,14 +110,14 @@ class LinePole:
 class BlockPoles:
     """All poles of an irreducible part with one degree of freedom, solved together.
 
-    A pole is the axis of the relative rotation of two bodies. The part is irreducible if
-    its poles do not follow one by one from great circles through known poles. They follow
-    from the rates of its pairs, which are the null vector of its loop-closure velocity
-    equations.
+    A pole is the axis of the relative rotation of two bodies. Usually poles follow one by
+    one, each as the intersection of two great circles through known poles. In an
+    irreducible part they do not. They follow from the rates of its pairs, which solve the
+    velocity equations of its loops.
 
-    For the display only, the plan also shows how the poles would follow one by one if one
-    of them, the opening pole, were known. They would be found in further passes. A pass
-    finds each pole at which two great circles through poles of earlier passes intersect.
+    For display only, the plan also shows how the poles would follow one by one if one of
+    them, the opening pole, were known. A pass is a round of this search: it finds each pole
+    at which two great circles through poles of earlier passes intersect.
 
     Attributes
     ----------
@@ -205,7 +204,11 @@ class Plan:
         )
 
     def _repr_html_(self) -> str:
-        """Return the pole table for notebooks, with the meaning of its marks."""
+        """Return the table of poles as HTML for notebooks, with the meaning of its marks.
+
+        A pole is the axis of the relative rotation of two bodies. A pass is a round of the
+        search in which poles follow from those of earlier rounds.
+        """
         titles, *rows = titled_rows(self)
         moving_input = self.mechanism.pairs[self.input].name
         meanings = [f"{PRIMARY_MARK}: axis of a pair"]
@@ -256,12 +259,11 @@ class Plan:
 
     @cached_property
     def rounded_common_axes(self) -> frozenset[Pole]:
-        """The poles that are common axes of pairs only up to rounding.
+        """The poles that are common axes of several pairs only up to rounding.
 
-        The bodies of such a pole are joined by several pairs in series. The axes of these
-        pairs should be one line, but the numbers of the file are rounded, so they differ a
-        little. A pole whose bodies are joined by one pair is exactly the axis of this pair,
-        and is not among them.
+        A pole is the axis of the relative rotation of two bodies. Here several pairs in
+        series join the bodies. Their axes should be one line, but the numbers of the file
+        are rounded, so they differ a little.
         """
         return frozenset(
             step.pole
@@ -354,8 +356,9 @@ def ordered_pole(
 ) -> tuple[int, int]:
     """Return the numbers of two links, of which the first moves relative to the second.
 
-    A `Pole`, which stands for the axis of their relative rotation, has the smaller number
-    first. Here the order of the argument is kept.
+    A pole is the axis of the relative rotation of two links. A `Pole` has the smaller
+    number first. Here the order of the argument is returned, because it decides about the
+    sense.
 
     Parameters
     ----------
@@ -372,8 +375,8 @@ def ordered_pole(
     """
     names = mechanism.links
     if not isinstance(pole, str):
-        # Two numbers or names become a text. Numbers that are not links stay in it, and are
-        # reported by `parse_pole`.
+        # Two numbers or names become a text. A wrong number stays in the text, so that
+        # `parse_pole` reports it.
         words = [
             names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole
         ]
@@ -400,19 +403,20 @@ def roman_numeral(number: int) -> str:
 
 
 def table_cells(plan: Plan) -> list[list[str]]:
-    """Return the entries of the pole table, row by row, without the names of the bodies.
+    """Return the cells of the table of poles, row by row, without the names of the bodies.
 
     The table has a row and a column for each body. The pole of two bodies is the axis of
-    their relative rotation. A primary pole, which is the axis or contact line of a pair,
-    has an x, another one the Roman number of the pass that finds it (`pass_number`).
-    A pass finds all poles that follow from earlier ones as intersections of great circles.
+    their relative rotation. The cell shows how it is found:
 
-    In an irreducible part no pole follows in this way. Some of its poles are solved
-    together from velocity equations, and are marked by a star. The other ones follow from
-    these in later passes, as intersections. Poles outside the plan are empty.
+    - x: a primary pole, the axis or contact line of a pair,
+    - a Roman number: the pass (round) of the search that finds the pole at the intersection
+      of great circles through poles of earlier passes,
+    - a Roman number with a star: a pole of an irreducible part that is solved with others
+      from velocity equations,
+    - nothing: the pole is not in the plan.
     """
-    # A block is an irreducible part. Its velocity equations are solved in the pass
-    # `block.pass_number`. Its poles are found in this pass or in later ones.
+    # A block is an irreducible part, solved in the pass `block.pass_number`. Some of its
+    # poles follow in later passes, and have no star.
     starred_poles = set()
     for block in plan.blocks:
         for pole, pass_number in block.pass_numbers.items():

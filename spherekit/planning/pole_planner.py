@@ -88,10 +88,17 @@ def plan(
 
 
 def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
-    """Return the pole of the two bodies to which two links belong.
+    """Return the pole that the user requests, as the pole of two bodies.
 
-    A pole is the axis of the relative rotation of two bodies. Links that are rigid while
-    the other inputs are locked form one body.
+    A pole is the axis of the relative rotation of two links. One input moves. Links that
+    are rigid while the other inputs are locked form one body.
+
+    Parameters
+    ----------
+    whole_plan
+        The plan of all poles.
+    pole
+        Numbers of two links, or a text such as ``3/1``.
 
     Raises
     ------
@@ -131,20 +138,21 @@ def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
 
 
 def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
-    """Return the plan with only those steps from which the requested poles follow.
+    """Return the plan with only those steps that the requested poles need.
 
-    A pole P_ij (the axis of the relative rotation of two bodies) lies on lines: the great
-    circles through P_ik and P_jk for third bodies k, and contact planes of sliding pairs.
-    Two lines determine it. `_choose_sources` chooses two that need the fewest other poles.
-    Further lines of a step are kept if all their poles are in the new plan anyway. At each
-    configuration, the two lines with the best-conditioned intersection can then be chosen.
+    A pole P_ij is the axis of the relative rotation of two bodies. It is the intersection
+    of two lines: great circles through P_ik and P_jk for third bodies k, or contact planes
+    of sliding pairs. The lines that need the fewest other poles are chosen.
+
+    Further lines of a step stay if all their poles are in the new plan anyway. In each
+    configuration, the two lines with the best-conditioned intersection can then be used.
 
     Parameters
     ----------
     whole_plan
         A plan of all poles.
     requested
-        Poles of bodies.
+        The requested poles of bodies.
     """
     # Collect the requested poles, and all poles from which these follow.
     sources_by_pole = _choose_sources(whole_plan)
@@ -172,30 +180,26 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
 
 
 def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
-    """Return the poles from which each pole of a plan follows.
+    """Return, for each pole of a plan, the poles from which it is computed.
 
-    A primary pole is the axis or contact line of a pair and needs no other. A secondary
-    pole P_ij is the intersection of great circles, each through the poles P_ik and P_jk of
-    a third body k. Of these circles, the two that need the fewest other poles are chosen.
-    The poles P_ik and P_jk of both circles are the sources of P_ij. A part of the mechanism
-    is irreducible if its poles do not follow one by one from such circles. The poles of
-    such a part are computed together, from the primary poles of its pairs.
+    A pole P_ij is the axis of the relative rotation of two bodies. There are three kinds:
 
-    A plan is the list of steps that compute the poles one after another. A step is a
-    primary pole, a secondary pole, or all poles of an irreducible part.
+    - A primary pole is the axis or contact line of a pair, and needs no other.
+    - A secondary pole is the intersection of two great circles, each through P_ik and P_jk
+      for a third body k. The two circles that need the fewest other poles are chosen.
+    - Poles of an irreducible part do not follow one by one. They are computed together from
+      the primary poles of its pairs.
 
     Returns
     -------
-    For each pole the poles that it needs directly. Primary poles need none.
+    For each pole the poles that it needs directly.
     """
-    # The ancestors of a pole are all poles to be computed until it is known, itself
-    # included. Their number is the cost of the pole, by which circles are chosen. Primary
-    # poles are known from the pairs without computation, so they have no ancestors.
+    # The ancestors of a pole are all secondary poles to be computed until it is known,
+    # itself included. Their number is the cost of the pole. Primary poles cost nothing.
     ancestors: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
-        # The poles of an irreducible part follow from its pairs only, which need nothing.
-        # So none of them has other ancestors than itself.
+        # The poles of an irreducible part need primary poles only.
         if isinstance(step, BlockPoles):
             primary_poles = [pole_of(*whole_plan.ends[pair]) for pair in step.pairs]
             for pole in step.poles:
@@ -203,7 +207,7 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
                 sources_by_pole[pole] = primary_poles
         elif isinstance(step, LinePole):
             # `via` are the third bodies k of the chosen circles. Third bodies that turn
-            # about one axis (`coaxial`) give the same circle, so only one of them is used.
+            # about one axis (`coaxial`) give the same circle.
             via, needed = _choose_cheapest_lines(step, ancestors, whole_plan.coaxial)
             ancestors[step.pole] = needed | {step.pole}
             # The step with the chosen circles only: its sources are P_ik and P_jk.
@@ -222,12 +226,10 @@ def _choose_cheapest_lines(
 ) -> tuple[tuple[int, ...], frozenset[Pole]]:
     """Return the third bodies of the great circles that need the fewest other poles.
 
-    A pole P_ij is the axis of the relative rotation of two bodies. A third body k gives a
-    line on which P_ij lies, the great circle through the poles P_ik and P_jk. A sliding
-    pair of the two bodies gives another line: its contact plane. Two lines determine P_ij.
-
-    The number of poles is counted for each circle alone: a pole that two circles need
-    counts for both.
+    A pole P_ij is the axis of the relative rotation of two bodies. Two lines determine it.
+    A third body k gives a line, the great circle through the poles P_ik and P_jk. A sliding
+    pair of the two bodies gives another one, its contact plane. Each circle is rated alone,
+    even if two circles share poles that they need.
 
     Parameters
     ----------
@@ -285,10 +287,10 @@ def _prune_block(block: BlockPoles, requested: tuple[Pole, ...]) -> BlockPoles:
 
     A pole is the axis of the relative rotation of two bodies. The poles of the part are
     computed together from velocity equations. For display only, the part also has steps
-    that show how its poles would follow one by one from its opening pole. Steps that do
-    not lead to a requested pole are left out.
+    that show how its poles would follow one by one from one of them, the opening pole.
+    Steps that lead to no requested pole are removed.
     """
-    # Backwards, so that the poles that a step needs are known before their own steps.
+    # The steps are examined backwards, so that a step comes after all steps that need it.
     needed_poles = set(requested)
     needed_steps: list[LinePole] = []
     for step in reversed(block.steps_from_opening):

@@ -42,10 +42,10 @@ others is more often the best one, and planning of large parts takes longer.
 
 
 class KnownPoles:
-    """The poles of bodies that are known at some pass.
+    """The poles that are known so far in the search for all poles.
 
-    A pole is the axis of the relative rotation of two bodies. Poles are found in passes, of
-    which each uses the poles of earlier ones.
+    A pole is the axis of the relative rotation of two bodies. The search has several
+    passes. Each finds poles that follow from those of earlier passes.
 
     Attributes
     ----------
@@ -156,12 +156,12 @@ def _find_line_poles(
     poles: Iterable[Pole],
     pass_number: int,
 ) -> list[LinePole]:
-    """Return a step for each pole that lies on at least two different known lines.
+    """Return a step for each unknown pole that lies on at least two different known lines.
 
     A pole P_ij is the axis of the relative rotation of the bodies i and j. Its lines are
     the great circles through P_ik and P_jk for third bodies k, and the contact planes of
-    sliding pairs between i and j. Two lines determine the pole. The step lists all of them:
-    which two intersect best depends on the configuration.
+    sliding pairs between i and j. Two lines determine the pole. The step lists all of them,
+    because it depends on the configuration which two intersect best.
 
     Parameters
     ----------
@@ -170,11 +170,11 @@ def _find_line_poles(
     contacts_by_pole
         Numbers of the sliding pairs that join the bodies of a pole.
     known_poles
-        The poles of earlier passes.
+        The poles of earlier passes (rounds of the search).
     poles
         The unknown poles that are examined.
     pass_number
-        Number of the pass.
+        Number of the present pass.
     """
     steps = []
     for pole in poles:
@@ -230,11 +230,12 @@ def group_by_circle(
 
 
 class MobileParts:
-    """The smallest parts of a mechanism that determine a pole.
+    """Finds the smallest part of a mechanism from which a pole can be computed.
 
     A pole is the axis of the relative rotation of two bodies. Its part is the smallest set
     of bodies that contains both and has one degree of freedom. The pole then follows from
-    the pairs between bodies of the part. Parts that were found are remembered.
+    the pairs between bodies of the part. Parts are remembered, so that each is searched
+    once.
 
     Parameters
     ----------
@@ -265,6 +266,9 @@ def _make_block(
 ) -> BlockPoles:
     """Return the step that computes all unknown poles of a part of the mechanism together.
 
+    A pole is the axis of the relative rotation of two bodies. This step is used where poles
+    do not follow one by one from known poles.
+
     Parameters
     ----------
     empty_plan
@@ -274,8 +278,7 @@ def _make_block(
     unknown_poles
         All poles that are unknown. A pole belongs to the part if both its bodies do.
     pass_number
-        Number of the pass in which the part is solved. A pass finds all poles that follow
-        from poles of earlier passes.
+        Number of the pass (round of the search) in which the part is solved.
     """
     # The pairs between different bodies of the part. A locked input joins two links of one
     # body (a = b), so it is not one of these pairs.
@@ -294,14 +297,14 @@ def _choose_opening(
     known_poles: KnownPoles,
     block: BlockPoles,
 ) -> BlockPoles:
-    """Return a part with the opening pole from which passes find the most other poles.
+    """Return a part with the opening pole from which the most other poles would follow.
 
     A pole is the axis of the relative rotation of two bodies. The part is solved from its
-    velocity equations, which give all its poles. If one of them, the opening pole, counts
-    as known, the others usually follow as intersections of great circles: each pass finds
-    the poles that lie on two lines through known poles. The plan reports this order, which
-    the numbers do not use. If several opening poles lead to equally many others, the one
-    that needs the fewest passes is chosen.
+    velocity equations, which give all its poles at once. For information, the plan also
+    shows how they would follow one by one if one of them, the opening pole, were known.
+    They are found in passes: each finds the poles that lie on two lines through known
+    poles. Of several opening poles with equally many followers, the one with the fewest
+    passes is chosen.
 
     Parameters
     ----------
@@ -326,6 +329,7 @@ def _choose_opening(
         """Return a sort key: poles on many great circles first, then by number."""
         return -len(known_poles.third_bodies(pole)), pole
 
+    # The time of a trial grows with the square of the number of poles.
     max_trials = max(1, MAX_OPENING_WORK // len(block.poles) ** 2)
     tried_poles = sorted(block.poles, key=most_lines_first)[:max_trials]
     opened_blocks = [
@@ -342,11 +346,12 @@ def _open_block(
     block: BlockPoles,
     opening_pole: Pole,
 ) -> BlockPoles:
-    """Return a part with all poles that follow if one of its poles counts as known.
+    """Return a part with all poles that would follow if one of its poles were known.
 
-    The poles are found in passes. Each pass finds all unknown poles of the part that lie on
-    two great circles through known poles. They are known in the next pass.
-    `steps_from_opening` of the result has the steps of all passes, one for each pole.
+    A pole is the axis of the relative rotation of two bodies. The poles are found in
+    passes. Each pass finds all unknown poles of the part that lie on two great circles
+    through known poles. These are known in the next pass. `steps_from_opening` of the
+    result has one step for each pole.
 
     Parameters
     ----------
@@ -362,7 +367,7 @@ def _open_block(
         The pole that counts as known.
     """
     poles_after_opening = known_poles.copy()
-    # The opening pole follows from no great circles (`via`). Its step is not in the result.
+    # This step only marks the opening pole as known. It is not in the result.
     poles_after_opening.add(LinePole(opening_pole, pass_number=block.pass_number, via=()))
     steps_of_all_passes: list[LinePole] = []
     for pass_number in count(block.pass_number + 1):

@@ -21,27 +21,27 @@ from spherekit.planning.mobility import merge_locked_links
 def moving_pairs(
     mechanism: Mechanism, assembly: Assembly, links: Iterable[int]
 ) -> tuple[int, ...]:
-    """Return the pairs by which some links move relative to each other, rising.
+    """Return the pairs on which the relative positions of some links depend, rising.
 
-    With locked inputs, a mechanism consists of groups: sets of bodies that become one rigid
-    body when all their pairs are closed. The result are the pairs of those groups on which
-    the relative position of the links depends, and the inputs on which it depends.
+    Other pairs can be left out of a computation. With locked inputs, a mechanism consists
+    of groups: sets of bodies that become one rigid body when all their pairs are closed.
+    The result has the pairs of the groups that the links need, and the inputs that they
+    need.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     assembly
-        Its groups in solving order.
+        Its groups in the order in which they are placed.
     links
         Numbers of the links.
     """
     requested_links = frozenset(links)
     needed_groups = placing_groups(mechanism, assembly, requested_links)
     # With all inputs locked and these groups closed, the links are one rigid body. An input
-    # is not needed if the links remain one rigid body when this input is released. Inputs
-    # are released one after another, so that of two that could replace each other one
-    # remains.
+    # is not needed if this remains true when it is released. Needed inputs stay locked, and
+    # others stay released.
     needed_inputs = list(assembly.inputs)
     for pair in assembly.inputs:
         remaining_inputs = [needed for needed in needed_inputs if needed != pair]
@@ -58,21 +58,26 @@ def moving_pairs(
 def placing_groups(
     mechanism: Mechanism, assembly: Assembly, links: frozenset[int]
 ) -> list[Group]:
-    """Return the groups, in solving order, that place links relative to each other.
+    """Return the groups that are needed to place some links relative to each other.
 
-    A group is a set of bodies that become one rigid body when all its pairs are closed.
+    A group is a set of bodies that become one rigid body when all its pairs are closed. The
+    inputs of the mechanism are locked.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     assembly
-        Its groups in solving order.
+        Its groups in the order in which they are placed.
     links
         Numbers of the links.
+
+    Returns
+    -------
+    The needed groups in the same order.
     """
     needed_groups = list(assembly.groups)
-    # Later groups are left out first: only they can need earlier groups.
+    # Later groups are tried first, since groups need only earlier ones.
     for group in reversed(assembly.groups):
         remaining_groups = [needed for needed in needed_groups if needed is not group]
         # A group is left out if the links are one rigid body without it.
@@ -87,11 +92,10 @@ def _are_one_body(
     groups: Iterable[Group],
     links: frozenset[int],
 ) -> bool:
-    """Return whether links form one rigid body when only some inputs and groups act.
+    """Return whether some links are rigidly joined by some of the inputs and groups alone.
 
-    The inputs that act are locked, and the groups that act are closed. The caller leaves
-    out one input or one group of the mechanism. If the links still form one rigid body,
-    their relative positions do not depend on the part that is left out.
+    Some inputs are locked, and some groups are closed. The caller leaves out an input or a
+    group. If the links still are one rigid body, they do not need it.
 
     Parameters
     ----------
@@ -100,23 +104,22 @@ def _are_one_body(
     inputs
         Numbers of the driven pairs that are locked.
     groups
-        Groups in solving order. A group consists of bodies, each a set of links that is
-        rigid before the group is closed. When all its pairs are closed, its bodies become
-        one rigid body.
+        The groups that are closed, in the order in which they are placed. A group consists
+        of bodies, each a set of rigidly joined links. When all its pairs are closed, the
+        bodies become one rigid body.
     links
         Numbers of the links that have to end in one body.
 
     Returns
     -------
-    False also if a group cannot be closed because the links of one of its bodies are not
-    rigid with these inputs and groups alone.
+    Whether they do. False also if a group needs an input or a group that is left out.
     """
     # For each link the label of its rigid body, at first of those that inputs join.
     label_of_link = list(merge_locked_links(mechanism, inputs))
     for group in groups:
-        # The pairs of the group connect to some links of its bodies. If those of one body
-        # have several labels, they can still move relative to each other, because an input
-        # or a group that would join them is left out. The group is then not rigid either.
+        # The pairs of the group end at some links of its bodies. If those of one body have
+        # different labels, something that joins them is left out, and the group is not
+        # rigid.
         end_links: set[int] = set()
         for pair in group.pairs:
             end_links.update(mechanism.ends[pair])
@@ -134,12 +137,19 @@ def _are_one_body(
 
 
 def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
-    """Return the mechanism without the pairs and links that the given links do not need.
+    """Return the mechanism without the pairs and links that some links do not need.
 
-    Names, frames of links, zeros of variables and ranges of inputs stay as they are;
-    numbers of links and pairs change. Masses, loads, joint limits and outputs stay if all
-    links and pairs to which they refer stay. The mechanism itself is returned if nothing
-    can be left out.
+    A smaller mechanism is solved faster. Names, frames of links, zeros of variables and
+    ranges of inputs stay as they are; numbers of links and pairs change. Masses, loads,
+    joint limits and outputs stay if all links and pairs to which they refer stay. If
+    nothing can be left out, the mechanism itself is returned.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    links
+        Numbers of the links that have to move as before.
 
     Raises
     ------
@@ -160,7 +170,6 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
         driven_links.update(mechanism.ends[pair])
     needed_links = frozenset({0, *driven_links, *links})
     # A group is a set of links that are placed together, by closing the loops of its pairs.
-    # Needed are the groups that place these links, directly or by way of other groups.
     groups = placing_groups(mechanism, assembly, needed_links)
     pairs = {*assembly.inputs}.union(*(group.pairs for group in groups))
     if len(pairs) == len(mechanism.pairs):
@@ -171,8 +180,8 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
 def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
     """Return the mechanism of some of its pairs and of the links that they join.
 
-    Outputs, masses, loads, joint limits and named modes stay if all links and pairs to
-    which they refer stay. The ground always stays.
+    Outputs, masses, loads, joint limits and named assembly modes stay if all links and
+    pairs to which they refer stay. The ground always stays.
 
     Parameters
     ----------
@@ -213,10 +222,11 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
 def _reduce_geometry(
     geometry: SizeGeometry | PoseGeometry, links: set[str], pairs: set[str]
 ) -> SizeGeometry | PoseGeometry:
-    """Return the geometry of some links and pairs.
+    """Return the geometry of some links and pairs of a mechanism.
 
-    The axes of pairs that are left out stay as unpaired axes of their links, because arcs
-    and angles are counted from one axis to the next.
+    The geometry states arcs and angles from one pair axis of a link to the next. If a pair
+    is left out, its axis therefore stays in the list of its links, marked as an axis
+    without a pair.
 
     Parameters
     ----------

@@ -40,8 +40,8 @@ MAX_CLOSING_STEPS = 12
 def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     """Return whether a mechanism can move in several independent ways at a configuration.
 
-    The velocity equations alone cannot tell. They allow several motions on a surface of
-    configurations, but also where two curves of configurations cross. The mechanism is
+    Velocity equations alone cannot tell. They allow several motions in two cases: the
+    configurations form a surface, or two curves of configurations cross. The mechanism is
     therefore moved by small finite steps in several directions that these equations allow,
     and its loops are closed again. On a surface this succeeds after every step. At a
     crossing it fails after a step in a direction between the curves.
@@ -66,8 +66,8 @@ def has_additional_freedoms(closure: Closure, values: Floats) -> bool:
     rank = len(values) - len(motions)
     points = _close_loops(closure, starts, rank)
     is_closed = closure.linearise(points).closure_residual < CLOSURE_TOLERANCE
-    # A closed point counts only if the mechanism has moved. Newton's method may have led
-    # back to the first configuration, which is closed in any case.
+    # Newton's method may have led back to the first configuration. Such a point does not
+    # count.
     has_moved = np.linalg.norm(points - values, axis=1) > 0.5 * TRIED_STEP_RAD
     return bool(np.all(is_closed & has_moved))
 

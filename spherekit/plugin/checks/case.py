@@ -56,8 +56,8 @@ class ConformanceCase:
             If the analysis does not declare the quantities that it needs as the contract of
             plugins requires (`spherekit.runs.contract`).
         """
-        # The quantities that the analysis reads. If their declaration has a fault, the plan
-        # has the reason in `refused`.
+        # The quantities that the analysis reads, as it declares them. `refused` of the plan
+        # has the faults of this declaration.
         declared_needs = collect_needs(
             [self.analysis], self.sampling.position_analysis.mechanism
         )
@@ -93,11 +93,11 @@ class ConformanceCase:
         change_motion: MotionChange = unchanged,
         change_read_motion: MotionChange = unchanged,
     ) -> list[Batch]:
-        """Return the batches of a run: blocks of samples as an analysis receives them.
+        """Return the batches of a run, the blocks of samples that an analysis receives.
 
-        A batch has the motion of the block. It also has poles, and angles without jumps by
-        whole revolutions, that are evaluated from it. A check changes the motion to see how
-        the analysis responds.
+        A batch has the motion of some samples. It also has quantities evaluated from the
+        motion: poles (axes of relative rotation) and angles without jumps by whole
+        revolutions. A check changes the motion to see how the analysis responds.
 
         Parameters
         ----------
@@ -105,10 +105,10 @@ class ConformanceCase:
             Number of samples of a block.
         change_motion
             Changes the motion before poles and angles are evaluated from it. So it changes
-            everything that the analysis reads, for example to let a row fail.
+            everything that the analysis reads. For example, it lets a sample fail.
         change_read_motion
-            Changes only the motion that the analysis reads, after poles and angles were
-            evaluated, for example to hide quantities that it has not declared.
+            Changes only the motion itself, after poles and angles were evaluated. For
+            example, it hides quantities that the analysis has not declared.
 
         Returns
         -------
@@ -128,10 +128,10 @@ class ConformanceCase:
         change_motion: MotionChange = unchanged,
         change_read_motion: MotionChange = unchanged,
     ) -> tuple[Tables, Findings]:
-        """Return the tables and findings of a run.
+        """Return the tables and findings of a run of the analysis.
 
         Findings are results of an analysis in addition to its tables. A check changes the
-        motion, to compare the results with those of the true motion.
+        motion and compares the results with those of the true motion.
 
         Parameters
         ----------
@@ -140,8 +140,8 @@ class ConformanceCase:
         change_motion
             Changes the motion of a block before poles and angles are evaluated from it.
         change_read_motion
-            Changes the motion that the analysis reads after poles and angles were evaluated
-            from the unchanged motion.
+            Changes the motion that the analysis reads, after poles and angles were
+            evaluated.
 
         Raises
         ------
@@ -160,8 +160,9 @@ class ConformanceCase:
     def hide_undeclared(self, motion: Motion) -> Motion:
         """Return a motion with NaN for every quantity that the analysis has not declared.
 
-        An analysis declares the links whose orientations and the pairs whose variables it
-        reads. If it reads others, its results become NaN.
+        An analysis declares the links whose orientations it reads, and the pairs whose
+        variables it reads. If it reads others, its results become NaN, which a check
+        notices.
         """
         # The plan has one analysis, so the first declaration is its own.
         needs = self.run_plan.needs[0]
@@ -175,12 +176,12 @@ class ConformanceCase:
         rotations[:, links] = motion.rotations[:, links]
         values = np.full_like(motion.values, np.nan)
         values[:, variables] = motion.values[:, variables]
-        # `placed` are the rotations that the position analysis has computed.
+        # `placed` are the orientations of the links.
         hidden = replace(motion, placed=rotations, values=values)
-        # The linearised loops and their conditioning need all links and pairs, so they are
-        # taken from the motion without NaN. Both are cached properties, which Python stores
-        # in the dictionary of the object. The property `rotations` would be read from the
-        # linearised loops, so it is stored too.
+        # Quantities of whole loops need all links and pairs, so they come from the motion
+        # without NaN. They are cached properties, which Python stores in the dictionary of
+        # the object. `rotations` is stored too, because it would be read from
+        # `linearisation`.
         vars(hidden).update(
             linearisation=motion.linearisation,
             conditioning=motion.conditioning,
@@ -190,7 +191,11 @@ class ConformanceCase:
 
 
 def fail_row(row: int) -> MotionChange:
-    """Return a function of a motion that makes one of its rows a failed row."""
+    """Return a function that makes one row (sample) of a motion fail.
+
+    A check uses it to see how an analysis treats samples without a configuration: their
+    numbers are NaN, and their status says so.
+    """
 
     def change(motion: Motion) -> Motion:
         """Return a copy of a motion in which one row has failed: NaN and a status."""
@@ -201,7 +206,7 @@ def fail_row(row: int) -> MotionChange:
         for array in (values, rotations, residual):
             array[row] = np.nan
         status[row] = Status.OUT_OF_REACH
-        # A motion reads its `rotations` from the field `placed` if that is given.
+        # `placed` are the orientations of the links, from which `rotations` is read.
         return replace(
             motion, values=values, placed=rotations, residual=residual, status=status
         )

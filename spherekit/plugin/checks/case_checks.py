@@ -50,9 +50,8 @@ READ_ONLY = "read-only"
 def check_reads(case: ConformanceCase) -> str:
     """Check that an analysis reads only quantities that it has declared as its needs.
 
-    Public attributes of a batch raise an error if a quantity is not declared. Private
-    attributes do not. Therefore all quantities that are not declared are replaced by NaN.
-    The tables must then stay the same.
+    Reading an undeclared public attribute raises an error. To detect other ways of reading,
+    all undeclared quantities are replaced by NaN. The tables must then stay the same.
 
     An analysis may declare that it needs the tracer: the position analysis, which can
     compute any configuration. Then no quantity is undeclared.
@@ -146,11 +145,13 @@ def check_findings(case: ConformanceCase) -> str:
 def check_blocks(case: ConformanceCase) -> str:
     """Check that an analysis gives the same results if samples come in smaller blocks.
 
-    The returned text ends the line of the report that begins with "blocks".
+    Returns
+    -------
+    The block sizes, as the end of the line of the report that begins with "blocks".
     """
     if not case.analysis.reads_samples:
         raise NotApplicableError("it reads no samples")
-    # An analysis that is not `rowwise` needs all samples at once.
+    # `rowwise` means that rows (samples) are computed independently.
     if not case.analysis.rowwise:
         raise NotApplicableError("it receives all samples at once")
     # Findings are results in addition to the tables.
@@ -180,12 +181,12 @@ def _comparable(findings: Findings) -> Any:
 
 
 def check_failed_rows(case: ConformanceCase) -> str:
-    """Check that a failed row contains no false numbers and changes no other rows.
+    """Check how an analysis treats a sample without a configuration, a failed row.
 
-    The middle sample is made to fail in a second computation, which is compared with the
-    first one. In the rows of this sample, a number has to be NaN or to stay as it was.
-    Texts and whole numbers may change, because they have no NaN. All other rows have to
-    stay.
+    The middle sample fails in a second computation, which is compared with the first one.
+    In the rows of this sample, a number has to be NaN or the same as before. Texts and
+    whole numbers may change, because they have no NaN. All other rows have to stay the
+    same.
 
     Returns
     -------
@@ -202,8 +203,8 @@ def check_failed_rows(case: ConformanceCase) -> str:
         table for table in case.run_plan.tables_of(case.analysis) if table.in_assembly_modes
     ]
     for table in sample_tables:
-        # The expected table is that of the first computation. Where a value may change, it
-        # gets the value of the second computation, so that the comparison finds no fault.
+        # Expected is the table of the first computation. Values that may change are
+        # replaced by those of the second one, so that they cause no difference.
         complete_tables, _ = case.whole_results
         expected = dict(complete_tables[table.name])
         computed = tables[table.name]
@@ -242,12 +243,11 @@ def check_rotation(case: ConformanceCase) -> str:
 
 
 def check_names(case: ConformanceCase) -> str:
-    """Check that links with other names and numbers give the same rows.
+    """Check that an analysis gives the same tables if links have other names and numbers.
 
     The analysis runs on two variants of the mechanism. In both, links are called "body_0",
-    "body_1", ... The first variant has the links in their order, the second one has the
-    moving links in the reverse order. The old names are put back into the tables before
-    they are compared.
+    "body_1", ... In the second one, the moving links are also in the reverse order. The old
+    names are put back into the tables before they are compared.
 
     Returns
     -------
@@ -285,13 +285,13 @@ def check_names(case: ConformanceCase) -> str:
 
 
 def check_scene(case: ConformanceCase) -> str:
-    """Check that the scenes can be recorded in the strict mode of the viewer.
+    """Check that the viewer accepts the scenes of an analysis in its strict mode.
 
     The mechanism is run with the analysis, and recorded to a temporary file.
 
     Returns
     -------
-    The number of scenes of the analysis in words. Each scene is one page.
+    The number of scenes of the analysis in words. Each scene is one page of the recording.
     """
     # The import switches on the strict mode, in which wrong shapes of data raise errors.
     from spherekit.display.rerun.recorder import RerunRecorder
@@ -317,18 +317,18 @@ def _require_same(
     where: str,
     rotation: Floats | None = None,
 ) -> None:
-    """Raise `PluginError` if tables differ.
+    """Raise `PluginError` if the tables of two runs of an analysis differ.
 
     Parameters
     ----------
     case
-        The case, for the declarations of the tables.
+        The analysis and mechanism, for the declarations of the tables.
     expected, compared
-        Tables by name.
+        Tables of both runs by name.
     where
-        The circumstances of `compared`, for the message.
+        What was different in the run of `compared`, for the message.
     rotation
-        (3, 3) rotation of the mechanism of `compared`, if it was rotated.
+        (3, 3) rotation of the mechanism of `compared`, if it was rotated as a whole.
     """
     for table in case.run_plan.tables_of(case.analysis):
         fault = describe_difference(

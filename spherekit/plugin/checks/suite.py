@@ -105,15 +105,17 @@ class ConformanceSuite:
         return self._checked if isinstance(self._checked, type) else type(self._checked)
 
     def _check_installation(self) -> str:
-        """Check that the entry point of a distribution leads to this class.
+        """Check that the installed entry point of the analysis leads to this class.
 
-        The checked analysis is a class, an object with parameters, or a text of the command
-        line: a name, perhaps with parameters. A text is replaced here by the object that is
-        created from the entry point.
+        An entry point is the entry in an installed package by which the program finds the
+        analysis. The user names the analysis by its class, an object, or a text of the
+        command line. A text is replaced here by the object that is created from the entry
+        point.
 
         Returns
         -------
-        The note of this check for the report: the distribution that offers the analysis.
+        The note of this check for the report: the distribution (package) that offers the
+        analysis.
         """
         if isinstance(self._checked, str):
             self._checked = create_analysis(self._checked)
@@ -163,9 +165,9 @@ class ConformanceSuite:
     def _check_needs(self) -> str:
         """Check that the method `needs` is repeatable and changes no parameters.
 
-        The analysis is asked twice for its needs on each mechanism. Mechanisms that it
-        accepts are kept as cases for the further checks. A mechanism that it refuses by an
-        error of spherekit is left out.
+        The method states which quantities the analysis reads. It is called twice for each
+        mechanism. Mechanisms that the analysis accepts become cases of the further checks.
+        A mechanism that it refuses by an error of spherekit is left out.
 
         Returns
         -------
@@ -204,12 +206,11 @@ class ConformanceSuite:
         return listing(declared_names) or "nothing of the samples"
 
     def _check_runs(self) -> str:
-        """Check that the analysis computes at least one mechanism.
+        """Check that the analysis can be computed on at least one mechanism.
 
-        Mechanisms that it refuses by an error of spherekit are removed from the cases.
-        Other errors are mistakes in the plugin. Two kinds of mistakes are left to later
-        checks, and their cases are kept: undeclared reads, and writing to arrays. Any other
-        mistake is raised.
+        Mechanisms that it refuses by an error of spherekit are removed from the cases. A
+        `PluginError` is a mistake of the plugin and is raised. Two kinds of mistakes are
+        left to later checks: reading undeclared quantities, and writing to arrays.
 
         Returns
         -------
@@ -246,9 +247,10 @@ class ConformanceSuite:
         return self._cases
 
     def _check_all_cases(self, check: Callable[[ConformanceCase], str]) -> str:
-        """Make one check on every mechanism, and return the notes of all.
+        """Perform one check on every mechanism, and return the notes of all for the report.
 
-        A check may not apply to a mechanism. If it applies to none, it counts as not made.
+        A check may not apply to a mechanism. If it applies to none, `NotApplicableError` is
+        raised, and the report says "not checked".
         """
         notes = []
         reasons = []  # why the check does not apply

@@ -88,9 +88,9 @@ def _column_pairs(
 ) -> Iterator[tuple[Column, Array, Array]]:
     """Yield each column that can be compared, with its expected and compared values.
 
-    The three components of a vector are three successive columns, which are collected and
-    rotated together if a rotation is given. Columns that depend on axes in another way are
-    then left out.
+    The compared table may be that of a mechanism that was rotated as a whole. Vectors of
+    the expected table are then rotated too. A vector is three successive columns, its
+    components. Other columns that depend on the axes are left out.
 
     Parameters
     ----------
@@ -99,17 +99,16 @@ def _column_pairs(
     expected, compared
         Columns of the two tables.
     rotation
-        (3, 3) rotation from the mechanism of `expected` to the mechanism of `compared`.
-        None: they are not rotated.
+        (3, 3) rotation from the mechanism of `expected` to the mechanism of `compared`,
+        None without a rotation.
     """
     vector_columns: list[Column] = []
     for column in table.columns:
-        # Texts, such as the name of a link, are compared as they are. `turns` is "no" for
-        # numbers that do not depend on axes.
+        # `turns` is "no" for numbers that do not depend on axes, "vector" for components of
+        # a vector, and "otherwise" for others.
         if rotation is None or column.kind == "text" or column.turns == "no":
             yield column, expected[column.name], compared[column.name]
             continue
-        # Other columns (`turns` is "otherwise") are left out.
         if column.turns == "vector":
             vector_columns.append(column)
         if len(vector_columns) == 3:
@@ -180,13 +179,12 @@ def match_rows(
     """Return the rows that two tables share, in the same order.
 
     `compared` is the table of the same mechanism, computed with other names and numbers of
-    links. The old names have been put back into this table. The key of a row consists of
-    its texts and whole numbers, and identifies the row. If a key occurs twice, rows cannot
-    be identified. Both tables are then returned unchanged, to be compared in their own
-    order.
+    links. The old names have been put back. A row is identified by its key: its texts and
+    whole numbers. If a key occurs twice, rows cannot be identified, and both tables are
+    returned unchanged.
 
-    A row about one link relative to another may be missing, because with another order of
-    links it is about the second relative to the first.
+    A row about one link relative to another may be missing: with other numbers, the table
+    may have a row about the second link relative to the first instead.
 
     Parameters
     ----------

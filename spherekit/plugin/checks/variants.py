@@ -95,8 +95,7 @@ def _rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
 def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     """Return a mechanism with other names and another order of links.
 
-    A check compares the results of an analysis for both mechanisms, which have to be the
-    same.
+    An analysis has to give the same results for both mechanisms, which a check tests.
 
     Parameters
     ----------
@@ -107,14 +106,13 @@ def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
         links.
     """
     geometry = mechanism.geometry
-    # The geometry is given by the sizes of each link, or by the axis of each pair in a
-    # pose. The axes stay as they are, because pairs keep their names.
+    # The geometry is stated either by sizes of links or by axes of pairs in a pose. Axes
+    # stay as they are, because pairs keep their names.
     if isinstance(geometry, SizeGeometry):
         links = {names[link]: sizes for link, sizes in geometry.links.items()}
         geometry = replace(geometry, links=links)
     # Pairs, outputs, masses and loads with the new names, by field of the mechanism.
-    # Expressions of loads stay: they can only use the variables of R pairs, which are named
-    # by the pair alone.
+    # Formulas of loads contain no names of links.
     renamed_parts = redescribe(mechanism, link_names=names)
     return replace(
         mechanism,
@@ -128,9 +126,10 @@ def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
 def rename_parameters(
     analysis: AbstractAnalysis, names: Mapping[str, str]
 ) -> AbstractAnalysis:
-    """Return an analysis with the new names of links and poles in its parameters.
+    """Return an analysis with the new names of links in its parameters.
 
-    A pole is named by its two links, such as ``4/1``.
+    A parameter can be the name of a link or of a pole. A pole, the axis of the relative
+    rotation of two links, is named by them, such as ``4/1``.
 
     Parameters
     ----------
