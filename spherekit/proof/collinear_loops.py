@@ -645,8 +645,8 @@ class Crossings:
            change the equation of the loop. So its derivatives by the angles are 0.
         2. `find_saddle` has reduced all equations to one equation g(u, v) = 0. Where the
            derivatives of one equation are 0, both slopes of g are 0.
-        3. Only the saddle point of g has slopes 0 in the box. It is a configuration, so g =
-           0 there, and two curves g = 0 cross.
+        3. Only the saddle point of g has both slopes 0 in the box. So the planar loop is
+           this point, with g = 0, and two curves g = 0 cross there.
         """
         return any(
             _is_near_centre(configuration, box)

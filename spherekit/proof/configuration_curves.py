@@ -158,10 +158,11 @@ class CertifiedCurves:
         return self.locate_stationary_points(self.input_variable)
 
     def locate_stationary_points(self, variable: int) -> list[StationaryPoints]:
-        """Return for each chain the stationary points of a variable, proven and undecided.
+        """Return for each configuration curve the points at which a variable is stationary.
 
-        A chain is one configuration curve. If the variable is constant along it, no
-        stationary points are listed.
+        A curve is stored as a chain of boxes with one arc each. Points are either proven,
+        or undecided: the variable may be stationary there. Curves along which the variable
+        is constant have no points in the result.
         """
         points_of_chains = []
         with working_precision(CURVE_PRECISION_BITS):
@@ -205,20 +206,20 @@ class CertifiedCurves:
 
     @cached_property
     def undecided_ranges(self) -> list[tuple[float, float]]:
-        """Parts of the range (low, high) rad in which configurations may be missing.
+        """Parts (low, high) rad of the input's range where configurations may be missing.
 
         There are three reasons:
 
         - The search left a box of configuration space undecided.
         - It is not decided whether the input is stationary near a saddle, a place where
-          curves cross or nearly do.
+          configuration curves cross or nearly do.
         - It is not decided whether the input is stationary in some part of a curve.
 
-        Parts of the range that overlap are joined.
+        Assembly modes cannot be counted in these parts. Overlapping parts are joined.
         """
         ranges = []
-        # Centres and half widths of boxes are vectors of all variables, from which
-        # `input_angle` takes the input.
+        # Centres and half widths have all variables; `input_angle` computes the input from
+        # them.
         for centre, radius in zip(
             self.undecided_boxes.centres, self.undecided_boxes.radii, strict=True
         ):
@@ -239,22 +240,22 @@ class CertifiedCurves:
     ) -> list[tuple[float, float]]:
         """Return the inputs near a position as parts (low, high) rad of the range.
 
-        After a cycle all links are in the same place again. The inputs are therefore moved
-        by whole cycles so that they overlap the range. The result is empty if this is not
-        possible, and may have the same part several times.
+        All links return to the same place after a cycle of the input. So a part is also
+        shifted by whole cycles, to where it overlaps the range. The result is empty if it
+        never does. It may list the same part several times.
 
         Parameters
         ----------
         position
             (v,) values of all variables (rad).
         variable_error
-            Largest distance (rad) of the input's variable from its value at the position.
+            Largest difference (rad) of the input's variable from its value at the position.
         """
         ranges = []
-        # The input is `cycle_turns` times its variable.
+        # With wheels, the input is `cycle_turns` times its variable.
         half_width = variable_error * self.cycle_turns
-        # The start, the middle and the end of the part are moved into the range, because
-        # the part can reach into the range although its middle is outside.
+        # Shift the start, the middle and the end of the part into the range one after
+        # another. One of them can be inside although the middle is not.
         for offset in (-half_width, 0.0, half_width):
             moved_input = self.wrap_into_range(self.input_angle(position) + offset)
             if moved_input is not None:
@@ -265,19 +266,20 @@ class CertifiedCurves:
     def bound_saddle_doubts(self, variable: int) -> list[float]:
         """Return the distance from each saddle up to which a variable may be stationary.
 
-        A saddle is a place where two curves of configurations cross or narrowly miss each
+        A saddle is a place where two configuration curves cross or narrowly miss each
         other. Four branches of curves, its arms, leave it. Curves that miss each other bend
-        between the arms, in the central zone of the saddle. The variable may be stationary
+        between two arms, in the central zone. The variable may be stationary
 
         - in the central zone, unless the curves are proven to cross, or the variable is
-          proven to be monotonic on the bends,
-        - on an arm, unless the sign of its rate there is proven. Curves (chains) along
-          which it is constant are left out.
+          proven to be monotonic there,
+        - on an arm, unless the sign of its rate is proven there.
+
+        Curves along which the variable is constant are left out.
 
         Returns
         -------
         For each saddle the largest change (rad) of the variable from its centre. It is 0 if
-        the variable is not stationary near the saddle, except at the crossing itself.
+        the variable can only be stationary at the crossing itself.
         """
         arms = self._arms_of_moving_chains(variable)
         distances = []
@@ -289,18 +291,19 @@ class CertifiedCurves:
         return distances
 
     def _arms_of_moving_chains(self, variable: int) -> list[Arm]:
-        """Return the arms of saddles on which chains with a moving variable begin or end.
+        """Return the arms of saddles that belong to curves along which a variable moves.
 
-        A chain is a configuration curve. Chains along which the variable is constant are
-        left out. An arm is a branch of a curve that leaves a saddle: the number of the
-        saddle, and the quadrant.
+        A saddle is a place where configuration curves cross or nearly do. An arm is one of
+        the four branches of curves that leave it: the number of the saddle, and the
+        quadrant of the branch. A chain is a curve as a row of boxes, and can begin or end
+        on an arm.
         """
         moving_arms = []
         for arms_at_ends, is_constant in zip(
             self.chain_arms, self.find_constant_chains(variable), strict=True
         ):
             if not is_constant:
-                # An end that is not at a saddle has None.
+                # `None` is an end that is not at a saddle.
                 moving_arms += [arm for arm in arms_at_ends if arm is not None]
         return moving_arms
 
@@ -323,9 +326,10 @@ class CertifiedCurves:
 
     @cached_property
     def constant_input_values(self) -> list[float]:
-        """Inputs (rad) in the range at which whole curves of configurations are possible.
+        """Inputs (rad) in the range at which a whole curve of configurations exists.
 
-        The input is proven to be constant along such a curve. Each input is listed once.
+        With the input locked, the mechanism can move along such a curve. Each input is
+        listed once.
         """
         positions_on_constant_curves = [
             chain.pieces[0].centre
@@ -348,14 +352,19 @@ class CertifiedCurves:
         return bool(variable_difference <= SAME_PROVEN_INPUT_RAD / self.cycle_turns)
 
     def wrap_into_range(self, q: float) -> float | None:
-        """Return an input (rad) modulo whole cycles if it is in the range, else None."""
+        """Return an input (rad), shifted by whole cycles into the range, or None.
+
+        All links return to the same place after a cycle of the input. The result is None if
+        no shift leads into the range.
+        """
         period = self.cycle_turns * TURN
         wrapped = self.low + np.remainder(q - self.low, period)
-        # Over a full cycle the end counts as the start.
+        # Over a full cycle, the end is the same configuration as the start, and counts as
+        # it.
         if self.is_full_cycle and wrapped > self.high - SAME_PROVEN_INPUT_RAD:
             wrapped -= period
-        # An input just below `low`, by rounding, was moved to the other end of the cycle.
-        # The second candidate moves it back.
+        # By rounding, an input just below `low` is shifted to the end of the cycle. The
+        # second candidate is one cycle lower.
         for candidate in (wrapped, wrapped - period):
             if (
                 self.low - SAME_PROVEN_INPUT_RAD
@@ -383,14 +392,13 @@ class CertifiedCurves:
 
     @cached_property
     def input_paths(self) -> list[Floats]:
-        """For each chain the input's variable (rad) at some points along it, in order.
+        """For each configuration curve the input's variable (rad) at points along it.
 
-        A chain is a configuration curve as a row of pieces: boxes with one arc of the curve
-        each. A saddle is a place where curves cross or nearly do, and its arms are the four
-        branches of curves that leave it. The variable is listed at the centres of pieces,
-        at all stationary points, and at the saddles on whose arms the chain begins and
-        ends. Between these it is monotonic. Its whole turns are counted. Chains along which
-        the input is constant are left out.
+        Between the listed points the variable is monotonic, so modes can be counted from
+        them. A curve is a chain of pieces (boxes with one arc each). The points are the
+        centres of pieces, all stationary points, and the saddles at the ends of the chain.
+        A saddle is a place where curves cross or nearly do. Whole turns of the variable are
+        counted. Curves along which the input is constant are left out.
         """
         paths = []
         for chain, points, arms, is_constant in zip(
@@ -409,9 +417,8 @@ class CertifiedCurves:
             if last_arm is not None:
                 positions.append(self._saddle_centre(last_arm))
             variable = np.array(positions)[:, self.input_variable]
-            # The boxes are much shorter than half a turn. The shortest differences from
-            # point to point are therefore the changes of the variable. Their sum counts
-            # whole turns.
+            # Neighbouring points differ by much less than half a turn. So `wrap` gives the
+            # true changes, and their sum includes whole turns.
             changes = wrap(np.diff(variable))
             paths.append(np.cumsum([variable[0], *changes]))
         return paths
@@ -423,13 +430,13 @@ class CertifiedCurves:
 
     @cached_property
     def intervals(self) -> list[ModeInterval]:
-        """The parts of the range, each with its number of assembly modes.
+        """The parts of the range of the input, each with its number of assembly modes.
 
-        The range is cut where this number may change: at turning points of the input, at
-        crossings of curves, at inputs with whole curves of configurations, and at the ends
-        of undecided parts. Undecided parts are left out. Each mode in an interval is a
-        point of a curve, and a curve is represented by a chain of arcs. The list is empty
-        if two chains may belong to one curve, so that modes would be counted twice.
+        An assembly mode is one way to assemble the mechanism at an input, that is a point
+        of a configuration curve. The range is cut where the number can change: at turning
+        points of the input, at crossings of curves, at inputs with whole curves, and at the
+        ends of undecided parts. Undecided parts are left out. The list is empty if one
+        curve may have been found twice, because its modes would be counted twice.
         """
         if OVERLAPPING in self.problems:
             return []
@@ -444,7 +451,7 @@ class CertifiedCurves:
     def _find_cuts(self) -> list[float]:
         """Return the inputs (rad) at which the number of modes may change, in order.
 
-        Inputs at the ends of the range are left out.
+        Those at the ends of the range are left out.
         """
         undecided_ends = [end for part in self.undecided_ranges for end in part]
         inputs = (
@@ -485,20 +492,19 @@ class CertifiedCurves:
 
     @cached_property
     def completeness(self) -> Completeness:
-        """What is guaranteed, and on which facts the guarantee is based.
+        """What is guaranteed about the configuration curves, and why.
 
-        A chain is a curve of configurations that was found. It consists of pieces: boxes
-        that contain exactly one arc of the curve each. There are three levels:
+        A curve that was found is a chain of pieces: boxes that contain exactly one arc of
+        the curve each. There are three levels:
 
-        - `TO_BOX`: parts of the range are undecided. Curves may be missing there, but only
-          if they are smaller than the widest of these parts.
-        - `COMPONENT`: no part is undecided, but the search reported problems with chains.
-          Other curves may be missing. The first problem is stated.
+        - `TO_BOX`: parts of the range are undecided. A missing curve must be smaller than
+          the widest of these parts.
+        - `COMPONENT`: no part is undecided, but the search reported a problem, which is
+          stated. Whole curves may be missing.
         - `CERTIFIED`: nothing is missing.
 
-        If two chains may be parts of one curve (problem `OVERLAPPING`), the numbers of
-        assembly modes are not stated anywhere in the result. The reason at the first two
-        levels says so.
+        If one curve may have been found twice (problem `OVERLAPPING`), assembly modes are
+        not counted. The first two levels mention this.
         """
         # `saddles` are places where curves cross or nearly do.
         piece_count = sum(len(chain.pieces) for chain in self.chains)
@@ -524,20 +530,20 @@ class CertifiedCurves:
 
 
 def _list_positions(chain: Chain, points: StationaryPoints) -> list[Floats]:
-    """Return the centres of the pieces of a chain and its stationary points, in order.
+    """Return the centres of the pieces of a chain, and its stationary points, in order.
 
-    Each piece of the chain is a box with one arc of a configuration curve.
+    A chain is a configuration curve as a row of pieces, boxes with one arc each.
 
     Parameters
     ----------
     chain
-        The chain. If it is closed, its first centre is also the last position.
+        The chain. If it is closed, the first centre is repeated as the last position.
     points
         Configurations in which a variable is stationary, proven or undecided.
 
     Returns
     -------
-    (v,) positions (rad) along the curve.
+    Positions (v,) rad of all variables, in the order along the curve.
     """
     all_points = (*points.proven, *points.undecided)
     positions: list[Floats] = []
@@ -546,7 +552,7 @@ def _list_positions(chain: Chain, points: StationaryPoints) -> list[Floats]:
         stationary_positions = [
             point.position for point in all_points if point.piece == number
         ]
-        # The first coordinate of a piece is that along its arc.
+        # The first coordinate of a piece is the position along its arc.
         stationary_positions.sort(key=lambda position: piece.coordinates(position)[0])
         positions += [piece.centre, *stationary_positions]
     last_piece = chain.pieces[0] if chain.closed else chain.pieces[-1]
@@ -559,28 +565,30 @@ def _bound_saddle_doubt(
 ) -> float:
     """Return the distance from a saddle up to which a variable may be stationary.
 
+    Within this distance the numbers of assembly modes are not certain.
+
     Parameters
     ----------
     saddle
         A place where two curves of configurations cross or narrowly miss each other.
     quadrants
-        The arms, branches of curves that leave the saddle, on which the variable is not
-        constant.
+        The arms on which the variable is not constant. The four arms of a saddle are the
+        branches of curves that leave it.
     variable
         Number of the variable.
 
     Returns
     -------
-    The largest change (rad) of the variable from the centre of the saddle, 0 if it is not
-    stationary near the saddle.
+    The largest change (rad) of the variable from the centre of the saddle. It is 0 if the
+    variable is not stationary near the saddle.
     """
     distance = 0.0
-    # The level sign is 0 if the curves are proven to cross. They do not bend then.
+    # A level sign of 0 means that the curves are proven to cross, so they do not bend.
     is_proven_crossing = saddle.level_sign == 0
     if not (is_proven_crossing or saddle.is_monotonic[variable]):
         distance = max(distance, saddle.central_zone[variable])
     for quadrant in quadrants:
-        # An outward sign of 0 means that the sign of the rate is not proven on the arm.
+        # An outward sign is that of the rate along the arm; 0 means that it is not proven.
         has_proven_rate = saddle.outward_signs[quadrant][variable] != 0
         if not has_proven_rate:
             largest_change_on_arm = saddle.reach[quadrant][variable]
@@ -681,14 +689,14 @@ def certify_curves(
 
 @dataclass(frozen=True)
 class _InputVariableRange:
-    """The range of the input's variable, in which curves are searched.
+    """The range of the input's variable in which configuration curves are searched.
 
     Attributes
     ----------
     start, end
         Ends of the variable (rad).
     is_full_cycle
-        Whether both ends are exactly one turn apart.
+        Whether the ends are exactly one turn apart, so that the range has no ends.
     """
 
     start: float
@@ -696,11 +704,11 @@ class _InputVariableRange:
     is_full_cycle: bool
 
     def side(self, variable: float, margin: float) -> int:
-        """Return on which side of the range the input's variable (rad) is.
+        """Return on which side of the range a value (rad) of the input's variable is.
 
-        It is 1 above the range by more than the margin (rad), -1 below it by more than the
-        margin, else 0. Curves are followed a little beyond the range, by such a margin. A
-        full cycle has no ends, so that every variable is in it.
+        It is 1 if the value is above the range by more than the margin (rad), -1 if it is
+        below by more, otherwise 0. With a margin, curves are followed a little beyond the
+        range.
         """
         if self.is_full_cycle:
             return 0
@@ -711,16 +719,16 @@ class _InputVariableRange:
 
 @dataclass(frozen=True)
 class _CurveSearchResult:
-    """What a search of the whole range has found.
+    """What a search for configuration curves over the whole range has found.
 
     Attributes
     ----------
     search
-        The search with all curves.
+        The search, which has all curves.
     box_count
         Number of boxes that were examined.
     undecided_boxes
-        Boxes that may contain other configurations.
+        Boxes of configuration space that may contain configurations not on these curves.
     """
 
     search: CurveSearch
@@ -731,11 +739,11 @@ class _CurveSearchResult:
 def _search_curves(
     equations: ArcEquations, low: Ball, high: Ball, is_full_cycle: bool
 ) -> _CurveSearchResult:
-    """Search the whole range for curves of configurations.
+    """Search the whole range of the input for curves of configurations.
 
     The space of all variables is divided into boxes. If a box is not proven to be empty, a
-    configuration near it is searched, and the curve through this configuration is followed.
-    Boxes that are covered by known curves need no further division.
+    configuration near it is searched, and the curve through it is followed. Boxes inside
+    the boxes of known curves are done.
 
     Parameters
     ----------
@@ -749,10 +757,9 @@ def _search_curves(
     unknown_count = equations.unknown_count
     turn = 2 * pi_ball()
     input_width = turn if is_full_cycle else high - low
-    # The box that is divided: a full turn of each unknown angle, and the range of the
-    # input. Mechanisms of simple sizes often have configurations at angles such as 0 or 90
-    # deg. The turn begins at another angle (-2.4 rad), so that none of these configurations
-    # is on the common side of two boxes, where it could not be assigned to one of them.
+    # The box to divide: a full turn of each unknown angle, and the range of the input.
+    # Configurations at simple angles such as 0 or 90 deg are frequent. The turn begins at
+    # -2.4 rad, so that they are not on the common side of two boxes.
     ranges = VariableRanges(
         low=[*[exact_ball(FIRST_ANGLE_RAD)] * unknown_count, low],
         width=[*[turn] * unknown_count, input_width],
@@ -760,8 +767,8 @@ def _search_curves(
 
     input_range = _InputVariableRange(centre_float(low), centre_float(high), is_full_cycle)
     search = CurveSearch(equations, input_range.side)
-    # `pave` divides the box. It asks the search which parts are covered by known curves. It
-    # passes each new configuration to the search, which follows the curve through it.
+    # `pave` divides the box. It calls `covers` to find out which boxes known curves cover,
+    # and `add_configuration` for each new configuration, whose curve is then followed.
     box_count, undecided_boxes = pave(
         equations,
         ranges,
@@ -769,5 +776,5 @@ def _search_curves(
         add_configuration=search.add_configuration,
         max_boxes=MAX_CURVE_BOXES,
     )
-    # Boxes are also decided if they are in the box of a place where curves cross.
+    # Boxes near places where curves cross are decided now.
     return _CurveSearchResult(search, box_count, search.resolve_undecided(undecided_boxes))

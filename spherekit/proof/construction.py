@@ -55,11 +55,11 @@ more gear trains are refused.
 
 @dataclass(frozen=True)
 class PlacementStep:
-    """One link and how it is placed relative to links that are placed before it.
+    """One link, and how it is placed relative to links that are placed before it.
 
-    A link that is joined to one such link rotates about the axis of their pair by the angle
-    of the pair. A link that is joined to two such links is put on the axes of both pairs.
-    Links and pairs are given by their numbers in the structure.
+    A proof places the links one by one. If one pair (joint) joins the link to a placed one,
+    it rotates about the axis of this pair. If two pairs join it to placed links, it is put
+    on both axes. Links and pairs are numbered as in the structure.
 
     Attributes
     ----------
@@ -68,14 +68,14 @@ class PlacementStep:
     parents
         One or two links that are placed before.
     pairs
-        For each parent the pair that joins the link to it.
+        For each parent the pair that joins the link to it, in the same order.
     variable
-        For a link with one parent: number of the variable that gives the angle of its pair.
-        The value -1 marks a link with two parents, which needs no angle.
+        Number of the variable that gives the angle of the pair, for a link with one parent.
+        -1 for a link with two parents, which needs no angle.
     angle_factor
-        Quotient of the pair angle and the variable, a whole number. It differs from 1 only
-        in mechanisms with toothed wheels. The angles of the wheels and of the input are
-        then whole multiples of one shared variable.
+        Pair angle divided by the variable, a whole number. It is 1 except in mechanisms
+        with toothed wheels. There the angles of the input and of the wheels are multiples
+        of one variable.
     """
 
     link: int
@@ -88,24 +88,24 @@ class PlacementStep:
     def has_two_parents(self) -> bool:
         """Whether the link is a closing link, which is put on the axes of two pairs.
 
-        It gives one equation: the arc between the axes is that of the link.
+        It gives one equation: the arc between both axes is that of the link.
         """
         return len(self.pairs) == 2
 
 
 @dataclass(frozen=True)
 class LinkPlacement:
-    """The reference of a link, and the degrees of the link's orientation relative to it.
+    """The link relative to which a link is oriented, and the degrees of its orientation.
 
-    The entries of the relative rotation matrix are trigonometric polynomials in the
-    variables, which are pair angles. Degree m in an angle means powers up to
-    cos(m angle) and sin(m angle).
+    The orientation is a rotation matrix of trigonometric polynomials in the pair angles.
+    Degree m in an angle means terms up to cos(m angle) and sin(m angle). The degrees limit
+    the number of solutions of the equations.
 
     Attributes
     ----------
     reference
-        Number of the link relative to which this link is placed. The root, which is placed
-        first, is its own reference.
+        Number of the link relative to which this link is oriented. The root, which is
+        placed first, is its own reference.
     degrees
         (variables,) degree of the relative orientation in each variable.
     """
@@ -118,19 +118,17 @@ class LinkPlacement:
 class ParentPaths:
     """The two paths of links that form a loop together with a closing link.
 
-    A closing link is put on the axes of two pairs. These pairs join it to two links placed
-    before, its parents. To write its equation, both axes are needed in the axes of the same
-    link. The orientation of each link is known relative to another one, its reference link.
-    So a path leads from each parent to its reference link, from there to the reference of
-    that link, and so on, to the first link that both paths have in common. Links are given
-    by their numbers.
+    A closing link is put on the axes of two pairs (joints). These belong to two links
+    placed before, its parents. Its equation needs both axes in the axes of one link. The
+    orientation of each link is known relative to its reference link. So a path leads from
+    each parent to its reference link, then to the reference of that, until both paths meet.
 
     Attributes
     ----------
     shared_link
-        The first link that both paths have in common.
+        Number of the first link that both paths have in common.
     first, second
-        The links of each path: the parent first, the shared link left out.
+        Numbers of the links of each path, from the parent on, without the shared link.
     """
 
     shared_link: int
@@ -242,19 +240,18 @@ class Construction:
     def equation_systems(self) -> list[tuple[list[int], list[int]]]:
         """The smallest systems of equations that can be solved one after the other.
 
-        Each system is a pair of lists of equal length: the numbers of its equations, and
-        the numbers of the unknowns for which it is solved. All further unknowns in these
-        equations have been solved by the systems before it.
+        Solving them separately is faster than solving all equations at once. Each system
+        has the numbers of its equations, and the numbers of as many unknowns. Other
+        unknowns in these equations follow from the systems before it.
         """
-        # Entry (equation, unknown): whether the equation contains the unknown, and no
-        # earlier system has solved for it.
+        # (equations, unknowns) whether an equation contains an unknown of no system so far.
         has_unknown = self.degrees[:, : self.unknown_count] > 0
         open_equations = list(range(len(has_unknown)))
         systems = []
         while open_equations:
             equations, unknowns = _find_smallest_system(has_unknown, open_equations)
             systems.append((equations, unknowns))
-            # These unknowns are given in the systems that follow.
+            # Later systems take these unknowns as given.
             has_unknown[:, unknowns] = False
             open_equations = [row for row in open_equations if row not in equations]
         return systems
@@ -265,14 +262,16 @@ def _find_smallest_system(
 ) -> tuple[list[int], list[int]]:
     """Return the smallest set of equations that contains as many unknowns as equations.
 
+    Such a set can be solved on its own.
+
     Parameters
     ----------
     has_unknown
-        (equations, unknowns) whether an equation contains an unknown that is not solved
-        yet.
+        (equations, unknowns) whether an equation contains an unknown that is not yet
+        solved.
     open_equations
-        Numbers of the equations that belong to no system yet. All of them together must
-        contain as many unsolved unknowns as there are equations.
+        Numbers of the equations that are not in a system yet. Together they contain as many
+        unsolved unknowns as there are equations.
 
     Returns
     -------
@@ -292,22 +291,21 @@ def _place_on_two_axes(
 ) -> LinkPlacement:
     """Return the degrees of the orientation of a link that is put on two axes U and W.
 
-    Only degrees in the variables are computed, and no orientation. Each axis is fixed in
-    one of two parents, which are links placed before. The orientation of the link is
-    U a^T + W b^T + (U x W) n^T, with constant vectors a, b and n. The degrees of a product
-    are the sums of those of its factors. The product U x W therefore has the degrees of U
-    plus those of W, and no other term has more.
+    The degrees limit the number of solutions of the equations. U and W are the axes of two
+    pairs (joints) in links placed before, the parents. The orientation of the link is U a^T
+    + W b^T + (U x W) n^T, with constant vectors a, b and n. Degrees of products add up. So
+    U x W has the degrees of U plus those of W, and no other term has more.
 
     Parameters
     ----------
     placements
-        The links that are placed before.
+        The references and degrees of the links that are placed before, by number.
     step
-        The step that places the closing link.
+        The step that puts the link on two axes.
     """
-    # U and W are expressed in the axes of the first link that the paths of both parents
-    # share. An axis is then the product of the orientations of the links on its path, up to
-    # this link, and of a constant vector.
+    # The paths lead from the parents to a common link, in which U and W are expressed. An
+    # axis is a constant vector, multiplied by the orientations of the links on its path. So
+    # the degrees of these links add up.
     paths = _find_parent_paths(placements, *step.parents)
     reference = paths.shared_link
     no_degrees = np.zeros_like(placements[reference].degrees)
@@ -321,8 +319,8 @@ def _find_parent_paths(
 ) -> ParentPaths:
     """Return the paths of two links to the first link that both paths have in common.
 
-    A path leads from a link to its reference, from there to the reference of that link, and
-    so on to the root, which is its own reference.
+    A path leads from a link to its reference (the link relative to which it is oriented),
+    then to the reference of that, and so on to the root. The root is its own reference.
 
     Parameters
     ----------
@@ -351,12 +349,13 @@ def _find_parent_paths(
 def permanent(matrix: Indices) -> int:
     """Return the permanent of a square matrix.
 
-    It is the sum over all permutations of the products of one entry from each row.
+    It is the sum, over all permutations, of the products of one entry from each row and
+    column. It gives an upper bound of the number of solutions of equations.
 
-    The rows are taken one after another. For each set of columns that the rows so far can
-    use, the sum of their products is kept. The time grows as 2**n instead of n!.
+    The rows are taken one by one. For each set of columns that they can use, the sum of the
+    products is stored. The time grows as 2**n instead of n!.
     """
-    # The sums by sets of used columns. Bit k of a set is 1 if it has column k.
+    # Sums of products by the set of used columns. Bit k of the set is 1 if it has column k.
     sums = {0: 1}
     for row in matrix.tolist():
         extended_sums: dict[int, int] = defaultdict(int)
@@ -372,13 +371,13 @@ def permanent(matrix: Indices) -> int:
 def find_construction(
     structure: Structure, preferred_pairs: Collection[int] = ()
 ) -> Construction:
-    """Return the best order of placing the links, with its variables and equations.
+    """Return the best order of placing the links for a proof, with its equations.
 
-    Links are placed one after another. Each is joined to links placed before by one pair,
-    about whose axis it rotates, or by two pairs, on whose axes it is put. The second case
-    gives an equation. Each order has an upper bound (`mode_bound`) of the number of
-    isolated complex solutions of its equations. The best order has the largest number of
-    preferred pairs as variables. Among the orders with this number it has the lowest bound.
+    Each link is joined to links placed before by one pair (joint), and rotates about its
+    axis. Or it is joined by two pairs and put on both axes, which gives an equation. The
+    equations of each order have at most `mode_bound` isolated complex solutions. The best
+    order has the most preferred pairs as variables, and among these orders the lowest
+    bound.
 
     Parameters
     ----------
@@ -391,8 +390,8 @@ def find_construction(
     Raises
     ------
     PlanError
-        If there is no such order, or if the structure has no loop. An order exists if the
-        mobility, computed from the numbers of links and pairs, equals the number of inputs.
+        If there is no order, or no closed loop. There is an order if the numbers of links
+        and pairs give as many degrees of freedom as there are inputs.
     """
     construction = _find_best_construction(
         PairGraph.from_structure(structure), preferred_pairs=frozenset(preferred_pairs)
@@ -413,10 +412,10 @@ def find_construction(
 
 @dataclass(frozen=True)
 class PairGraph:
-    """Which links the pairs of a mechanism join, and which pairs have given angles.
+    """Which links the pairs (joints) join, and which pairs have given angles.
 
-    It has neither names nor sizes. The best order of placing the links depends on nothing
-    else, so it is computed once for all mechanisms with equal graphs.
+    Names and sizes are left out. So the best order of placing the links is computed once
+    for all mechanisms with equal graphs.
 
     Attributes
     ----------
@@ -425,8 +424,8 @@ class PairGraph:
     link_count, input_count
         Numbers of links and of inputs.
     given_pairs
-        The pairs with given angles: the inputs first, then the followers, whose angles
-        follow from the inputs through toothed wheels. All other angles are unknown.
+        Numbers of the pairs with given angles: the inputs, then the followers, which inputs
+        drive through toothed wheels. All other angles are unknown.
     """
 
     ends: tuple[tuple[int, int], ...]
@@ -447,13 +446,14 @@ class PairGraph:
     def find_bodies(self) -> list[int]:
         """Return for each link the number of the first link of its body.
 
-        Links that are joined by pairs with given angles form a body, which is rigid.
+        A body is a set of links joined by pairs with given angles; it is rigid at given
+        inputs.
         """
         given_ends = (self.ends[pair] for pair in self.given_pairs)
         return component_labels(self.link_count, given_ends)
 
     def find_joined_bodies(self, body_of_link: list[int]) -> dict[int, tuple[int, int]]:
-        """Return by pair with an unknown angle the two bodies that it joins.
+        """Return by number of each pair with an unknown angle the two bodies it joins.
 
         `body_of_link` is the result of `find_bodies`.
         """
@@ -488,16 +488,13 @@ PlacingOrder = tuple[BodyPlacement, ...]
 def _find_best_construction(
     graph: PairGraph, preferred_pairs: frozenset[int]
 ) -> Construction | None:
-    """Return the best order of placing the links, None if there is no order.
+    """Return the best order of placing the links for a proof, or None if there is none.
 
-    Links that are joined by pairs with given angles form a body, which is placed as one.
-    Constructions (orders of placing with their equations) are compared by three numbers.
-    Each of them decides only if those before it are equal. The best construction has
+    A construction is such an order with its variables and equations. The best one has
 
-    1. the largest number of preferred pairs as variables,
-    2. the lowest bound of complex modes, which is the largest possible number of isolated
-       complex solutions,
-    3. the smallest sum of the degrees of the equations.
+    1. the largest number of preferred pairs (joints) as variables,
+    2. among equal ones, the lowest bound of the number of isolated complex solutions,
+    3. among equal ones, the smallest sum of the degrees of the equations.
 
     Parameters
     ----------
@@ -528,18 +525,18 @@ def has_construction(structure: Structure) -> bool:
 
 
 def _find_constructions(graph: PairGraph) -> Iterator[Construction]:
-    """Yield the orders of placing the links whose equations can be solved.
+    """Yield orders of placing the links for a proof, with their variables and equations.
 
-    A construction is such an order with its variables and equations. Links that are joined
-    by pairs with given angles form a rigid body, so bodies are placed, and then the links
-    of each body. At most `MAX_COMPARED_ORDERS` orders are tried.
+    Links that are joined by pairs (joints) with given angles form a rigid body. Bodies are
+    placed one by one, and in each body its links. Orders with unsolvable equations are left
+    out. At most `MAX_COMPARED_ORDERS` orders are tried.
     """
     body_of_link = graph.find_bodies()
     joined_bodies = graph.find_joined_bodies(body_of_link)
-    # A pair with an unknown angle that joins two links of one rigid body is locked.
+    # A pair with an unknown angle inside one rigid body would be locked: there is no order.
     if any(first == second for first, second in joined_bodies.values()):
         return
-    # The root is the body that is placed first. The body of the first input is tried first.
+    # Any body can be placed first (root). The body of the first input is tried first.
     first_input = graph.given_pairs[0]
     first_link_of_input, _ = graph.ends[first_input]
     input_body = body_of_link[first_link_of_input]
@@ -553,9 +550,8 @@ def _find_constructions(graph: PairGraph) -> Iterator[Construction]:
         construction = _make_construction(graph, body_of_link, root, order)
         if construction is None:
             continue
-        # `mode_bound` is the largest possible number of isolated complex solutions of the
-        # equations. It is 0 if some equations together contain fewer unknowns than there
-        # are equations, so that they cannot be solved.
+        # The bound of the number of solutions is 0 if some equations contain fewer unknowns
+        # than there are equations. Such equations cannot be solved.
         can_be_solved = construction.mode_bound > 0
         if can_be_solved:
             yield construction
@@ -566,13 +562,13 @@ def placing_orders(
 ) -> Iterator[PlacingOrder]:
     """Yield all orders in which one or two pairs join each body to bodies before it.
 
-    The search runs backwards. It removes a body that one or two pairs join to the other
-    bodies, then another one, until only the root remains. The order of placing is the
-    reverse. For example, four bodies 0, 1, 2 and 3 in a ring with the root 0 can be removed
-    in the sequence 2 (joined to 1 and 3), 1 (joined to 0), 3 (joined to 0).
+    Proofs place rigid bodies in such an order. The search runs backwards: it removes a body
+    that one or two pairs join to the rest, then another one, until only the root remains.
+    Placing is the reverse. Example: bodies 0, 1, 2, 3 in a ring with the root 0. They can
+    be removed in the sequence 2 (joined to 1 and 3), 1 (joined to 0), 3 (joined to 0).
 
-    Two orders that place every body by the same pairs are equivalent, such as that with 3
-    before 1 in the example. Only one of them is yielded.
+    Orders that place every body by the same pairs are equivalent, for example with 3
+    removed before 1. Only one of them is yielded.
 
     Parameters
     ----------
@@ -583,25 +579,23 @@ def placing_orders(
     root
         The body that is placed first.
     """
-    # Sets of removed bodies with their pairs that the search has reached.
+    # Sets of removed bodies, with their pairs, at which the search has been.
     reached_placements: set[frozenset[BodyPlacement]] = set()
 
     def remove_bodies(
         remaining: frozenset[int], order: PlacingOrder
     ) -> Iterator[PlacingOrder]:
-        """Yield the complete orders that end with a given partial order.
+        """Yield the complete orders that end with a given part of an order.
 
         Parameters
         ----------
         remaining
             The bodies that are still to be removed, and the root.
-        order
-            The bodies removed so far with their pairs; the body that was removed last comes
-            first. Placing is the reverse of removing, so these bodies are placed last.
+        The bodies removed so far, with their pairs. They are placed last, so the body that
+        was removed last is at the front.
         """
-        # The sequence of removal has no influence on which bodies can still be removed. If
-        # the same bodies were removed before, by the same pairs but in another sequence,
-        # there is no new order.
+        # The same bodies may have been removed by the same pairs in another sequence. What
+        # can follow is then the same, so there is no new order.
         placements = frozenset(order)
         if placements in reached_placements:
             return
@@ -620,15 +614,15 @@ def _list_removable_bodies(
 ) -> list[BodyPlacement]:
     """Return the bodies that one or two pairs join to the other remaining bodies.
 
-    A body is placed by rotation about one pair axis, or by putting it on two. It has no
-    freedom to be put on a third one.
+    Such a body can be placed after all others: by rotation about one pair axis, or by
+    putting it on two axes. Three axes would be too many.
 
     Parameters
     ----------
     joined_bodies
         For each pair the two bodies that it joins.
     remaining
-        The bodies among which pairs are counted.
+        The bodies that are not removed yet.
     root
         The body that is placed first, which is never removed.
     """

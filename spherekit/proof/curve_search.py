@@ -45,24 +45,23 @@ configuration at the end of the range counts.
 
 @dataclass(frozen=True)
 class ArmUse:
-    """One arm of a saddle, and the number of chains that end on it.
+    """One arm of a saddle, and the number of curves that end on it.
 
     A saddle is a place where two configuration curves cross, or narrowly miss each other.
-    Four branches of curves leave it, its arms. A chain is a curve as a row of certified
-    arcs.
+    Four branches of curves, its arms, leave it. A search is complete if exactly one known
+    curve ends on each arm. A known curve is a chain, a row of certified arcs.
 
     Attributes
     ----------
     saddle
         The saddle that the arm leaves.
     quadrant
-        Which of the four arms it is. The saddle has two coordinates u and v, and each arm
-        is in one quadrant of the plane (u, v). The quadrant is the pair of signs of u and v
-        on the arm, such as (1, -1).
+        Which of the four arms it is. The saddle has coordinates u and v; the quadrant is
+        the pair of signs of u and v on the arm, such as (1, -1).
     chain_ends
         Number of ends of chains on the arm; there should be one.
     input_sign
-        Sign of the rate of the input along the arm, away from the saddle; 0 if not proven.
+        Sign of the rate of the input along the arm away from the saddle; 0 if not proven.
     """
 
     saddle: Saddle
@@ -71,10 +70,11 @@ class ArmUse:
     input_sign: int
 
     def leads_out(self, side: int) -> bool:
-        """Return whether the arm leads farther out of the range of the input on a side.
+        """Return whether the arm leads farther away from the range of the input.
 
-        The side is 1 above the range, where the input must grow along the arm, and -1 below
-        it, where the input must decrease. On the side 0, within the range, no arm does.
+        `side` says where the arm is: 1 above the range, -1 below it, 0 within it. Above the
+        range the input must grow along the arm, below it the input must decrease. Within it
+        the result is False.
         """
         return self.input_sign * side > 0
 
@@ -111,9 +111,9 @@ class CurveSearch:
     def _set_chains(self, chains: list[Chain]) -> None:
         """Replace the chains, and store the boxes of their arcs in arrays.
 
-        A chain is a curve as a row of arcs (pieces), each alone in an oriented box. Later
-        tests ask which configurations or boxes are inside the box of an arc. They use the
-        arrays, and a search tree of the centres of the boxes.
+        A chain is a configuration curve as a row of arcs (pieces), each alone in an
+        oriented box. The arrays, and a search tree of the centres, speed up later tests of
+        what is inside the boxes.
         """
         self.chains = chains
         pieces = [piece for chain in chains for piece in chain.pieces]
@@ -125,19 +125,18 @@ class CurveSearch:
         if pieces:
             from scipy.spatial import cKDTree
 
-            # A tree cannot be made without boxes, and `covers` needs none then. Angles that
-            # differ by a turn are the same.
+            # A tree needs at least one box; `covers` does not use it without boxes. With
+            # `boxsize`, angles that differ by a whole turn are the same.
             periods = np.full(count, TURN)
             self._tree = cKDTree(_within_one_turn(self._centres), boxsize=periods)
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes (n,) are surely inside the box of a known arc or saddle.
 
-        All configurations in such a box are on known curves, so it need not be searched.
-        Each known arc has an oriented box, with sides along its tangent and normals. This
-        box is proven to contain no other configurations. Saddles, places where curves cross
-        or nearly do, have oriented boxes too. Only the arcs with the nearest centres are
-        tried, so a box inside the box of a farther arc may be overlooked.
+        All configurations in such a box are on known curves, so it need not be searched. A
+        known arc is alone in an oriented box, with sides along its tangent and normals. A
+        saddle (place where curves cross or nearly do) has an oriented box, too. Only arcs
+        with the nearest centres are tried, so some boxes may not be recognised.
 
         Parameters
         ----------
@@ -148,8 +147,8 @@ class CurveSearch:
         tried_count = min(TRIED_NEIGHBOURS, len(self._centres))
         if not tried_count:
             return is_covered
-        # Boxes that are larger than the box of every arc are not tried. `_limits` are the
-        # half lengths of the boxes of arcs.
+        # A box that is larger than all boxes of arcs cannot be inside one of them.
+        # `_limits` has the half lengths of the boxes of arcs.
         can_fit = np.max(radii, axis=1) < np.max(self._limits)
         rows = np.flatnonzero(~is_covered & can_fit)
         is_inside_arc = self._are_inside_near_arcs(centres[rows], radii[rows], tried_count)
@@ -161,6 +160,8 @@ class CurveSearch:
     ) -> Bools:
         """Return which boxes (n,) are surely inside the box of one of the nearest arcs.
 
+        A known arc of a configuration curve is alone in an oriented box.
+
         Parameters
         ----------
         centres, radii
@@ -168,35 +169,36 @@ class CurveSearch:
         tried_count
             Number of arcs with the nearest centres that are tried.
         """
-        # (n, tried arcs) the numbers of the arcs, the nearest first. The search tree
-        # accepts only angles from 0 to 2 pi. A range of ranks keeps the axis of the arcs
-        # also if there is only one.
+        # (n, tried arcs) numbers of the arcs, the nearest first. The tree accepts only
+        # angles from 0 to 2 pi. With a range for `k` the second axis exists also for one
+        # arc.
         _, arcs = self._tree.query(_within_one_turn(centres), k=range(1, tried_count + 1))
-        # The half width of a box along a direction is the sum over the variables of its
-        # half widths times the magnitudes of the direction's components. The directions are
-        # the sides of the box of an arc: n boxes, k arcs, v variables, w sides.
+        # Half width of each box along the sides of the box of an arc: the sum of its half
+        # widths, times the magnitudes of the components of the side. Letters: n boxes, k
+        # arcs, v variables, w sides.
         half_widths = np.einsum("nv,nkvw->nkw", radii, np.abs(self._frames[arcs]))
-        # They are enlarged by bounds of the rounding errors of this sum and of coordinates,
-        # so that a box outside cannot count as inside.
+        # Add bounds of rounding errors, so that no box outside counts as inside.
         reach = half_widths * ROUND_UP + COORDINATE_ROUNDING_RAD
         return np.any(self._are_inside(arcs, centres[:, None], reach), axis=1)
 
     def _are_inside(self, pieces: Any, positions: Floats, reach: Floats | float) -> Bools:
-        """Return whether positions (..., v) with a reach are inside the boxes of arcs.
+        """Return whether positions (..., v) are inside the oriented boxes of arcs.
 
-        The box of an arc is oriented along its tangent and normals, the frame.
+        A known arc of a configuration curve is alone in a box along its tangent and
+        normals.
 
         Parameters
         ----------
         pieces
-            Numbers (...) of the arcs, or a mask or slice that chooses arcs.
+            Numbers (...) of the arcs, or a mask or slice that selects arcs.
         positions
             (..., v) positions (rad).
         reach
-            Distance (rad) by which a position must be inside, along each frame direction.
-            A negative reach also accepts positions outside by this distance.
+            Distance (rad) from the sides by which a position must at least be inside. If it
+            is negative, positions may be outside by this distance.
         """
         offsets = wrap(positions - self._centres[pieces])
+        # Coordinates along the sides of each box, from its centre.
         coordinates = np.abs(np.einsum("...v,...vw->...w", offsets, self._frames[pieces]))
         return np.all(coordinates + reach <= self._limits[pieces], axis=-1)
 
@@ -217,14 +219,13 @@ class CurveSearch:
     def resolve_undecided(self, undecided: BoxSet) -> BoxSet:
         """Search saddles in undecided boxes, and return the boxes outside all saddles.
 
-        A saddle is a place where curves cross or narrowly miss each other. Near it a curve
-        cannot be followed, so the boxes there stay undecided: they are neither proven to
-        contain no configurations, nor inside the box of a known curve.
+        A saddle is a place where configuration curves cross or narrowly miss each other. A
+        curve cannot be followed there, so boxes near it stay undecided: they are not proven
+        to be empty, nor inside the box of a known curve.
 
-        A chain is a known curve as a row of certified arcs. Chains that pass a new saddle
-        are divided there. Four branches of curves leave a saddle, its arms. At the end, a
-        chain is added for each short arm, which leaves the range of the input so near to
-        the saddle that no curve has been followed along it.
+        Known curves that pass a new saddle are divided there. Four branches of curves, the
+        arms, leave a saddle. Some arms leave the range of the input near the saddle, so no
+        curve was followed along them. A curve of one arc is added for each of these.
         """
         for _ in range(MAX_SADDLES):
             new_saddle = self._add_saddle_near(undecided.centres)
@@ -243,12 +244,12 @@ class CurveSearch:
     def _add_saddle_near(self, positions: Floats) -> Saddle | None:
         """Add the first saddle that is found near one of n positions, and return it.
 
-        A saddle is a place where curves cross or nearly do. Only a few of the positions
-        (n, v), in rad, are tried: those near the same saddle would find it again.
+        A saddle is a place where configuration curves cross or nearly do. Only some of the
+        positions (n, v), in rad, are tried, because neighbours lead to the same saddle.
 
         Returns
         -------
-        None if no new saddle is found.
+        The saddle, or None if no new one is found.
         """
         step = max(1, len(positions) // SEARCHED_BOXES)
         for position in positions[::step]:
@@ -257,31 +258,31 @@ class CurveSearch:
         return None
 
     def _add_curve(self, position: Floats) -> None:
-        """Add the curve through a configuration (v,), unless it is known already.
+        """Add the configuration curve through a configuration (v,), unless it is known.
 
-        A chain represents a curve by successive arcs. Each arc is in a box without other
-        configurations. The new curve may lead to saddles, places where curves cross or
-        nearly do. New saddles are added, and earlier chains through them are cut there.
+        A curve is stored as a chain of arcs, each in a box without other configurations.
+        The curve may lead to saddles, places where curves cross or nearly do. New saddles
+        are added, and chains through them are cut there.
         """
-        # The error of the position is 0 here, because only the point itself is tested.
+        # The point itself is tested, so the error is 0.
         if self._is_known(position, 0.0):
             return
         saddle_count = len(self.crossings.saddles)
-        # The arc about the configuration. Its tangent may point either way along the curve.
+        # The arc about the configuration; its direction along the curve does not matter.
         first = find_piece(
             self.equations, position, direction=None, longest=LONGEST_ARC_RAD
         )
         if first is None or self._is_known(first.centre, first.centre_error):
             return
-        # The curve is followed to the ends of the range of the input, or to arms of saddles
-        # (the four branches of curves that leave a saddle). `self.side` returns -1, 0
-        # or 1 if the input is below, in or above the range.
+        # Follow the curve until it closes, leaves the range of the input, or ends at a
+        # saddle. `self.side` says whether an input is below (-1), in (0) or above (1) the
+        # range.
         chain = find_chain(self.equations, first, self.side, self.crossings)
         if chain is not None:
             other_chains = self.chains
             if chain.closed:
-                # A closed chain is a whole curve. An earlier chain that could not be
-                # followed further may be a part of it, and is dropped.
+                # A closed chain is a whole curve. An earlier chain, which may have ended
+                # too early, can be a part of it and is dropped.
                 other_chains = [
                     earlier
                     for earlier in self.chains
@@ -295,10 +296,10 @@ class CurveSearch:
     def _cut_chains(self, saddles: Sequence[Saddle]) -> None:
         """Replace chains that pass new saddles by chains that end at these saddles.
 
-        A chain is a known curve, as a row of certified arcs (`pieces`). A saddle is a place
-        where curves cross or narrowly miss each other. It may divide a curve into several
-        parts. A chain that passes a saddle is therefore forgotten, and the parts of its
-        curve are followed again.
+        A chain is a known configuration curve, as a row of certified arcs. A saddle is a
+        place where curves cross or narrowly miss each other, so a curve has separate parts
+        on its sides. A chain that passes a saddle is removed, and its parts are followed
+        again.
         """
         untouched_chains: list[Chain] = []
         cut_chains: list[Chain] = []
@@ -312,17 +313,16 @@ class CurveSearch:
             self._follow_parts(chain)
 
     def _follow_parts(self, old_chain: Chain) -> None:
-        """Add the parts, between saddles, of a curve whose old chain has been forgotten.
+        """Add the parts, between saddles, of a curve that was removed.
 
-        A chain is a curve as a row of certified arcs. Near a saddle curves cross or nearly
-        do. Each part of the curve ends at a saddle or outside the range of the input, so a
-        part is followed from every arc of the old chain, unless the arc is on a part that
-        has been added already. If the curve could not be followed from an arc outside all
-        saddles, `has_lost_piece` is set.
+        A curve is a chain of certified arcs (pieces). A saddle is a place where curves
+        cross or nearly do, and each part ends at a saddle or outside the range of the
+        input. The parts are followed from the arcs of the old chain. If an arc is then
+        neither on a known curve nor near a saddle, `has_lost_piece` is set.
         """
         pieces = self._pieces_in_range(old_chain)
         for piece in pieces:
-            # This does nothing if a known chain or saddle contains the position.
+            # This does nothing if the arc is known already, or near a saddle.
             self._add_curve(piece.centre)
         self.has_lost_piece |= not all(
             self._is_known(piece.centre, piece.centre_error) for piece in pieces
@@ -349,30 +349,30 @@ class CurveSearch:
     def _has_overlapping_chains(self) -> bool:
         """Return whether two chains may have a configuration in common.
 
-        A chain is a curve as a row of certified arcs, each in a box without other
-        configurations. The centres of arcs that are in the range of the input are tested:
-        none may be in the box of an arc of another chain.
+        A chain is a configuration curve as a row of arcs (pieces), each in a box without
+        other configurations. If chains overlap, assembly modes would be counted twice. So
+        no centre of an arc in the range of the input may be in a box of another chain.
         """
         counts = [len(chain.pieces) for chain in self.chains]
         chain_of_piece = np.repeat(np.arange(len(counts)), counts)
         for number, chain in enumerate(self.chains):
             is_other = chain_of_piece != number
             for piece in self._pieces_in_range(chain):
-                # The centre is known up to an error. A negative reach also accepts centres
-                # that are outside of a box by this error.
+                # A negative reach also accepts positions outside a box by the error of the
+                # centre.
                 reach = -piece.centre_error - COORDINATE_ROUNDING_RAD
                 if np.any(self._are_inside(is_other, piece.centre, reach)):
                     return True
         return False
 
     def _list_arm_uses(self) -> list[ArmUse]:
-        """Return all arms of all saddles with the number of chains that end on them.
+        """Return all arms of all saddles, with the number of curves that end on each.
 
-        A saddle is a place where curves of configurations cross or nearly do. An arm is one
-        of the four branches of curves that leave it. A chain is a curve as a row of arcs;
-        exactly one chain should end on each arm.
+        A saddle is a place where configuration curves cross or nearly do. An arm is one of
+        the four branches of curves that leave it. Exactly one known curve (chain of arcs)
+        should end on each arm.
         """
-        # By arm, which is given by the number of its saddle and its quadrant.
+        # By number of the saddle and quadrant of the arm: how many chains end there.
         end_counts = Counter(
             arm
             for chain in self.chains
@@ -380,7 +380,7 @@ class CurveSearch:
         )
         uses = []
         for number, saddle in enumerate(self.crossings.saddles):
-            # The order is fixed, so that chains that are added for arms are repeatable.
+            # A fixed order gives the same result in each run.
             for quadrant in sorted(saddle.outward_signs, reverse=True):
                 signs_of_rates = saddle.outward_signs[quadrant]
                 use = ArmUse(
@@ -394,20 +394,18 @@ class CurveSearch:
         return uses
 
     def _has_unmatched_arm(self) -> bool:
-        """Return whether arms and ends of chains may fail to match one to one.
+        """Return whether known curves and arms of saddles may fail to match one to one.
 
-        A chain is a curve as a row of arcs. A saddle is a place where curves cross or
-        nearly do, and an arm is one of the four branches of curves that leave it. Exactly
-        one chain has to end on each arm. Only an arm that leads out of the range of the
-        input needs no chain. A chain that passes a saddle without ending there would stand
-        for two arms, and is not allowed either.
+        A saddle is a place where configuration curves cross or nearly do. An arm is one of
+        the four branches of curves that leave it. Exactly one known curve (chain of arcs)
+        must end on each arm. Only an arm that leads out of the range of the input needs
+        none. No curve may pass through a saddle, since it would use two arms.
         """
         if any(self._touches_saddle_inside(chain) for chain in self.chains):
             return True
         for use in self._list_arm_uses():
-            # The input is the last variable. The saddle is above the range of the input
-            # (side 1), below (-1) or within (0). Less than `OUTSIDE_RANGE_RAD` inside an
-            # end counts as outside.
+            # `side` is 1 if the saddle is above the range of the input, -1 below, 0 within.
+            # A saddle within by less than `OUTSIDE_RANGE_RAD` counts as outside.
             saddle_input = use.saddle.centre[-1]
             side = self.side(saddle_input, -OUTSIDE_RANGE_RAD)
             lacks_chain = use.chain_ends == 0 and not use.leads_out(side)
@@ -431,17 +429,16 @@ class CurveSearch:
                 self._set_chains([*self.chains, chain])
 
     def _find_chain_outside_range(self, use: ArmUse) -> Chain | None:
-        """Return the chain of one arc on an arm, if the arm has left the range there.
+        """Return a curve of one arc for an arm that leaves the range near its saddle.
 
-        An arm is a branch of a curve that leaves a saddle. The arc is near the border of
-        the box of the saddle. The result is None if no arc is proven there, if the arc is
-        in the range of the input, or if the arm may lead back to the range.
+        An arm is one of the four branches of curves that leave a saddle. The arc is near
+        the border of the box of the saddle. The result is None if no arc is proven, if it
+        is in the range of the input, or if the arm may lead back to the range.
         """
         piece = self._find_piece_on_arm(use)
         if piece is None:
             return None
-        # 1 if the arc is above the range, -1 below, 0 within. The input is the last
-        # variable.
+        # 1 if the arc is above the range of the input, -1 below, 0 within.
         side_of_range = self.side(piece.centre[-1], 0.0)
         if not use.leads_out(side_of_range):
             return None
@@ -450,8 +447,9 @@ class CurveSearch:
     def _find_piece_on_arm(self, use: ArmUse) -> CertifiedArc | None:
         """Return a certified arc on an arm, near the border of the box of its saddle.
 
-        The result is None if no arc is proven there, or if it is not proven to be on this
-        arm.
+        A saddle is a place where configuration curves cross or nearly do. An arm is one of
+        the four branches that leave it. The result is None if no arc is proven there, or if
+        it may not be on this arm.
         """
         saddle = use.saddle
         position = correct_configuration(
@@ -468,21 +466,19 @@ class CurveSearch:
         return piece if quadrant == use.quadrant else None
 
     def _touches_saddle_inside(self, chain: Chain) -> bool:
-        """Return whether a chain may touch a saddle other than on the arms at its ends.
+        """Return whether a curve may touch a saddle other than on the arms at its ends.
 
-        A chain represents a curve by successive arcs. A saddle is a place where curves
-        cross or nearly do, and an arm is one of the four branches of curves that leave it.
-        A chain should begin and end on arms and must not pass through a saddle. Arcs at its
-        ends that are on the arm of this end are therefore allowed. Every other arc is
-        tested: none may be in the box of a saddle. If all arcs are on one arm, none is left
-        to test.
+        A saddle is a place where configuration curves cross or nearly do. An arm is one of
+        the four branches that leave it. A known curve, a chain of arcs, begins and ends on
+        arms and must not pass through a saddle. So the arcs at each end that are on the arm
+        there are allowed. All other arcs must be outside the boxes of saddles.
         """
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]
         first_arm, last_arm = self.crossings.chain_ends(pieces, chain.closed)
         first_count = _count_leading_arcs(arms, first_arm)
         last_count = _count_leading_arcs(arms[::-1], last_arm)
-        # Both counts overlap if all arcs are on one arm. The slice is then empty.
+        # If all arcs are on one arm, both counts include them, and no arc remains.
         inner_pieces = pieces[first_count : len(pieces) - last_count]
         return any(
             self.crossings.may_contain(piece.centre, piece.centre_error)
@@ -506,15 +502,15 @@ class CurveSearch:
 def _count_leading_arcs(arms: Sequence[Arm | None], end_arm: Arm | None) -> int:
     """Return how many arcs at one end of a chain are on the arm of this end.
 
-    An arm is one of the branches of curves that leave a saddle, a place where curves cross
-    or nearly do.
+    A chain is a configuration curve as a row of arcs. An arm is one of the branches of
+    curves that leave a saddle, a place where curves cross or nearly do.
 
     Parameters
     ----------
     arms
-        The arm of each arc of the chain, None for no arm, beginning at this end.
+        For each arc, from this end on, the arm that it is on, or None.
     end_arm
-        The arm on which the chain ends there, None for no arm.
+        The arm on which the chain ends here, or None.
     """
     if end_arm is None:
         return 0

@@ -38,29 +38,27 @@ PHASE_ERROR_RAD = 1e-13
 
 @dataclass(frozen=True)
 class CircleContact:
-    """Two circles that touch, each in the axes of its link.
+    """Two circles along which two links touch, each circle in the axes of its link.
 
-    A ball is a number with a bound of its error.
+    All numbers are balls: numbers with a bound of their error.
 
     Attributes
     ----------
     frames
-        For both circles (3, 3) with the rows: the directions of azimuth 0 and 90 degrees
-        about the centre, and the centre. The centre of a great circle is its pole.
+        For each circle (3, 3) with unit vectors as rows: the directions of azimuth 0 and 90
+        degrees about the centre, and the centre. The centre of a great circle is its pole.
     radii
         Angular radii (rad) of both circles.
     sines
-        Two numbers in the ratio of the sines of the radii, in which wheels roll. They are
-        the numbers of teeth if the file gives these, because their ratio is exact, and
-        otherwise the sines.
+        Two numbers in the ratio of the sines of the radii; wheels turn in this ratio. If
+        the file gives numbers of teeth, these are taken, since their ratio is exact.
     sense
-        1 if one circle is inside the other (internal contact), -1 if they are beside each
-        other (external contact).
+        1 if one circle is inside the other (internal contact), -1 if they are side by side
+        (external contact).
 
-        Wheels in internal contact roll in the same sense about their centres, and wheels in
-        external contact in opposite senses. The arc length that has rolled along the first
-        circle increases with the azimuth about its centre, and that along the second one
-        with its azimuth times this sign.
+        In internal contact, wheels roll in the same sense about their centres, otherwise in
+        opposite senses. So the rolled length grows with the azimuth on the first circle,
+        and with this sign times the azimuth on the second.
     """
 
     frames: Sequence[Frame]
@@ -76,23 +74,20 @@ class CircleContact:
     def contact_directions(
         self, first_centre: Vector, second_centre: Vector
     ) -> tuple[Vector, Vector]:
-        """Return the directions from the centres of two circles to their contact.
+        """Return the directions from the centres of two circles to their contact point.
 
-        They are unit tangents of the sphere at the centres. The contact is on the great
-        circle through both centres.
+        They are unit tangents of the sphere at the centres. The contact point is on the
+        great circle through both centres.
 
         Parameters
         ----------
         first_centre, second_centre
             (3,) unit vectors in any common axes, which are the axes of the result, too.
         """
-        # Both tangents are in the sense in which the great circle leads from the first
-        # centre to the contact. The points follow each other in this sense:
-        #   internal contact (sense 1):   first centre, second centre, contact, or
-        #                                 second centre, first centre, contact;
-        #   external contact (sense -1):  first centre, contact, second centre.
-        # The contact is ahead of the first centre. It is ahead of the second centre in
-        # internal contact, and behind it in external contact.
+        # `_great_circle_tangents` gives tangents in the sense from the first centre to the
+        # contact. Along this sense, the contact is ahead of the first centre. It is ahead
+        # of the second centre in internal contact (sense 1), and behind it in external
+        # contact (sense -1).
         tangent_at_first, tangent_at_second = _great_circle_tangents(
             first_centre, second_centre, self.centre_arc
         )
@@ -104,19 +99,19 @@ def _great_circle_tangents(
 ) -> tuple[Vector, Vector]:
     """Return the unit tangents of a great circle at two of its points.
 
+    All numbers are balls (numbers with a bound of their error).
+
     Parameters
     ----------
     first, second
         (3,) the points, as unit vectors.
     arc
-        Arc (rad) from the first point to the second. The tangents are in the sense in which
-        arcs are positive. If the arc is negative, they point from the second point towards
-        the first one.
+        Arc (rad) from the first point to the second. Both tangents point in the sense in
+        which this arc is positive.
     """
     sine, cosine = arc.sin_cos()
-    # At an arc x from the first point c is the point cos(x) c + sin(x) d, where d is the
-    # tangent at c. The second point, at x = `arc`, gives d. The tangent at x is the
-    # derivative -sin(x) c + cos(x) d.
+    # With c = `first` and its tangent d, the point at an arc x is cos(x) c + sin(x) d. The
+    # second point, at x = `arc`, gives d. The tangent there is -sin(x) c + cos(x) d.
     tangent_at_first = (second - cosine * first) / sine
     tangent_at_second = (cosine * second - first) / sine
     return tangent_at_first, tangent_at_second
@@ -190,24 +185,26 @@ class DecimalGeometry:
         return low, high
 
     def revolute_frames(self) -> Frames:
-        """Return the frames of the R pairs in their first and second links, by name.
+        """Return the frames of the revolute pairs in their first and second links, by name.
 
         A frame (3, 3) has three unit vectors in link axes as rows: the zero direction, from
-        which the pair angle is counted; the side, which is axis x zero direction; and the
-        axis of the pair. Components are balls, which are numbers with a bound of their
-        error. The file gives either all axes in one pose, or arcs and angles of the links.
+        which the pair angle is counted, the side (axis x zero direction), and the axis.
+        Components are balls, numbers with a bound of their error, around the decimal
+        numbers of the file. The file gives either all axes in one pose, or arcs and angles
+        of the links.
         """
         geometry = self.mechanism.geometry
-        # 1. Axes in one pose. The file also has the angles of the pairs in it, as "value".
+        # 1. The file gives the axes in one pose, and there the angles of the pairs as
+        #    "value".
         if isinstance(geometry, PoseGeometry):
             axes = {
                 name: self._axis_direction(self.pair_table(name)) for name in geometry.axes
             }
             return frames_from_pose(geometry, axes, self.pair_angles("value"))
 
-        # 2. By link the list of the arcs between its axes, and the list of the angles
-        # between these arcs. The "zero" of a pair is the angle between its links at which
-        # its variable is zero.
+        # 2. The file gives for each link the arcs between its axes, and the angles between
+        #    these arcs. "zero" of a pair is the angle between its links where its variable
+        #    is zero.
         sizes = {
             link: [
                 [self.angle_ball(number) for number in table.get(key, [])]
@@ -230,14 +227,14 @@ class DecimalGeometry:
     def circle_contact(self, contact: int) -> CircleContact:
         """Return the two touching circles of a contact pair of the file.
 
-        The file gives the circles as bevel gears (shafts with teeth or half angles) or as
-        profiles (centre and radius of each circle). All numbers are balls, which are
-        numbers with a bound of their error.
+        The file describes the circles as bevel gears (shafts, with teeth or half angles of
+        the cones), or as profiles (centre and radius of each). All numbers are balls
+        (numbers with a bound of their error).
 
         Parameters
         ----------
         contact
-            Number of the contact among the pairs of the mechanism. Its profiles are
+            Number of the contact among the pairs of the mechanism. It must be one of
             circles.
         """
         pair = self.mechanism.pairs[contact]
@@ -251,8 +248,8 @@ class DecimalGeometry:
             frames = self.revolute_frames()
             circles = [self._profile_circle(table, link, frames) for link in pair.links]
 
-        # Only the ratio of the sines is used, in which the wheels turn. Numbers of teeth
-        # have the same ratio without an error, so they replace the sines.
+        # Only the ratio of the sines matters. Numbers of teeth have the same ratio,
+        # exactly.
         if "teeth" in table:
             sines = [exact_ball(teeth) for teeth in table["teeth"]]
         else:
@@ -269,9 +266,10 @@ class DecimalGeometry:
     ) -> list[_ContactCircle]:
         """Return the circles along which two bevel gears roll.
 
-        The file names the shaft of each gear, an R pair, and gives teeth or half angles. In
-        the link of a gear, the axis of its shaft points to the centre of its circle. The
-        angle between the shafts is measured in the carrier, the link in which both turn.
+        The file names the shaft of each gear, a revolute pair, and gives teeth or half
+        angles of the cones. The centre of a gear's circle is the axis of its shaft, in the
+        link of the gear. The angle between the shafts is measured in the carrier, the link
+        in which both turn. All numbers are balls (numbers with error bounds).
 
         Parameters
         ----------
@@ -292,8 +290,8 @@ class DecimalGeometry:
         gear_carrier = find_gear_carrier(
             joined_links, link_axes(self.mechanism), gears, shaft_names
         )
-        # `shaft.sense` is -1 if the axis of a shaft has the opposite direction in the
-        # carrier, otherwise 1.
+        # `shaft.sense` is -1 if the axis of the shaft has the opposite direction in the
+        # carrier.
         first_shaft, second_shaft = (
             shaft.sense * self._pair_axis(frames, shaft.pair, gear_carrier.link)
             for shaft in gear_carrier.shafts
@@ -358,17 +356,18 @@ class DecimalGeometry:
     ) -> tuple[Ball, Ball]:
         """Return the half angles (rad) of the pitch cones of two bevel gears.
 
-        Let g be the angle between the shafts, and a and b the half angles. The cones touch
-        if b = g - a (external contact) or b = g + a (internal contact). If the file gives
-        numbers of teeth, the ratio sin(a) : sin(b) is that of the teeth, which determines
-        a. Otherwise the file gives a.
+        With the angle g between the shafts, the cones touch if their half angles a and b
+        satisfy b = g - a (external contact) or b = g + a (internal contact). If the file
+        gives numbers of teeth, sin(a) : sin(b) is their ratio, which determines a.
+        Otherwise the file gives a. All numbers are balls (numbers with error bounds).
 
         Parameters
         ----------
         table
             Table of the contact in the file.
         first_shaft, second_shaft
-            (3,) unit axes of the gears in the axes of their carrier.
+            (3,) unit axes of the gears in the axes of the carrier, the link in which both
+            turn.
         sense
             1 for internal, -1 for external contact.
         """
@@ -387,10 +386,11 @@ class DecimalGeometry:
     def _profile_circle(
         self, table: Mapping[str, Any], link: str, frames: Frames
     ) -> _ContactCircle:
-        """Return the circle along which a link touches another one.
+        """Return the circle along which a link touches another one, from the file.
 
-        The file gives the circle in different ways: the centre as a direction or by the
-        name of an R pair, the radius of a roller or of a profile.
+        Numbers are balls (numbers with error bounds). The file gives the centre as a
+        direction or by the name of a revolute pair. It gives the radius of a roller or of a
+        profile.
 
         Parameters
         ----------
@@ -399,18 +399,19 @@ class DecimalGeometry:
         link
             Name of the link.
         frames
-            By name of an R pair: its frames in both links.
+            By name of a revolute pair: its frames in both links. Each has the axis as its
+            last row.
         """
-        # The circle of a roller is under the key "follower", that of any other link under
-        # the name of the link in "profiles".
+        # The circle of a roller is under "follower", others under the link's name in
+        # "profiles".
         circle = table.get("follower", {})
         if circle.get("link") != link:
             circle = table["profiles"][link]
         if "axis" in circle:
-            # The name of an R pair of the link, on whose axis the centre is.
+            # The centre is on the axis of a revolute pair of the link.
             centre = self._pair_axis(frames, circle["axis"], link)
         else:
-            # A key such as "centre_xyz", or "pole_lonlat" of a great circle.
+            # The key is for example "centre_xyz", or "pole_lonlat" for a great circle.
             key = next(key for key in circle if key.startswith(("centre", "pole")))
             centre = self._direction(circle[key], key)
         radius = circle.get("roller", circle.get("radius"))
