@@ -154,15 +154,16 @@ def _fit_curve_group(
 ) -> PiecewiseChebyshev:
     """Return the Chebyshev series of one group of functions along the whole curve.
 
-    All functions of a group are fitted together, on the same cells of the coordinate. Group
-    0 has the functions of the motion, such as pair variables and inertia. Each further
-    group has those of one pole, the axis of relative rotation of two links.
+    The functions depend on the configuration of a mechanism with one input, which moves
+    along a curve. All functions of a group are fitted together, on the same cells
+    (intervals of the coordinate). Group 0 has the functions of the motion, such as pair
+    variables (joint angles) and inertia. Each further group has those of one pole, the axis
+    of relative rotation of two links.
 
     Parameters
     ----------
     sampler
-        Computes exact values of the functions at values of the coordinate of the
-        configuration curve.
+        Computes exact values of the functions at values of the coordinate.
     group
         Index of the group.
     tolerance
@@ -173,13 +174,13 @@ def _fit_curve_group(
     return PiecewiseChebyshev.fit(
         lambda coordinates: sampler.evaluate_groups([group], coordinates),
         low=0.0,
-        # `high` has the end of each coordinate. A curve has one coordinate.
+        # The end of the curve's only coordinate.
         high=float(sampler.high[0]),
         tolerance=tolerance,
         scales=scales,
         first_cells=FIRST_CURVE_CELLS,
-        # A function can lose digits by rounding, and its error then hardly decreases in
-        # smaller cells. A relative error of 1e-10 is accepted there.
+        # Where rounding errors limit a function, smaller cells would not help. The larger
+        # error `LOSSY_TOLERANCE` is accepted there.
         rounding_tolerance=LOSSY_TOLERANCE,
     )
 
@@ -286,14 +287,14 @@ def _measure_box_errors(
 def _check_request(
     mechanism: AnyMechanism, tolerance: float, min_tolerance: float
 ) -> Mechanism:
-    """Return the mechanism, or raise an error if no reduced model can be made of it.
+    """Return the mechanism, or raise an error if a reduced model of it is impossible.
 
     Parameters
     ----------
     mechanism
         The mechanism, or its name or file.
     tolerance
-        Requested relative error of the functions.
+        Requested relative error of the stored functions.
     min_tolerance
         Smallest relative error that may be requested.
 
@@ -302,17 +303,17 @@ def _check_request(
     SolveError
         If the tolerance is out of its range.
     ModelError
-        If there is friction that depends on the reactions in pairs. A reduced model stores
-        no reactions.
+        If there is friction that depends on the reactions in pairs (joints). A reduced
+        model does not store reactions.
     """
     mechanism = mechanism_of(mechanism)
-    # The message has `MAX_TOLERANCE` in the usual form, 1e-2.
+    # The text 1e-2 in the message is `MAX_TOLERANCE`.
     if not min_tolerance <= tolerance <= MAX_TOLERANCE:
         raise SolveError(
             f"{mechanism.name}: tolerance: found {tolerance:g}, expected a number from "
             f"{min_tolerance:g} to 1e-2"
         )
-    # Raises the `ModelError`, whose message ends with this clause about the reactions.
+    # This raises the `ModelError`. The text becomes part of its message.
     check_no_reaction_friction(mechanism, "a stored model has not")
     return mechanism
 

@@ -109,16 +109,16 @@ Smaller: the model reaches nearer to singularities, where its functions are stee
 
 @dataclass(frozen=True)
 class ClosedConfigurations:
-    """Configurations at n points, each of which has given values of m inputs.
+    """Configurations at n values of the m inputs of a mechanism, found by Newton's method.
 
-    Newton's method finds each configuration. It starts near the known configuration (node)
-    whose inputs are nearest.
+    For each of them, Newton's method starts near a node: the known configuration with the
+    nearest inputs.
 
     Attributes
     ----------
     linearisation
-        Result of Newton's method: the pair variables of the n configurations, their closure
-        residuals, and the loop-closure equations linearised at them.
+        Result of Newton's method: the pair variables (joint angles), their closure
+        residuals (openings of loops), and the loop-closure equations linearised there.
     nodes
         (n,) index of the node of each configuration, a row of `Sampler.nodes`.
     steps
@@ -131,13 +131,12 @@ class ClosedConfigurations:
 
 
 def load_velocity_names(loads: Loads) -> dict[int, str]:
-    """Return the names of the load velocities that a reduced model stores.
+    """Return names for the velocities on which loads work, as a reduced model stores them.
 
     A load has one component or, as a force, up to three. The power of a component is its
-    magnitude times its load velocity, the velocity on which it works. The model stores this
-    velocity per unit rate of each coordinate. A component that acts at a pair works on the
-    rate of the pair. The model stores this rate for every pair, so the component needs no
-    load velocity of its own.
+    magnitude times a velocity. For a component that acts on a link, the model stores this
+    velocity per unit rate of each coordinate. A component at a pair (joint) works on the
+    rate of the pair, which is stored anyway, so it is left out here.
 
     Returns
     -------
@@ -203,22 +202,21 @@ class Sampler:
         self.poles = poles
         self.closure = position_analysis.solver.closure
         self.loads = Loads(self.mechanism)
-        # The power of a component of a load is its magnitude times its load velocity. The
-        # dictionary has the names under which load velocities are stored, by the index of
-        # the component. Components at pairs use the rate of the pair and are left out.
+        # The power of a component of a load is its magnitude times a velocity. These are
+        # the names of the stored velocities, by the index of the component.
         self.load_velocities = load_velocity_names(self.loads)
         self.has_dynamics = bool(self.mechanism.masses or self.mechanism.loads)
 
     def make_heading(self, assembly_mode: int) -> StoredHeading:
         """Return the heading of the model of an assembly mode (way to assemble the links).
 
-        The model is the equation of motion, whose functions (inertia, forces, ...) are
-        stored as series in one or several coordinates. The heading describes it without
-        the series: the mechanism, its loads and poles (axes of relative rotation of two
-        links), and the coordinates (``by``) with their ranges. Coordinates are the inputs,
-        or the arc length of the configuration curve. ``variables`` are the names of all
-        pair variables, ``angles`` those of the R pairs. ``rise`` is the growth of each
-        variable (rad) over one period of the coordinate.
+        The model stores functions of the configuration (inertia, velocities of loads and so
+        on) as series in one or several coordinates. Coordinates (``by``) are the inputs, or
+        the arc length of the curve of configurations. The heading describes the model
+        without the series: the mechanism, its loads, the poles (axes of relative rotation
+        of two links) and the coordinates with their ranges. ``variables`` are the names of
+        all pair variables (joint angles), ``angles`` those of the R pairs. ``rise`` is the
+        growth of each variable (rad) over one period of the coordinate.
         """
         mechanism = self.mechanism
         return StoredHeading(
@@ -239,19 +237,18 @@ class Sampler:
         )
 
     def label_motion_functions(self, heading: StoredHeading) -> list[FunctionLabel]:
-        """Return the labels of the functions that the motion needs.
+        """Return labels (name, unit, kind) of the stored functions that the motion needs.
 
-        They are the pair variables, their derivatives, the inertia, its derivatives, and
-        the velocities on which loads act, in the order of `evaluate_motion`. All variables
-        and coordinates are in rad, so derivatives of variables have no unit.
+        They are the pair variables (joint angles), their derivatives, the inertia, its
+        derivatives, and the velocities on which loads work. The order is that of
+        `evaluate_motion`. All variables and coordinates are in rad, so derivatives of
+        variables have no unit.
 
         Parameters
         ----------
         heading
             Description of the model: its variables and coordinates, and the names under
-            which derivatives are stored. With one input the model has the functions along
-            the curve of all configurations (`heading.is_curve`); with several inputs, over
-            a box of their ranges.
+            which derivatives are stored.
         """
         labels = self._label_variables(heading)
         labels += self._label_variable_derivatives(heading)
@@ -282,12 +279,13 @@ class Sampler:
         return labels
 
     def _label_load_velocities(self, heading: StoredHeading) -> list[FunctionLabel]:
-        """Return the labels of the velocities on which components of loads work.
+        """Return labels (name, unit, kind) of velocities on which load components work.
 
         A load may be a sum of components, such as the x, y and z parts of a force. The
-        error of a stored function is judged relative to its largest absolute value. Along a
-        curve, the largest value of all components of the load is used instead: they get the
-        same `FunctionLabel.vector`. Over a box of several inputs each velocity has its own.
+        error of a stored function is judged relative to its largest value. Along a curve
+        (one input), the components of a load share the largest value of all of them, as
+        parts of one `FunctionLabel.vector`. Over a box (several inputs) each velocity is
+        judged alone.
         """
         labels = []
         for component, velocity_name in self.load_velocities.items():
@@ -305,11 +303,11 @@ class Sampler:
     def _label_inertia(self, heading: StoredHeading) -> list[FunctionLabel]:
         """Return the labels of the inertia matrix and of its Christoffel symbols.
 
-        With one coordinate x (a curve) these are only the inertia B and its derivative
-        dB/dx. All coordinates are in rad. The unit of dB/dx is written as kg m2/rad, that
-        of Christoffel symbols as kg m2: the radian is a unit without dimension.
+        A label has the name, unit and kind of a stored function. With one coordinate x (a
+        curve) these are only the inertia B and its derivative dB/dx. All coordinates are in
+        rad. The unit of dB/dx is written as kg m2/rad, that of Christoffel symbols as kg
+        m2; both are the same, since the radian has no dimension.
         """
-        # `heading` has the names of the functions.
         labels = [
             FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
         ]
@@ -335,26 +333,28 @@ class Sampler:
     ) -> Floats:
         """Return the functions (n, F) of `label_motion_functions` at n configurations.
 
-        They are the pair variables and their derivatives, then the inertia matrix, its
-        Christoffel symbols, and the velocities on which loads work, per unit rate of each
-        coordinate. Velocities that are rates of pair variables are not repeated.
+        They are the pair variables (joint angles) and their derivatives, then the inertia
+        matrix, its Christoffel symbols, and the velocities on which loads work, per unit
+        rate of each coordinate. Velocities that are rates of pair variables are not
+        repeated.
 
         Parameters
         ----------
         motion
-            n configurations by m coordinates.
+            n configurations and their derivatives by m coordinates.
         christoffel_factor
-            Factor of the Christoffel symbols in the result. With one coordinate x, the only
-            entry of the inertia matrix is B and the only symbol is 1/2 dB/dx. The model
-            stores dB/dx: the factor is 2. With several coordinates the model stores the
-            symbols: the factor is 1.
+            Factor of the Christoffel symbols in the result. With one coordinate x, the
+            inertia matrix is a number B and the only symbol is 1/2 dB/dx. The model stores
+            dB/dx, so the factor is 2. With several coordinates it stores the symbols, so it
+            is 1.
         """
         functions = [motion.values, _flatten_by_coordinate(motion.rates)]
         if self.has_dynamics:
             masses = inertia(self.mechanism, motion)
             functions.append(_lower_triangles(masses.M))
-            symbols = christoffel_factor * christoffel(masses.dM)  # (n, i, j, k)
-            # Those of the torque at coordinate i are symmetric in j and k.
+            # (n, i, j, k) Christoffel symbols of the torque at coordinate i. They are
+            # symmetric in j and k, so half of them suffice.
+            symbols = christoffel_factor * christoffel(masses.dM)
             functions.append(_lower_triangles(symbols).reshape(len(symbols), -1))
         if self.load_velocities:
             velocities = self.loads.velocities(motion)  # (n, m, load components)
@@ -372,17 +372,17 @@ class Sampler:
         return lambda inputs: np.asarray(tree.query(inputs)[1])
 
     def close_loops(self, inputs: Floats) -> ClosedConfigurations:
-        """Return closed configurations at inputs (n, m), rad.
+        """Return configurations with closed loops at inputs (n, m), rad.
 
-        Each configuration is predicted from the nearest known configuration (its node) by a
-        Taylor series of second order in the inputs. Newton's method then closes the loops
-        while the inputs stay as they are.
+        Each configuration is predicted from the nearest known configuration (its node), by
+        a Taylor series of second order in the inputs. Newton's method then closes the
+        loops, without changing the inputs.
         """
         nodes = self.nodes
-        # (n,) index of the node of each row.
+
         node_of_row = self._find_nearest_nodes(inputs)
         steps = inputs - nodes.values[node_of_row][:, self.driven]
-        # The Taylor series; the letters are rows n, coordinates i and k, variables v.
+        # The Taylor series. Letters: n rows of `inputs`, i and k inputs, v pair variables.
         first_order = np.einsum("ni,niv->nv", steps, nodes.rates[node_of_row])
         second_order = np.einsum("ni,nk,nikv->nv", steps, steps, nodes.second[node_of_row])
         values = nodes.values[node_of_row] + first_order + 0.5 * second_order
@@ -500,7 +500,7 @@ class CurveSampler(Sampler):
     def label_pole_functions(
         self, pole: str, heading: StoredHeading
     ) -> list[FunctionLabel]:
-        """Return the labels of the five functions of a pole.
+        """Return the labels (name, unit, kind) of the five stored functions of a pole.
 
         A pole is the axis about which two links rotate relative to each other. The
         functions are the three components of its unit vector in ground axes, its velocity
@@ -537,25 +537,25 @@ class CurveSampler(Sampler):
         Parameters
         ----------
         groups
-            Groups of functions that are computed. Group 0 has the pair variables v, dv/dx,
-            B, dB/dx, and the velocities on which loads act (`label_motion_functions`).
-            Group k + 1 has the five functions of pole number k (`label_pole_functions`).
+            Groups of functions that are computed. Group 0 has the functions of the motion:
+            the pair variables v (joint angles), dv/dx, B, dB/dx, and the velocities on
+            which loads work. Group k + 1 has the five functions of pole number k (axis of
+            relative rotation of two links).
         x
             (n,) values of the coordinate (rad): the input variable q, or the arc length s
-            of the configuration curve.
+            of the curve of configurations.
 
         Returns
         -------
-        (n, F) values of the F functions of these groups, one group after another. The
-        labels state the units.
+        (n, F) values of the F functions of these groups, one group after another. The units
+        are in the labels (`label_motion_functions`, `label_pole_functions`).
         """
         motion = self._compute_motion(x)
         directions = self._evaluate_directions(x, motion) if any(groups) else {}
         functions = []
         for group in groups:
             if group == 0:
-                # The model stores dB/dx. The only Christoffel symbol of one coordinate is
-                # half of it, so the symbol is multiplied by 2.
+                # The Christoffel symbol is 1/2 dB/dx, but the model stores dB/dx.
                 functions.append(self._evaluate_motion(motion, christoffel_factor=2.0))
             else:
                 pole = self.poles[group - 1]
@@ -578,19 +578,21 @@ class CurveSampler(Sampler):
     def _compute_motion_by_input(self, q: Floats) -> CoordinateMotion:
         """Return the motion with derivatives by the input variable q (n,), rad.
 
-        The known configurations (nodes), from which Newton's method starts, cover one lap
-        of the curve. Whole laps are therefore subtracted from q first, and the growth of
-        all variables over these laps is added afterwards.
+        The configurations form a closed curve, on which q grows by a full turn in each lap.
+        The nodes (known configurations from which Newton's method starts) cover one lap
+        only. Whole laps are therefore subtracted from q first. The growth of all pair
+        variables over these laps is added afterwards.
         """
         (input_variable,) = self.driven
         start_input = self.nodes.values[0, input_variable]
-        # Laps are counted along the curve. On it q falls if `input_sense` is -1.
+        # Laps are counted in the sense of the curve. q falls along it if `input_sense` is
+        # -1.
         laps = np.floor(self.input_sense * (q - start_input) / self.lap_length)
         input_within_lap = q - self.input_sense * laps * self.lap_length
         closed = self.close_loops(input_within_lap[:, None])
         # `rise` (variables,) is the growth of the variables over one lap along the curve.
         values = closed.linearisation.values + np.outer(laps, self.curve.rise)
-        # The input itself is q, without the rounding errors of the laps.
+        # The sum of the laps has rounding errors, so the input is set to q exactly.
         values[:, input_variable] = q
         return motion_by_variables(self.closure, values, self.driven)
 
@@ -607,26 +609,26 @@ class CurveSampler(Sampler):
     ) -> dict[Pole, Floats]:
         """Return the unit vectors (n, 3) of the poles in ground axes.
 
-        A pole is an axis with two opposite directions. The direction is chosen so that it
-        does not jump along the configuration curve.
+        A pole is the axis of relative rotation of two links. Of its two opposite directions
+        one is chosen, so that it does not jump along the curve of configurations.
 
         Parameters
         ----------
         x
-            (n,) coordinates of the model, rad.
+            (n,) coordinates of the model along the curve, rad.
         motion
             The motion at these coordinates.
         """
         directions = self._compute_axes(motion)
-        # An axis that points against the nearest stored direction is reversed. There are
-        # `SENSE_SAMPLES` stored directions per lap of the configuration curve.
+        # Index of the nearest stored direction, of which there are `SENSE_SAMPLES` per lap.
         nearest = np.rint(x / self.lap_length * SENSE_SAMPLES).astype(int)
-        # On a closed curve the directions repeat after one lap, or after two laps if an
-        # axis comes back reversed after one.
+        # On a closed curve the directions repeat after one lap. If an axis is reversed
+        # after one lap, they repeat after two.
         if self.periodic:
             nearest %= SENSE_SAMPLES * self.laps_per_period
         for pole, direction in directions.items():
-            # Axes of pairs are not stored: their sense is fixed by the mechanism file.
+            # An axis that points against the stored direction is reversed. The sense of the
+            # axis of a pair (joint) is fixed by the mechanism file, so it is not stored.
             if pole in self.stored_directions:
                 cosines = np.vecdot(direction, self.stored_directions[pole][nearest])
                 direction[cosines < 0.0] *= -1.0
@@ -635,18 +637,18 @@ class CurveSampler(Sampler):
     def _compute_axes(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return unit vectors (n, 3) along the pole axes in ground axes, in either sense.
 
-        A pole axis is the axis about which one link rotates relative to another one. It is
-        computed as an intersection of planes. If the error bound of this is not negligible,
-        the direction of the relative angular velocity is used if that has a smaller error.
+        A pole axis is the axis about which one link rotates relative to another one. There
+        are two methods: the intersection of planes, and the direction of the relative
+        angular velocity. The second one is used where it is more accurate.
 
         Raises
         ------
         SolveError
             If the two links of a pole do not move relative to each other somewhere.
         """
-        # The first method is the theorem of Aronhold and Kennedy: the three pole axes of
+        # The first method uses the theorem of Aronhold and Kennedy: the three pole axes of
         # three links lie in a plane. An unknown axis is the intersection of two such
-        # planes. The plan has the order in which the axes are computed.
+        # planes. The plan says in which order axes are computed.
         planned = PlannedPoles(self.plan, self._convert_motion(motion))
         axes: dict[Pole, Floats] = {}
         # (n, links, 3) angular velocities per unit rate of the only coordinate (index 0).
@@ -676,13 +678,13 @@ class CurveSampler(Sampler):
         )
 
     def _store_axis_senses(self) -> None:
-        """Store directions of the secondary pole axes along the curve, in a smooth sense.
+        """Choose and store a direction of each pole axis that never jumps on the curve.
 
-        A primary pole is the axis of a pair, whose sense is known. A secondary pole is the
-        axis of two links that no pair joins. Its sense is free, but has to be smooth: each
-        stored direction makes an acute angle with the one before. If an axis comes back
-        reversed after one lap of the curve of configurations, the period of the model
-        becomes two laps.
+        A pole is the axis of relative rotation of two links. If a pair (joint) joins the
+        links, the sense of the axis is known and not stored. For other poles the sense is
+        free, but each direction has to make an acute angle with the one before. An axis may
+        come back reversed after one lap of the curve of configurations. The period of the
+        model is then two laps.
         """
         coordinates = self.lap_length * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
         motion = self._compute_motion(coordinates)
@@ -693,9 +695,8 @@ class CurveSampler(Sampler):
             if pole not in primary
         }
         self._check_axis_speeds(axes)
-        # The first direction makes an acute angle with the sum of the pair axes, which are
-        # the third columns (z) of the pair frames. Any other reference would serve, because
-        # the sense is free.
+        # The first direction makes an acute angle with the sum of the pair axes (the z
+        # columns of the frames). Any other reference would serve as well.
         pair_axes = self._convert_motion(motion).frames[0, :, :, 2]
         reference = np.sum(pair_axes, axis=0)
         directions = {
@@ -733,9 +734,9 @@ def _choose_pole_axis(
 ) -> Floats:
     """Return unit vectors (n, 3) along a pole axis, each by the more accurate method.
 
-    The direction of the relative angular velocity of the two links replaces the planned
-    axis in rows in which it has the smaller error, unless the error of the planned axis is
-    negligible (`TRUSTED_AXIS_ERROR_RAD`).
+    A pole axis is the axis of relative rotation of two links. In each row (configuration),
+    the direction of their relative angular velocity replaces the planned axis if its error
+    is smaller. A planned axis with a negligible error (`TRUSTED_AXIS_ERROR_RAD`) stays.
 
     Parameters
     ----------
@@ -746,12 +747,12 @@ def _choose_pole_axis(
     relative_w
         (n, 3) relative angular velocity of the links.
     max_speeds
-        (n,) largest angular velocity of any link, by which rounding errors are estimated.
+        (n,) largest angular velocity of any link, from which rounding errors are estimated.
     """
     axis = planned_axis.copy()
     planned_error = np.nan_to_num(error_bound, nan=np.inf)
     relative_speed = np.linalg.norm(relative_w, axis=1)
-    # Links at relative rest have no direction: division by zero gives an infinite error.
+    # For links at relative rest, division by zero gives an infinite error.
     with np.errstate(divide="ignore", invalid="ignore"):
         velocity_error = AXIS_ERROR_ROUNDINGS * EPS * max_speeds / relative_speed
         is_better = planned_error > TRUSTED_AXIS_ERROR_RAD
@@ -768,12 +769,12 @@ def _append_second_lap(first_lap: Floats, is_reversed: bool) -> Floats:
     first_lap
         (k + 1, 3) directions at k + 1 points. The last one is where the second lap starts.
     is_reversed
-        Whether the axis has the opposite direction after one lap. It then has the opposite
-        directions in the whole second lap.
+        Whether the axis has the opposite direction after one lap. All directions of the
+        second lap are then opposite to those of the first.
 
     Returns
     -------
-    (2 k + 1, 3) directions. The point between the laps is there only once.
+    (2 k + 1, 3) directions. The point between the laps occurs once.
     """
     second_lap = -first_lap if is_reversed else first_lap
     return np.concatenate([first_lap[:-1], second_lap])
@@ -790,13 +791,14 @@ class BoxSampler(Sampler):
     ) -> None:
         """Compute the nodes: configurations of the assembly mode on a grid of inputs.
 
-        `evaluate` starts Newton's method from the nearest node to find the configuration at
-        other inputs.
+        To find the configuration at other inputs, `evaluate` starts Newton's method from
+        the nearest node.
 
         Parameters
         ----------
         position_analysis
-            The mechanism with its inputs, and its chosen assembly mode.
+            The mechanism with its inputs, and its assembly mode (way to assemble the
+            links).
         poles
             Pairs of links whose axis of relative rotation is stored.
         """
@@ -821,18 +823,18 @@ class BoxSampler(Sampler):
         return labels
 
     def evaluate(self, inputs: Floats, function_count: int) -> Floats:
-        """Return the stored functions of the inputs, one column for each of their labels.
+        """Return the values of all stored functions, one column for each of their labels.
 
-        Stored functions are the pair variables, the inertia, velocities on which loads act
-        and velocities of the poles, see `label_functions`.
+        Stored functions are the pair variables (joint angles), the inertia, velocities on
+        which loads work and velocities of the poles, see `label_functions`.
 
         Parameters
         ----------
         inputs
             (n, m) values of the m inputs, in rad.
         function_count
-            Number of the labels. It is the width of the result, which is unknown if no row
-            has a valid configuration.
+            Number of the labels, which is the width of the result. It can't be derived from
+            the values if no row has a valid configuration.
 
         Returns
         -------
@@ -853,10 +855,11 @@ class BoxSampler(Sampler):
         return functions
 
     def _is_valid(self, closed: ClosedConfigurations, motion: CoordinateMotion) -> Bools:
-        """Return which configurations (n,) are valid ones of the assembly mode.
+        """Return which of n configurations are valid configurations of the assembly mode.
 
-        In a valid configuration the loops are closed, all contacts exist, no singularity is
-        near, and the assembly mode is that of the node from which Newton's method started.
+        An assembly mode is one way to assemble the links. In a valid configuration the
+        loops are closed, all contacts exist, and no singularity is near. The assembly mode
+        is that of the node (known configuration) from which Newton's method started.
 
         Parameters
         ----------
@@ -870,7 +873,7 @@ class BoxSampler(Sampler):
         # Near a singularity, variables move fast at unit rates of the inputs.
         # `determinacy` is the reciprocal of their largest rate.
         is_regular = determinacy(motion.rates) >= MIN_DETERMINACY
-        # On the assembly mode of the node, the configuration is near this prediction.
+        # A configuration of the same mode is near this prediction from its node.
         prediction = self._predict_by_trapezoidal_rule(closed, motion.rates)
         prediction_error = max_abs(prediction - motion.values, axis=1)
         is_same_mode = prediction_error < MAX_PREDICTION_ERROR_RAD
@@ -879,10 +882,12 @@ class BoxSampler(Sampler):
     def _predict_by_trapezoidal_rule(
         self, closed: ClosedConfigurations, rates: Floats
     ) -> Floats:
-        """Return the values (n, variables) that the nodes predict at given inputs, rad.
+        """Return the pair variables (n, variables) that are predicted from the nodes, rad.
 
-        The change of a variable from the node is the step of the inputs times the mean of
-        its rates at both ends of the step.
+        A node is a known configuration at inputs nearby. The change of a variable from the
+        node is the step of the inputs times the mean of its rates at both ends of the step.
+        A large difference from the prediction shows that Newton's method changed the
+        assembly mode.
 
         Parameters
         ----------
@@ -910,15 +915,16 @@ def _compute_grid_nodes(
 ) -> CoordinateMotion:
     """Return the regular configurations of an assembly mode on a grid of inputs.
 
-    Configurations at and near singularities are left out, because the functions of a
-    reduced model are steep there.
+    From these nodes, Newton's method later finds configurations at other inputs. An
+    assembly mode is one way to assemble the links. Configurations near singularities are
+    left out, because the functions of a reduced model are steep there.
 
     Parameters
     ----------
     position_analysis
         The mechanism with the grid of its inputs, and its chosen assembly mode.
     input_variables
-        Indices of the inputs among the pair variables.
+        Indices of the inputs among the pair variables (joint angles).
 
     Returns
     -------
@@ -950,20 +956,19 @@ def _compute_grid_nodes(
 
 
 def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats]:
-    """Return the configuration curve of an assembly mode, and a configuration on it.
+    """Return the curve of configurations of an assembly mode, and a configuration on it.
 
-    An assembly mode is one way to assemble the mechanism at given inputs. Inputs evenly
-    spaced over the range are tried, until the mode has a configuration within the joint
-    limits. The configuration curve consists of all configurations that the mechanism with
-    its one input reaches from this one. It is followed in both senses, until it closes or
-    reaches a joint limit.
+    An assembly mode is one way to assemble the mechanism at the same inputs. The first
+    configuration is searched at evenly spaced inputs; it has to be within the joint limits.
+    The curve consists of all configurations that the mechanism with its one input reaches
+    from there. It is followed in both senses, until it closes or reaches a joint limit.
 
     Returns
     -------
     curve
-        The configuration curve.
+        The curve of configurations.
     values
-        (variables,) pair variables (rad) of the first configuration.
+        (variables,) pair variables (joint angles, rad) of the first configuration.
 
     Raises
     ------
@@ -975,12 +980,12 @@ def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats
     # The middles of equal parts of the range.
     fractions = (np.arange(PROBED_INPUTS) + 0.5) / PROBED_INPUTS
     probed_inputs = low + (high - low) * fractions
-    # Computed angles are known up to whole revolutions. They are unwrapped, because joint
-    # limits can be beyond one revolution.
+    # Angles are computed up to whole revolutions. Joint limits can be beyond one
+    # revolution, so the angles are unwrapped.
     motion = unwrap_motion(
         position_analysis.at(probed_inputs), position_analysis.angle_unwrapping
     )
-    # Joint limits by the number of their variable; a configuration within all is wanted.
+    # Joint limits by the index of their pair variable.
     joint_limits = {}
     for limit in mechanism.joint_limits:
         variable = mechanism.variables_of(mechanism.pair_number[limit.pair])[0]
@@ -1005,7 +1010,7 @@ def _evaluate_pole(motion: CoordinateMotion, pole: Pole, direction: Floats) -> F
     Parameters
     ----------
     motion
-        n configurations by one coordinate.
+        n configurations and their derivatives by one coordinate.
     pole
         Numbers of the two links.
     direction
@@ -1013,7 +1018,8 @@ def _evaluate_pole(motion: CoordinateMotion, pole: Pole, direction: Floats) -> F
 
     Returns
     -------
-    (n, 5) direction, velocity coefficient and the derivative of this coefficient.
+    (n, 5) the three components of the direction, the velocity coefficient (angular velocity
+    about the pole per unit rate of the coordinate) and its derivative.
     """
     first, second = pole
     # Relative angular velocity by the only coordinate (index 0), and its derivative.
@@ -1037,22 +1043,22 @@ def _describe_loads(
 ) -> tuple[StoredLoad, ...]:
     """Return the loads of a mechanism as a reduced model stores them.
 
-    A load is a sum of components. The power of a component is its magnitude times a
-    velocity: the rate of a pair variable, or the load velocity that the model stores for
-    the component.
+    A load is a sum of components, such as the x, y and z parts of a force. The power of a
+    component is its magnitude times a velocity. For a component at a pair (joint) this is
+    the rate of the pair variable, otherwise a velocity that the model stores for it.
 
     Parameters
     ----------
     loads
         The loads of the mechanism.
     load_velocities
-        Names of the load velocities by the index of the component in `loads.components`.
+        Names of the stored velocities by the index of the component in `loads.components`.
         Components at pairs are not among them.
     """
     stored_loads = []
     for load_index, load in enumerate(loads.mechanism.loads):
-        # For each component of the load: the name of the pair variable or load velocity on
-        # which it works, and its magnitude.
+        # For each component of the load: the name of the pair variable or stored velocity
+        # on which it works, and its magnitude as text.
         works_on = []
         expressions = []
         for component_index, component in enumerate(loads.components):

@@ -41,8 +41,8 @@ class TabulatedMotion:
     """The motion of a reduced model at n times.
 
     A reduced model of one input stores functions of a mechanism, such as its pair variables
-    and its inertia, along the curve of all configurations. If the motion reaches an end of
-    the curve, later rows are NaN.
+    (joint angles) and its inertia, along the curve of all configurations. If the motion
+    reaches an end of the curve, later rows are NaN.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class TabulatedMotion:
     message
         The reason why the motion ended early, empty if it did not.
     evaluations
-        Number of evaluations of the right-hand side.
+        Number of evaluations of the right-hand side of the equation of motion.
     """
 
     t: Floats
@@ -145,11 +145,11 @@ def simulate_reduced(
         )
 
     def state_rates(time: float, state: Floats) -> tuple[float, float, float]:
-        """Return the rates of coordinate x, momentum p = sqrt(B) dx/dt and work W.
+        """Return the rates by time of the state: coordinate x, momentum p and work W.
 
-        They are p / sqrt(B), Q / sqrt(B) and Q dx/dt with the inertia B and the generalised
-        force Q of all loads. With this momentum the kinetic energy is p^2 / 2, and p is
-        constant if no load acts.
+        With the inertia B of the model, the momentum is p = sqrt(B) dx/dt, so the kinetic
+        energy is p^2 / 2. With the generalised force Q of all loads, the rates are p /
+        sqrt(B), Q / sqrt(B) and Q dx/dt.
 
         The integrator also tries coordinates beyond the ends `low` and `high` of an open
         curve of configurations. The rates are then those at the end. A closed curve is
@@ -198,16 +198,17 @@ def _generalised_force(
 ) -> float:
     """Return the generalised force Q of all loads, from the torque that a motion needs.
 
-    The torque at zero acceleration is 1/2 dB/dx (dx/dt)^2 - Q, with the inertia B.
+    The model only has a function for this torque. At zero acceleration it is
+    1/2 dB/dx (dx/dt)^2 - Q, with the inertia B.
 
     Parameters
     ----------
     model
-        A reduced model along a curve.
+        A reduced model along a curve of configurations.
     configuration_values
         B, dB/dx and the functions on which loads depend, at the coordinate x.
     x, dx
-        The coordinate (rad) and its rate.
+        The coordinate (rad) and its rate dx/dt.
     t
         The time, s.
     """
@@ -219,7 +220,7 @@ def _generalised_force(
 def _tabulate_motion(
     model: StoredModel, t: Floats, states: Floats, evaluations: int
 ) -> TabulatedMotion:
-    """Return the motion that belongs to integrated states.
+    """Return the motion at all times, from the integrated states of a reduced model.
 
     A reduced model stores functions of a mechanism with one input along the curve of all
     configurations. This curve is closed, or open with two ends.
@@ -237,7 +238,7 @@ def _tabulate_motion(
     evaluations
         Number of evaluations of the right-hand side.
     """
-    # The heading names the functions of the model and the range of its coordinate.
+    # The heading has the names of the stored functions and the range of the coordinate.
     heading = model.heading
     message = ""
     if not heading.periodic:
@@ -248,10 +249,10 @@ def _tabulate_motion(
             first_outside = outside_rows[0]
             message = f"the curve ends before t = {t[first_outside]:.6g} s"
             states[first_outside:] = np.nan
-    # Pair variables and their rates are computed up to the end of the curve.
+    # Pair variables (joint angles) and their rates, in rows before the end of the curve.
     coordinates, momenta, work = states.T
     finite = np.isfinite(coordinates)
-    # The rates dx/dt; rates of variables are derivatives by x times these.
+    # The rates dx/dt. Rates of variables by time are derivatives by x times dx/dt.
     speeds = momenta[finite] / np.sqrt(model.inertia(coordinates[finite]))
     derivative_names = [heading.derivative(name) for name in heading.variables]
     values, value_rates = nans((2, len(t), len(heading.variables)))

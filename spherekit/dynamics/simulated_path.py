@@ -37,19 +37,19 @@ STATES_PER_BLOCK = 1024
 class PathStates(ArrayRows):
     """States of a simulation at n times.
 
+    A state has the pair variables v (joint angles, rad), the m momenta p = R u and the work
+    of each load. Here u are the rates of m coordinates, and R is the symmetric root of the
+    inertia matrix M = R R. Each rate of a coordinate is a weighted sum of the rates of the
+    pair variables. With one degree of freedom, the coordinate is the arc length of the
+    curve of configurations, and the weights are the unit tangent of this curve.
+
     Attributes
     ----------
     states, rates
-        (n, states) states and their rates by time. A state has the pair variables (rad),
-        the m momenta p = R u and the work of each load. Here u are the rates of the m
-        coordinates, and R is the symmetric root of the inertia matrix. The variables are
-        reduced by whole revolutions.
+        (n, states) states and their rates by time. The pair variables are reduced by whole
+        revolutions.
     rate_weights
-        (n, m, variables) the matrix W in u = W v', with the rates v' of the pair variables:
-        the rate of each coordinate is a weighted sum of them. With one degree of freedom
-        the coordinate is the arc length of the configuration curve, and W is the unit
-        tangent of this curve. Otherwise each coordinate is the sum of the pair variables
-        with these weights.
+        (n, m, variables) the weights: the matrix W in u = W v'.
     turns
         (n, variables) numbers of the whole revolutions by which the variables are reduced.
     """
@@ -67,14 +67,15 @@ class PathStates(ArrayRows):
 
 @dataclass(frozen=True)
 class StatePath:
-    """The states of a simulation over time.
+    """The states of a simulation over time, as functions that are put together.
+
+    A part of the path is evaluated by one function. It is one step of the NumPy engine, or
+    several steps (a segment) of the compiled engine.
 
     Attributes
     ----------
     part_starts
-        (parts,) times from which each part applies, s. A part is evaluated by one function:
-        it is one step of the NumPy engine, or several steps (a segment) of the compiled
-        engine.
+        (parts,) time at which each part starts, s.
     parts
         For each part a function that returns the states at times (n,), s.
     starts, lengths
@@ -103,8 +104,8 @@ class StatePath:
     def evaluate(self, t: Floats) -> PathStates:
         """Return the states at times (n,) within the path, in any order.
 
-        Times within one part of the path are evaluated together, in blocks whose size is
-        limited because of the memory.
+        Times within one part of the path (one function) are evaluated together, in blocks
+        of limited size to save memory.
         """
         if not len(t):
             return self.parts[0](t)  # any part returns states without rows
@@ -114,13 +115,15 @@ class StatePath:
         for rows in blocks:
             part = self.parts[part_of_row[rows[0]]]
             results.append(part(t[rows]))
-        # Back to the order of the times.
+        # Put the rows back into the order of the times.
         order = np.concatenate(blocks)
         return PathStates.concatenate(results).rows(np.argsort(order))
 
 
 def _divide_rows(group_of_row: Indices, max_size: int) -> list[Indices]:
-    """Return blocks of rows, each with at most `max_size` rows of the same group.
+    """Divide rows into blocks of at most `max_size` rows that all belong to one group.
+
+    Rows of one group are evaluated together, here the times in one part of a path.
 
     Parameters
     ----------
@@ -145,22 +148,21 @@ def _divide_rows(group_of_row: Indices, max_size: int) -> list[Indices]:
 def make_collocation_path(
     steps: Sequence[CollocationStep], turns: Floats, max_closure_residual: float
 ) -> StatePath:
-    """Return the path of steps of the NumPy engine.
+    """Return the states over time of a simulation by the NumPy engine, from its steps.
 
     Parameters
     ----------
     steps
         The steps in order of time.
     turns
-        (variables,) numbers of whole revolutions. The engine subtracted them from the
-        variables before the first step, and the states of its steps do not contain them.
+        (variables,) numbers of whole revolutions of the pair variables (joint angles). The
+        states of the steps do not contain them.
     max_closure_residual
         Largest closure residual (opening of a loop) that was removed by corrections of the
         configuration between steps, rad.
     """
     starts = np.array([step.start for step in steps])
-    # The path consists of parts, each with a function that evaluates it. Here each step is
-    # a part. (In a path of the compiled engine a part has several steps.)
+    # A path has parts, each evaluated by one function. Here each step is a part.
     return StatePath(
         part_starts=starts,
         parts=tuple(partial(_evaluate_step, step, turns) for step in steps),
@@ -186,9 +188,9 @@ def _evaluate_step(step: CollocationStep, turns: Floats, t: Floats) -> PathState
 class MomentumConversion(Protocol):
     """Converts states of the compiled engine to states of a simulation.
 
-    The states of a simulation have the same meaning whichever engine computed them. A state
-    has the pair variables, the momenta of m coordinates, and the work of each load. Only
-    the momenta of the compiled engine are defined in another way.
+    A state has the pair variables (joint angles), the momenta of m coordinates, and the
+    work of each load. The compiled engine defines the momenta in its own way. The states of
+    a simulation do not depend on the engine.
     """
 
     def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
@@ -203,7 +205,7 @@ class MomentumConversion(Protocol):
     def compute_rate_weights(self, states: Floats) -> Floats:
         """Return the matrices W of the coordinates at n states.
 
-        Each momentum belongs to a coordinate of the motion. The rates u of the m
+        Each momentum in a state belongs to a coordinate of the motion. The rates u of the m
         coordinates are weighted sums of the rates v' of the pair variables: u = W v'.
 
         Parameters
@@ -250,11 +252,11 @@ class CurveMomentumConversion:
         state_rates[:, momentum] *= self.sense
 
     def compute_rate_weights(self, states: Floats) -> Floats:
-        """Return the matrices W (n, 1, variables) of the arc length of the curve.
+        """Return the weights (n, 1, variables) of the pair variables' rates in ds/dt.
 
-        The only coordinate is the arc length s of the configuration curve. With the unit
-        tangent e of the curve, ds/dt = e . v' for the rates v' of the pair variables, so
-        that e is the only row of W = [e].
+        The only coordinate is the arc length s of the curve of configurations. With the
+        unit tangent e of the curve, ds/dt = e . v' for the rates v' of the pair variables
+        (joint angles). The weights are therefore the components of e.
 
         Parameters
         ----------
@@ -266,18 +268,19 @@ class CurveMomentumConversion:
         return tangents[:, None]
 
     def _compute_tangents(self, pair_variables: Floats) -> Floats:
-        """Return unit tangents (n, variables) of the curve in its positive direction.
+        """Return unit tangents (n, variables) of the curve of configurations.
 
-        The mechanism moves in this direction if its momentum is positive in the simulation.
+        They point in the direction in which the mechanism moves if its momentum is positive
+        in the simulation.
 
         Parameters
         ----------
         pair_variables
-            (n, variables) configurations, rad.
+            (n, variables) configurations on the curve, rad.
         """
         tangents = self.equation.homogeneous_rates(pair_variables)[:, 0]
-        # At a crossing of curves there is no single tangent. The rates are then zero, and
-        # the result is NaN without a warning.
+        # Where curves cross there is no single tangent. These rates are then zero, so the
+        # unit vector is NaN.
         with np.errstate(invalid="ignore", divide="ignore"):
             return self.sense * unit_rows(tangents)
 
@@ -306,9 +309,8 @@ class CoordinateMomentumConversion:
     def convert_momenta(self, states: Floats, state_rates: Floats) -> None:
         """Replace the scaled rates of the coordinates by momenta, in place.
 
-        The velocity of the mechanism is given by the rates of its m coordinates. In states
-        of the compiled engine they are multiplied by a constant, `rate_scale`. The results
-        of a simulation have momenta instead, whichever engine computed them.
+        States of the compiled engine have the rates of m coordinates, multiplied by a
+        constant (`rate_scale`). States of a simulation have momenta instead.
 
         Parameters
         ----------
@@ -357,7 +359,7 @@ class CoordinateMomentumConversion:
         Parameters
         ----------
         pair_variables
-            (n, variables) configurations, rad.
+            (n, variables) pair variables (joint angles) of the configurations, rad.
         coordinate_rates, coordinate_accelerations
             (n, m) first and second derivatives of the coordinates by time: u and du/dt.
 
@@ -382,11 +384,10 @@ class CoordinateMomentumConversion:
 def make_taylor_path(
     runs: Sequence[TaylorRun], momentum_conversions: Sequence[MomentumConversion]
 ) -> StatePath:
-    """Return the path of integrations by the compiled engine.
+    """Return the states over time of a simulation by the compiled engine, from its runs.
 
-    A run is an integration of one compiled equation. A run consists of segments, and a
-    segment of several steps. Each segment is a part of the path, and is evaluated as a
-    whole.
+    A run is an integration of one compiled equation. It consists of segments, and a segment
+    of several steps. Each segment is a part of the path, evaluated by one function.
 
     Parameters
     ----------

@@ -66,10 +66,10 @@ class Event:
     kind
         - "dead_centre": the only input reverses while the mechanism moves on.
         - "type_2": several inputs do not determine the motion.
-        - "crossing": the simulation passed a configuration in which two curves of
-          configurations cross, or surfaces if there are several inputs.
+        - "crossing": the simulation passed a configuration in which two curves (with
+          several inputs, surfaces) of configurations cross.
         - "rest": a mechanism with one input stands still.
-        - "joint_limit": a pair reached its joint limit.
+        - "joint_limit": a pair (joint) reached its limit.
         - "switch": a load changes abruptly, for example where it is switched on.
         - "lift_off": a one-sided contact loses its pressure.
     t
@@ -123,10 +123,10 @@ class EngineReport:
 
 @dataclass(frozen=True)
 class Checks:
-    """Estimates of the errors of a simulation.
+    """Estimates of the errors of a simulation, to judge how accurate it is.
 
     The momenta are p = R u. Here u are the rates of the coordinates, and R is the symmetric
-    root of the inertia matrix, so that the kinetic energy is p^2 / 2.
+    root of the inertia matrix M = R R, so that the kinetic energy is p^2 / 2.
 
     Attributes
     ----------
@@ -138,15 +138,15 @@ class Checks:
         Largest difference between the rate of the kinetic energy and the power of the
         loads, W.
     momentum
-        Largest error of the momenta that a step adds, relative to the largest momentum. The
-        computed path has one dp/dt, the equation of motion another one. Their difference
-        times the length of the step is the error.
+        Largest error of the momenta that a step adds, relative to the largest momentum. It
+        is the length of the step times the error of dp/dt (the difference between the
+        computed path and the equation of motion).
     closure
         Largest closure residual (opening of a loop), rad. Residuals that were removed by
         corrections during the integration are included.
     error
-        Largest difference of a pair variable from a simulation with a smaller tolerance,
-        rad. None if there is no such simulation.
+        Largest difference of a pair variable (joint angle) from a simulation with a smaller
+        tolerance, rad. None if there is no such simulation.
     """
 
     energy: float
@@ -161,10 +161,10 @@ class Checks:
 class History(InputMotion):
     """The motion, forces and energies of a simulation at n times.
 
-    The m coordinates are those of the integration, and m is the number of degrees of
-    freedom. With one degree of freedom the coordinate is the arc length of the
-    configuration curve in the space of all pair variables. With several, each coordinate is
-    a weighted sum of pair variables, whose weights are chosen during the integration.
+    Some quantities belong to the m coordinates of the integration, where m is the number of
+    degrees of freedom. With one degree of freedom the coordinate is the arc length of the
+    curve of configurations in the space of all pair variables (joint angles). With several,
+    each coordinate is a weighted sum of pair variables.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class History(InputMotion):
     power, work
         (n, loads) power (W) of each load, and its work (J) since the start.
     residual
-        (n,) closure residual, rad.
+        (n,) closure residual (opening of a loop), rad.
     """
 
     t: Floats
@@ -255,12 +255,12 @@ class Simulation:
     def missed(self) -> str | None:
         """A message if the simulation misses its tolerance, otherwise None.
 
-        Two errors are compared with the tolerance: the difference from a simulation with a
-        smaller tolerance, if there is one, and the error of the momenta in a step.
+        Two errors are compared with the tolerance: the difference from a more accurate
+        simulation, if there is one, and the error of the momenta in a step.
         """
         if self.tolerance is None:
             return None
-        # The comparisons are negated so that an error of NaN misses the tolerance, too.
+        # `not error <= limit` is also true for an error of NaN.
         if self.error is not None and not self.error <= self.tolerance:
             evidence = self._describe_difference(self.error)
         elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
@@ -321,8 +321,9 @@ class Simulation:
         # Accelerations need second derivatives of the motion.
         path_states, dynamics = self._evaluate(times, second=True)
         states = path_states.states
-        # Momenta are p = R u with the rates u of the coordinates and the symmetric root R
-        # of the inertia matrix. The kinetic energy u M u / 2 is therefore p^2 / 2.
+        # Momenta are defined as p = R u, with the rates u of the coordinates and the
+        # symmetric root R of the inertia matrix M = R R. The kinetic energy u M u / 2 is
+        # p^2 / 2.
         momenta = states[:, equation.momenta]
         kinetic_energy = 0.5 * np.sum(momenta**2, axis=1)
         motion = dynamics.motion
@@ -367,11 +368,11 @@ class Simulation:
         """Estimates of the errors of the simulation, see `Checks`.
 
         The states contain the momenta p = R u, with the rates u of the coordinates and the
-        symmetric root R of the inertia matrix. The kinetic energy is therefore p^2 / 2, and
-        its rate is p dp/dt. The error of dp/dt is its value along the computed path less
-        its value by the equation of motion. Three errors are computed at some times:
+        symmetric root R of the inertia matrix. The kinetic energy is p^2 / 2, and its rate
+        is p dp/dt. The error of dp/dt is its value on the computed path minus its value by
+        the equation of motion. Three errors are computed at several times:
 
-        - Energy: the change of kinetic energy less the work of the loads.
+        - Energy: the change of kinetic energy minus the work of the loads.
         - Momentum: the error of dp/dt times the length of the step.
         - Power: p times the error of dp/dt.
         """
@@ -386,16 +387,15 @@ class Simulation:
         balance = kinetic - work
 
         rate_errors = path_states.rates[:, equation.momenta] - dynamics.momentum_rates
-        # The error of dp/dt is not computed at the end. There a load may jump, or dp/dt may
-        # have no value because the inertia matrix is singular.
+        # Errors at the end are ignored. A load may jump there, or the inertia matrix may be
+        # singular.
         rate_errors[t >= self.end.t] = 0.0
         power_errors = np.vecdot(momenta, rate_errors)
         # An error of dp/dt that lasts for a whole step changes the momenta by this much.
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
-        # Errors of momenta are divided by the largest momentum. This would be zero if the
-        # mechanism rests all the time. The divisor is therefore at least the largest
-        # eigenvalue of R, which is the largest momentum at rates of 1 rad/s. (Eigenvalues
-        # are NaN where an inertia matrix is not positive.)
+        # Errors of momenta are divided by the largest momentum. For a mechanism at rest
+        # this would be zero. The divisor is therefore at least the largest eigenvalue of R,
+        # the momentum at rates of 1 rad/s. (An eigenvalue is NaN if M is not positive.)
         momentum_sizes = np.linalg.norm(momenta, axis=1)
         unit_momentum_sizes = dynamics.roots.eigenvalues.ravel()
         momentum_scale = np.nanmax(np.concatenate([momentum_sizes, unit_momentum_sizes]))
@@ -440,12 +440,12 @@ class Simulation:
 
         Returns
         -------
-        The states, whose angles are reduced by whole turns, and the motion and forces.
+        The states, with angles reduced by whole turns, and the motion and forces.
 
         Raises
         ------
         SolveError
-            If a time is outside of the simulation by more than rounding.
+            If a time is outside of the simulation. Rounding errors are tolerated.
         """
         low = self.start
         high = self.end.t
@@ -458,13 +458,13 @@ class Simulation:
             )
         t = np.clip(t, low, high)
         path_states = self.path.evaluate(t)
-        # Whole turns of the variables are stored apart, so that the states keep their
-        # digits. Loads may depend on these turns, which are passed to the equation (rad).
+        # States are stored without whole turns, so that they lose no digits. Loads may
+        # depend on the turns, so the equation gets them, too (rad).
         turn_angles = TURN * path_states.turns
         return path_states, self.equation.evaluate(
             t,
             states=path_states.states,
-            # The coordinates to which the momenta in the states belong.
+            # These weights define the coordinates to which the momenta belong.
             rate_weights=path_states.rate_weights,
             whole_turns=turn_angles,
             needs_second_order=second,

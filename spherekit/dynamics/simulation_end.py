@@ -101,10 +101,10 @@ def too_many_steps_message(steps: int) -> str:
 def no_step_end(
     equation: EquationOfMotion, path: StatePath, t: float, message: str
 ) -> SimulationEnd:
-    """Return the end of a simulation whose next step would become too short.
+    """Return the reason why a simulation ends if its next step would become too short.
 
-    The end is "no_inertia" if the smallest principal inertia at its time vanishes, compared
-    with the largest one so far. Otherwise it is "too_fast" with the given message.
+    The end is "no_inertia" if the smallest principal inertia at its time is tiny compared
+    with the largest one so far. Otherwise it is "too_fast" with the text `message`.
 
     Parameters
     ----------
@@ -115,16 +115,15 @@ def no_step_end(
     t
         Time of the end, s.
     message
-        The reason of the end, which is used unless the inertia vanishes.
+        The reason in words, which is used unless the inertia vanishes.
     """
-    # `checked_steps` are evenly chosen steps. Their number is limited, so that long
-    # simulations do not take long to examine.
+    # Inertias at the starts of some steps (a limited number, evenly chosen) and at the end.
     step_starts = path.starts[path.checked_steps]
     path_states = path.evaluate(np.append(step_starts, t))
     motion = equation.compute_motion(
         path_states.states[:, : equation.variable_count], path_states.rate_weights
     )
-    # The last row is the end. The first principal inertia is the smallest.
+    # In rows: the starts of steps, then the end. In columns: principal inertias, rising.
     inertias = np.linalg.eigvalsh(inertia_matrix(equation.mechanism, motion))
     if inertias[-1, 0] < MAX_VANISHING_INERTIA * np.max(inertias):
         return SimulationEnd("no_inertia", t, NO_INERTIA_MESSAGE)
