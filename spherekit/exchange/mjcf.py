@@ -550,11 +550,11 @@ class MujocoModel:
         """Add the constraints that close loops, and those of rolling contacts.
 
         - A pair (joint) that closes a loop is a constraint: one point of its axis is the
-        same in both links, parent and child. All links share the centre of the sphere too,
-        so the whole axis coincides.
+          same in both links, parent and child. All links share the centre of the sphere
+          too, so the whole axis coincides.
         - In MuJoCo, springs and torques act only at joints. If such a load acts at the
-        pair, the child has a second body (twin), which hangs on the parent by this joint.
-        The constraint welds the twin to the child.
+          pair, the child has a second body (twin), which hangs on the parent by this
+          joint. The constraint welds the twin to the child.
         - In a rolling contact a sum of joint angles with factors is constant.
 
         Parameters

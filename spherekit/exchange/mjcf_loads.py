@@ -173,14 +173,10 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
     - ``joint``: the pair (joint) at which a torque acts;
     - ``site``: the point of a link at which a force or moment acts;
     - ``refsite``: the site in whose axes the vector of a force or moment is stated. It is a
-    site of the ground. Without it the axes are those of ``site``;
+      site of the ground. Without it the axes are those of ``site``;
     - ``gear``: (6,) the vector of the force, then that of the moment. The name is MuJoCo's;
-    - ``biasprm``: three factors b. The magnitude, by which ``gear`` is multiplied, is b[0]
-    + b[1] length + b[2] rate. At a joint the length is its angle.
-      a site of the ground; without it these are the axes of ``site``;
-    - ``gear``: (6,) the vector of the force, then that of the moment (it is no gear);
-    - ``biasprm``: factors of the magnitude biasprm[0] + biasprm[1] length + biasprm[2]
-      rate, by which ``gear`` is multiplied. At a joint the length is its angle.
+    - ``biasprm``: three factors b. The magnitude, by which ``gear`` is multiplied, is
+      b[0] + b[1] length + b[2] rate. At a joint the length is its angle.
 
     The names of sites are chosen later, when all elements of the model are known
     (`MujocoModel`). Until then ``site`` and ``refsite`` are the name of the load.

@@ -51,7 +51,7 @@ class ObservedLink(NamedTuple):
 
 
 class LoopPoint(NamedTuple):
-    """A point at which two bodies are held together, so that a loop is closed.
+    """A point that two bodies of a MuJoCo model have in common, which closes a loop.
 
     Attributes
     ----------

@@ -228,6 +228,8 @@ def _choose_motion(formulas: Formulas) -> Floats:
     All other arguments, such as rates and accelerations, get arbitrary values that are not
     zero. Results that depend on them are then not all zero.
 
+    Returns
+    -------
     (arguments, modes) the array `motion` that the formulas take. The inputs come first.
     """
     arbitrary_values = 0.3 + 0.1 * np.arange(len(formulas.motion))

@@ -352,6 +352,8 @@ def name_wheels(
     driven
         All joints and wheels that motors drive. Names of wheels may be in use.
 
+    Returns
+    -------
     The same joints and wheels, with new names of wheels.
     """
     taken = {item.get("name", "") for item in root if item.tag in ("link", "joint")}

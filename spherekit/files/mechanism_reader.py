@@ -577,6 +577,8 @@ class _MechanismReader:
         prefix
             Beginning of the keys of a vector, such as "centre_" for ``centre_xyz``.
 
+        Returns
+        -------
         (3,) the unit vector, or None if the table has neither an axis nor a vector.
         """
         if "axis" not in item:
@@ -642,9 +644,9 @@ class _MechanismReader:
 
         # `call_model` adds file, line and key to the message of any error in a function.
         centres, shaft_angle = self.call_model((*path, "axes"), find_centres)
-        # The radius of a circle is the half angle of its cone. `check_half_angles` returns
-        # both half angles. It computes the second one if the file gives only the first, or
-        # if the cones would miss contact by a little.
+        # The radius of a circle is the half angle of its cone. `check_half_angles` computes
+        # the second half angle if the file has only the first, or if the cones miss contact
+        # by a little.
         contact = item.get("contact", "external")
         if "teeth" in item:
             radii = self.call_model(

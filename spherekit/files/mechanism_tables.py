@@ -144,15 +144,18 @@ def _pair_table(item: Any) -> Any:
 
 
 def _input_tables(name: str, inputs: TablesOrNames | str) -> Tables:
-    """Return the tables of the inputs, as in a mechanism file, by name of the driven pair.
+    """Return tables of the inputs (driven pairs), as a mechanism file has them.
+
+    The keys are the names of the pairs. A table can state the range of the variable.
 
     Parameters
     ----------
     name
         Name of the mechanism, for messages.
     inputs
-        The inputs as the user gave them: the name of a pair, several names, or a mapping of
-        names to tables or to the two ends of the range of the variable.
+        The inputs as the user states them: the name of a pair, several names, or a mapping
+        of names to tables. In place of a table there can be the two ends of the range of
+        the variable.
     """
     if isinstance(inputs, str):
         return {inputs: {}}
@@ -190,8 +193,8 @@ def _to_file_types(name: str, path: KeyPath, value: Any) -> Any:
     Raises
     ------
     ModelError
-        If a key is no text, or if a value cannot be converted. Values in the table "user"
-        may have any type.
+        If a key is not a text, or if a value cannot be converted. Values in the table
+        "user" are free data of the user and can have any type.
     """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

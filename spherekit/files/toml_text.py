@@ -66,7 +66,7 @@ def key_text(key: object) -> str:
 
 
 def value_text(value: object) -> str:
-    """Return a Python value as TOML text on one line.
+    """Return a Python value as TOML text on one line, to be written after a key.
 
     Raises
     ------

@@ -151,6 +151,8 @@ def areas_beside_chords(height: Floats, length: Floats) -> Floats:
     length
         (k,) arcs of the chords (rad).
 
+    Returns
+    -------
     (k,) areas (sr).
     """
     order = height.shape[1] - 1

@@ -400,7 +400,7 @@ class CurveDerivative:
         return np.full_like(signed_lengths, lap)
 
     def _differentiate_points(self, frames: PathFrames) -> Floats:
-        """Return the derivatives of points of the curve by the design variable.
+        """Return the derivatives of points and curvatures by the design variable.
 
         Parameters
         ----------

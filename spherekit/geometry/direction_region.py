@@ -57,7 +57,7 @@ class Boundary:
     Attributes
     ----------
     arcs
-        Its smooth arcs in order. One margin is 0 along an arc.
+        Smooth arcs of the curve, in order. One margin is 0 along each arc.
     component
         Number of the component on the left of the curve.
     gap

@@ -134,6 +134,8 @@ def _cosine_minus_dot(arc: HalfAngle, sum_square: Any, difference_square: Any) -
     sum_square, difference_square
         |a + c|^2 and |a - c|^2.
 
+    Notes
+    -----
     Two formulas are exact in different cases. |a - c|^2 / 2 - 2 sin^2(arc / 2) keeps its
     digits if a and c nearly coincide. 2 cos^2(arc / 2) - |a + c|^2 / 2 keeps them if a and
     c are nearly opposite. A number as arc selects one of them. For an expression, their

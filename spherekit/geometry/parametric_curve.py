@@ -115,6 +115,8 @@ class FourierPath:
     def colatitude(self, azimuth: Floats, derivatives: int) -> list[Floats]:
         """Return the colatitude (rad from the centre) and derivatives by the azimuth.
 
+        The curve is described by its colatitude, a Fourier series of the azimuth.
+
         Parameters
         ----------
         azimuth

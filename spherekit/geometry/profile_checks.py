@@ -174,6 +174,7 @@ def check_no_self_intersection(path: SplinePath) -> None:
     ValueError
         If two arcs of the polyline meet. The message names the points of the spline.
     """
+    # A panel is the part of the curve between two successive points.
     panel_count = len(path.knots) - 1
     arcs_per_panel = max(MIN_ARCS_PER_PANEL, ceil(MIN_CHECKED_ARCS / panel_count))
     starts = _sample_panels(path, arcs_per_panel)

@@ -136,7 +136,7 @@ def _half_angle_formula(
 
     The half-angle formula tan^2(A / 2) = sin(s - b) sin(s - c) / (sin s sin(s - a)), with
     half the perimeter s, has no cancellation for small sides. The angle A is between the
-    sides b and c, and opposite to the side a.
+    sides b and c, and opposite to the side a. Here the side c is the base.
 
     Parameters
     ----------

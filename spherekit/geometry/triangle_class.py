@@ -61,6 +61,9 @@ class MarginBounds:
     interpolated from six samples. Four further samples, at the check points, show the
     interpolation error.
 
+    The bounds tell whether a triangle is inside the region, outside, or crossed by the
+    border.
+
     Attributes
     ----------
     low, high
@@ -84,6 +87,8 @@ def _bernstein_matrix() -> Floats:
     point. The b are the Bernstein coefficients. In the triangle the polynomial is between
     the smallest and the largest b.
 
+    Returns
+    -------
     The matrix. Its rows give b1, b2, b3, b12, b23 and b31.
     """
     # b1 is the sample at vertex 1. b12 is twice the sample at the midpoint of edge 12,
@@ -105,6 +110,8 @@ def _slope_matrix(bernstein: Floats) -> Floats:
     bernstein
         (6, 6) matrix from the samples to the Bernstein coefficients of the polynomial.
 
+    Returns
+    -------
     The matrix. Axis 0 is the vertex 1, 2 or 3. Axis 1 is the direction: along the edge from
     1 to 2, or from 1 to 3, with this edge as unit of length. Axis 2 is the sample. For
     example, at vertex 2 the derivative along the edge 13 is 2 (b23 - b12).

@@ -574,6 +574,8 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
         several possible values: there are 2 starts for two equations and 4 for three. Those
         with the smallest residuals are used.
 
+    Returns
+    -------
     The angles to which each start leads. If a root of a system is zero or infinite, it has
     no angle, and nothing counts as a solution of this system.
     """
@@ -734,6 +736,8 @@ def _insert_first_angle(equations: Numbers, first_angles: Numbers) -> Complexes:
     first_angles
         (n, r) values of the first angle (rad).
 
+    Returns
+    -------
     (n, r, t, 3, ..., 3) coefficients of the remaining equations, with one angle less.
     """
     factors = angle_factors(first_angles).astype(complex)
@@ -901,9 +905,9 @@ def _sample_eliminants_of_three(
 def _determines_second_angle(equations: Numbers, denominators: Complexes) -> Bools:
     """Return (n,) whether the first of three equations determines the second angle y.
 
-    With a value of the first angle inserted, this equation is c0 + c1 cos(y) + c2 sin(y) =
-    0. If the part with y is too small at all values of the first angle, its zeros have no
-    meaning.
+    The first equation, with a value of the first angle inserted, is the form c0 + c1 cos(y)
+    + c2 sin(y) = 0. If the part with y is too small at all values of the first angle, its
+    zeros have no meaning.
 
     Parameters
     ----------
@@ -1126,6 +1130,8 @@ def _start_angles_of_three(equations: Numbers, first_angles: Complexes) -> Compl
     first_angles
         (n, r) first angles (rad) of solutions.
 
+    Returns
+    -------
     (n, r, 4, 3) angles (rad). Axis 2 belongs to the four combinations of a second and a
     last angle, axis 3 to the three angles.
     """

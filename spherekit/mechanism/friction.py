@@ -106,6 +106,8 @@ class Bearings(BearingFriction):
         forces
             (..., 3) force through the centre (N) that it transmits, in pair axes.
 
+        Returns
+        -------
         (..., bearings, 3) forces (N) in pair axes, with z along the axis of the pair. With
         `forces`, the z component is NaN unless the load states which share of the axial
         force each bearing supports.

@@ -69,6 +69,8 @@ def component_labels(count: int, couples: Iterable[tuple[int, int]]) -> list[int
     couples
         The two nodes of every edge.
 
+    Returns
+    -------
     (count,) label for each node: the smallest node of its component.
     """
     # At first each node is a component of its own. An edge joins two components under the

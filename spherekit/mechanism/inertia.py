@@ -35,7 +35,7 @@ Tensor = tuple[Vector, Vector, Vector]
 
 @dataclass(frozen=True)
 class Mass:
-    """Inertia of a link, in link axes.
+    """Inertia of a link of a mechanism, in link axes.
 
     Attributes
     ----------
@@ -122,6 +122,8 @@ def uniform_arc(
     ModelError
         If the two axes are parallel.
 
+    Notes
+    -----
     A point of the arc at the angle phi from its middle has the unit vector cos(phi) e +
     sin(phi) f. Here e points to the middle, and f is perpendicular to e in the plane of the
     arc. Over an arc of the angle a, the means are <cos^2> = 1/2 + sin a / (2 a) and <sin^2>

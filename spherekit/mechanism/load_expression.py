@@ -185,7 +185,7 @@ class Expression:
         return tuple(Expression(self.text, _find_names(node), node) for node in nodes)
 
     def evaluate(self, values: Mapping[str, ArrayLike]) -> Floats:
-        """Return the value of the expression for every sample.
+        """Return the value of the expression of a load for every sample.
 
         Parameters
         ----------

@@ -258,7 +258,7 @@ class Spring(Load):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Damper(Load):
-    """A viscous damper at an R pair with the torque -damping v' at the rate v' (rad/s).
+    """A viscous damper at an R pair (hinge) with the torque -damping v' at the rate v'.
 
     The class attributes declare the load for the reader of mechanism files and for
     `components`, which inserts the fields into `torque_template`.
@@ -285,7 +285,7 @@ class Damper(Load):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Friction(Load):
-    """Friction at an R pair with the torque -(torque tanh(v' / speed) + viscous v').
+    """Friction at an R pair (hinge): the torque -(torque tanh(v' / speed) + viscous v').
 
     Here v' is the rate (rad/s) of the variable of the pair. The class attributes declare
     the load for the reader of mechanism files, and for `components` of the base class,

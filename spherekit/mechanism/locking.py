@@ -315,7 +315,7 @@ def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
 
     Returns
     -------
-    The names of the kept link and of the other link.
+    The names of the link that remains (is kept) and of the other link.
     """
     links_with_contacts: set[str] = set()
     for contact in mechanism.pairs:

@@ -86,6 +86,8 @@ def _repeat_closed_paths(angles: Floats) -> Floats:
     angles
         (k, n) angles (rad) at k samples of n assembly modes, NaN where they are unknown.
 
+    Returns
+    -------
     (2 k, n) the angles twice. The second half is NaN in modes whose first and last piece do
     not meet, and in modes with a single piece.
     """

@@ -419,6 +419,8 @@ def multiply_variables(polynomials: Floats) -> Floats:
     polynomials
         (n, m, degree + 1) values of T_0 ... T_degree at n positions, for each variable.
 
+    Returns
+    -------
     (n, (degree + 1)^m) products, in the order of the flattened coefficients of a series in
     m variables.
     """

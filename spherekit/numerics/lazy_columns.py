@@ -124,6 +124,8 @@ class Span(NamedTuple):
     first_output_row
         The row of the output to which the first of these rows is copied.
 
+    Notes
+    -----
     In a column with k subjects (such as poles), the rows of the subjects alternate. All
     three numbers are then multiples of k, so that each subject has the same number of rows.
     """
