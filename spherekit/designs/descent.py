@@ -411,8 +411,8 @@ class Descent:
         Parameters
         ----------
         x
-            (variables,) the design at which the descent begins, in units of the ranges of
-            the variables (0 to 1).
+            (variables,) the design at which the descent begins: the position of each
+            variable in its range (0 to 1).
         mode
             The assembly mode (way to assemble the mechanism). Designs that can be assembled
             in it at fewer samples of the inputs than at the beginning are refused.

@@ -19,12 +19,13 @@ COLOUR_BAR_DISTANCE = 0.12
 
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
-    """Return a figure of surfaces, or clouds of points, in the same space.
+    """Return a figure of surfaces, or clouds of points, in one space of three quantities.
 
     Parameters
     ----------
     surfaces
-        The surfaces. Those without triangles are points, which may have values.
+        The surfaces as triangles. A surface without triangles is a cloud of points, which
+        may have values that are drawn in colours.
     sheet
         Size of the figure.
     """
@@ -38,7 +39,7 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
             if len(surface.triangles):
                 look: Look = {"color": colour, "alpha": 0.6, "linewidth": 0.0}
                 panel.plot_trisurf(x, y, z, triangles=surface.triangles, **look)
-                # An empty curve, since the legend cannot show a surface.
+                # The legend cannot show a surface, so an empty curve represents it.
                 panel.plot([], [], [], color=colour, label=plot_text(surface.label))
             elif values is None:
                 panel.scatter(x, y, z, c=colour, s=3.0)

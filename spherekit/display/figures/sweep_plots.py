@@ -27,20 +27,23 @@ MARKER_AREA_PT2 = 14.0
 
 
 def sweep_figures(result: "SweepResult", columns: int = 2) -> dict[str, Figure]:
-    """Return a figure for each numeric figure of merit of a sweep.
+    """Return a figure for each figure of merit of a sweep, over the varied sizes.
+
+    A sweep evaluates many designs (choices of sizes), in each assembly mode (way to
+    assemble the mechanism). A figure of merit is a number that rates a design.
 
     - With one varied size: a line for each assembly mode.
-    - With two: a colour map on a grid of designs, otherwise coloured points, with a panel
-      for each assembly mode.
-    - With more: points over each varied size, with a panel for each size and a colour for
-      each assembly mode.
+    - With two sizes: a panel for each assembly mode, with a colour map if the designs form
+      a grid, otherwise with coloured points.
+    - With more sizes: a panel for each size, with points and a colour for each assembly
+      mode.
 
     Parameters
     ----------
     result
-        The sweep.
+        The results of the sweep.
     columns
-        Width of the figures in columns of a journal, 1 or 2.
+        Width of the figures, as a number of columns of a journal (1 or 2).
 
     Raises
     ------
@@ -158,18 +161,21 @@ def _draw_two_sizes(
     sizes: Sequence[str],
     limits: tuple[float, float],
 ) -> Any:
-    """Draw a figure of merit over two sizes in colours; return the coloured artist.
+    """Draw a figure of merit over two varied sizes in colours.
+
+    A figure of merit is a number that rates a design. The drawn object is returned, since
+    the colour bar needs it.
 
     Parameters
     ----------
     axes
         The panel.
     rows
-        The rows of one assembly mode.
+        The designs in one assembly mode (way to assemble the mechanism).
     merit
-        The column of the figure of merit.
+        Name of the column with the figure of merit.
     sizes
-        The columns of both sizes.
+        Names of the columns with both sizes.
     limits
         Least and largest value that colours distinguish.
     """
@@ -179,7 +185,7 @@ def _draw_two_sizes(
         "vmax": limits[1],
     }
     table = rows.pivot_table(index=sizes[1], columns=sizes[0], values=merit)
-    # Designs on a grid fill most of the table. A list of scattered designs does not.
+    # A table of both sizes is mostly filled if the designs form a grid.
     is_grid = min(table.shape) > 1 and 2 * len(rows) >= table.size
     if is_grid:
         return axes.pcolormesh(

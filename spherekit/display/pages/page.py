@@ -106,28 +106,29 @@ class PageMaker:
         input_pair: str | Sequence[str] | None,
         crossings: Crossings = "end",
     ) -> None:
-        """Read the mechanism and choose the numbers that have sliders.
+        """Read the mechanism of an interactive page and choose the numbers that get sliders.
 
         Parameters
         ----------
         mechanism
             The mechanism, the name of a shipped one, or the path of a file.
         vary
-            Keys of the numbers that have sliders, None for all sizes.
+            Keys of the numbers of the mechanism file that get sliders. None: all sizes.
         quantities
-            Names or patterns of the quantities that have curves, None for the default ones.
+            Names or patterns of the quantities that get curves. None: the default ones.
         input_pair
-            The driven pairs, None for those of the mechanism.
+            The driven pairs (joints). None: those of the mechanism.
         crossings
-            Whether assembly modes end where their configuration curves cross ("end") or
-            follow smooth curves through these crossings ("pass").
+            What an assembly mode (way to assemble the mechanism) does where its
+            configuration curve crosses another one. It ends there ("end"), or follows its
+            smooth curve ("pass").
         """
-        # The argument as given, which may be a path: it is passed on to `formulas`.
+        # `formulas` gets the argument itself, which may be a path.
         self._any_mechanism = mechanism
         self._input_pair = input_pair
         self._crossings = crossings
         self._mechanism = driven_at(mechanism_of(mechanism), input_pair)
-        # The data of the mechanism file. Sliders change single numbers of it.
+        # The content of the mechanism file. A slider changes one number of it.
         self._document = document_of(mechanism)
         self._inputs = self._mechanism.names_of(driven_pairs(self._mechanism))
         self._page_quantities = PageQuantities(self._mechanism, self._inputs)
@@ -136,19 +137,20 @@ class PageMaker:
         # Keys of the numbers with sliders: those that the user names, or all sizes.
         self._has_named_sizes = vary is not None
         self.keys = self._find_sizes() if vary is None else tuple(vary)
-        # For each input, the steps by which all pole axes are constructed while this input
-        # moves alone. Usually the numbers of links and pairs give the mobility. If
-        # loop-closure equations depend on each other, this number is too small, and the
-        # rank of these equations gives the mobility.
+        # For each input that moves alone: the steps by which all pole axes (axes of
+        # relative rotation of two links) are constructed. If equations are redundant,
+        # counting links and pairs gives too small a mobility. Then the rank of the
+        # equations gives it.
         moves_by_rank = is_mobile_by_rank_only(self._mechanism)
         self._pole_plans = plans(self._mechanism, moves_by_rank)
 
     def make_page(self) -> PageText:
-        """Return the page, and its numbers of curves and of assembly modes.
+        """Return the text of the interactive page, and its numbers of curves and modes.
 
-        A kernel is a set of functions in JavaScript. One kernel computes all quantities at
-        every sample, another one the picture at the cursor. A slider that changes nothing
-        is left out with a note. It is an error if the user asked for it by its key.
+        A kernel is a set of JavaScript functions. One kernel computes all quantities at
+        every sample. Another kernel computes the picture at the cursor. A slider that
+        changes nothing is left out with a note. If the user named its key, this is an
+        error.
 
         Raises
         ------
@@ -156,8 +158,8 @@ class PageMaker:
             If a number that the user named for a slider changes nothing.
         """
         row_formulas = self._make_row_formulas()
-        # `step` contains one step of Newton's method, by which positions are computed if
-        # they have no closed form. It is empty if they have one.
+        # `step` has one step of Newton's method. It is empty if positions have a closed
+        # form.
         has_closed_form = not row_formulas.step
         shown_patterns = self._requested_quantities
         if shown_patterns is None:
@@ -173,19 +175,18 @@ class PageMaker:
             "picture": self._make_formulas(drawn_names),
         }
         if self._has_named_sizes:
-            # The user has named the numbers with sliders. This raises an error if one of
-            # them changes no result.
+            # This raises an error if a number that the user named changes no result.
             check_arguments(formulas_by_kernel.values())
         elif idle_keys := idle_arguments(formulas_by_kernel.values()):
-            # The page is made again without the sliders that change nothing.
+            # Repeat all without the sliders that change nothing.
             for key in idle_keys:
                 self.notes.append(f"no slider for {key}: nothing changes with it")
             self.keys = tuple(key for key in self.keys if key not in idle_keys)
             return self.make_page()
         for reason, names in row_formulas.mode_table.left_out_by_reason().items():
             self.notes.append(f"left out: assembly {numbered('mode', names)}: {reason}")
-        # The user asked that modes pass through crossings, which Newton's method cannot do.
-        # With the sizes of the file there are none: `_make_row_formulas` has checked this.
+        # Newton's method cannot follow a mode through a crossing. With the sizes of the
+        # file there are no crossings, as `_make_row_formulas` has checked.
         if self._crossings == "pass" and not has_closed_form:
             self.notes.append(
                 "with the sizes of the file, no curves are known to cross; if they "
@@ -201,26 +202,26 @@ class PageMaker:
     # Formulas of the kernels
 
     def _make_formulas(self, names: Sequence[str]) -> Formulas:
-        """Return the formulas of quantities, after a check that the page can use them.
+        """Return formulas of quantities for the page, after checks that the page can use them.
 
         Raises
         ------
         EngineError
-            If loads depend on arguments that the page does not have, such as the time.
-            Also if the page is asked to pass crossings of configuration curves, but
-            positions are computed by Newton's method, which cannot pass them.
+            If loads depend on arguments that the page does not have, such as the time. Also
+            if modes shall pass crossings of configuration curves, but positions have no
+            closed form. Newton's method cannot pass a crossing.
         """
         page_formulas = formulas(
             self._any_mechanism,
             names,
-            self.keys,  # of the numbers of the file that have sliders
+            self.keys,  # numbers with sliders are arguments of the formulas
             self._input_pair,
             crossings=self._crossings,
         )
         self._check_smooth_curves(page_formulas)
         self._check_arguments(page_formulas)
-        # The crossings of curves (`smooth`) are those for the sizes of the file. They move
-        # when a slider changes a size, so the page computes them itself.
+        # `smooth` has the crossings for the sizes of the file. They move if a slider
+        # changes a size, so the page computes them itself.
         return replace(
             page_formulas, mode_table=page_formulas.mode_table._replace(smooth=None)
         )
@@ -228,9 +229,9 @@ class PageMaker:
     def _check_arguments(self, page_formulas: Formulas) -> None:
         """Raise an error if formulas have arguments that the page does not have.
 
-        The page has the inputs, and their rates and accelerations. It also counts the whole
-        revolutions of a passive pair on which a load depends, such as a spring that is
-        wound up.
+        The page has the inputs, their rates and accelerations. It also counts whole
+        revolutions of passive (not driven) pairs on which loads depend, such as a wound
+        spring.
 
         Raises
         ------
@@ -238,8 +239,8 @@ class PageMaker:
             If a load depends on other arguments, such as the time.
         """
         turn_arguments = {f"turns_of_{pair}" for pair in self._wound_pairs}
-        # `motion` lists the arguments that are neither sizes nor signs of an assembly mode.
-        # Their names begin with "q", "dq" or "ddq" for inputs, rates and accelerations.
+        # `motion` lists the arguments other than sizes and signs of modes. Their names
+        # begin with "q", "dq" or "ddq" for inputs, rates and accelerations.
         unknown_arguments: list[str] = []
         for argument in page_formulas.motion:
             kind, *_ = argument.name.split("_")
@@ -252,29 +253,29 @@ class PageMaker:
             )
 
     def _check_smooth_curves(self, page_formulas: Formulas) -> None:
-        """Raise an error if Newton's method would have to pass crossings of assembly modes.
+        """Raise an error if modes cannot pass the crossings of their configuration curves.
 
-        At a crossing two configuration curves meet. The option `crossings` of the page is
-        "end" if assembly modes end there. It is "pass" if each mode follows its own smooth
-        curve through the crossing, which needs a closed form of the positions. Without one,
-        the page repeats a step of Newton's method, which cannot pass a crossing.
+        Configuration curves of two assembly modes (ways to assemble the mechanism) can
+        cross. With the option "pass", a mode follows its smooth curve through the crossing.
+        This needs a closed form of the positions. Otherwise the page uses Newton's method,
+        which cannot pass a crossing.
 
-        The message names two ways out: the option "end", and the command `export` instead
-        of a page. Exported source code has starting values on both sides of a crossing.
+        The message names two ways out: the option "end", or the command `export`. Exported
+        source code has starting values on both sides of a crossing.
 
         Parameters
         ----------
         page_formulas
-            Formulas of the web page. Their table of modes has the known crossings.
+            Formulas of the page. Their table of modes has the crossings.
 
         Raises
         ------
         EngineError
             If positions have no closed form, and curves of modes cross.
         """
-        # `step` contains the step of Newton's method; it is empty in closed form.
+        # `step` has the step of Newton's method. It is empty in closed form.
         has_closed_form = not page_formulas.step
-        # None if modes do not follow smooth curves through crossings.
+        # None: modes end at crossings.
         smooth_modes = page_formulas.mode_table.smooth
         if has_closed_form or smooth_modes is None or not smooth_modes.crossings:
             return
@@ -287,20 +288,21 @@ class PageMaker:
         )
 
     def _make_row_formulas(self) -> Formulas:
-        """Return the formulas that the page evaluates at every sample of every mode.
+        """Return the formulas that the page evaluates at every sample of every assembly mode.
 
-        They are the formulas of the quantities that the page shows or needs, and of a few
-        further ones (`_find_added_names`), which depend on these.
+        An assembly mode is one way to assemble the mechanism. The formulas are those of
+        quantities that the page shows or needs. A few further quantities depend on the
+        first ones, so formulas are created in two steps.
         """
-        # `_wound_pairs` are the pairs on whose angle loads depend, such as springs. The
-        # page counts their whole revolutions.
+        # Loads, such as springs, depend on the angles of `_wound_pairs`. The page counts
+        # their whole revolutions.
         needed_names = self._page_quantities.needed_names(self._wound_pairs)
         first_formulas = self._make_formulas_with_torques(needed_names)
         added_names = self._find_added_names(first_formulas)
         if not added_names:
             return first_formulas
-        # All formulas are made again, together with the added ones. The names of the first
-        # results include the driving torques, if these can be written.
+        # Create all formulas again, together with the added ones. The first results may
+        # include driving torques.
         return self._make_formulas([*first_formulas.results, *added_names])
 
     def _find_added_names(self, row_formulas: Formulas) -> list[str]:
@@ -308,10 +310,11 @@ class PageMaker:
 
         There are two kinds:
 
-        - angular velocities of links, by which the page makes pole axes continuous: an axis
-          has two directions, and the page takes the one nearer to the sample before,
-        - a number for each dyad (two links between two known axes), which is negative if
-          the dyad does not reach. Only positions in closed form have it.
+        - Angular velocities of links. A pole axis (axis of relative rotation of two links)
+          has two opposite directions. By these velocities the page makes the direction
+          continuous.
+        - A number for each dyad (two links between two known axes), which is negative if
+          the dyad cannot reach. Only positions in closed form have it.
 
         Parameters
         ----------
@@ -320,21 +323,21 @@ class PageMaker:
         """
         sign_velocities = self._page_quantities.sign_velocities(row_formulas.results)
         added_names = [name for name in sign_velocities if name not in row_formulas.results]
-        # `step` is a step of Newton's method, and empty if positions have a closed form.
+        # `step` has a step of Newton's method. It is empty in closed form.
         has_closed_form = not row_formulas.step
         if has_closed_form:
-            # In closed form, a mode has a value for each dyad: its sign.
+            # In closed form, a mode is described by a sign for each dyad.
             dyad_count = len(row_formulas.mode_value_names)
             for dyad in range(dyad_count):
                 added_names.append(f"{CLOSURE_PREFIX}{dyad + 1}")
         return added_names
 
     def _make_formulas_with_torques(self, needed_names: Sequence[str]) -> Formulas:
-        """Return the formulas of needed and requested quantities.
+        """Return the formulas of the quantities that the page shows or needs.
 
-        If the user requested no quantities, these are the default ones with driving
-        torques. If torques cannot be written, they are left out with a note. An example is
-        friction that depends on the reactions of pairs, which the formulas do not have.
+        By default driving torques are among them. Some torques cannot be written as
+        formulas, for example with friction that depends on reactions in pairs (joints).
+        They are then left out with a note.
 
         Parameters
         ----------
@@ -344,8 +347,7 @@ class PageMaker:
         if self._requested_quantities is not None:
             return self._make_formulas([*self._requested_quantities, *needed_names])
         try:
-            # If there is such friction, the message contains "its friction depends on the
-            # reaction of pair 41, which a page does not solve for".
+            # This raises an error for such friction. The text is a part of its message.
             check_no_reaction_friction(self._mechanism, "a page does not solve for")
             names = self._page_quantities.default_names(with_torques=True)
             return self._make_formulas([*names, *needed_names])
@@ -359,16 +361,16 @@ class PageMaker:
     # Sizes with sliders
 
     def _find_sizes(self) -> Names:
-        """Return the keys of all arcs and angles that can be varied.
+        """Return the keys of all arcs and angles of the mechanism file that get a slider.
 
-        A note is added for each size that cannot have a slider.
+        A note is added for each size that cannot have one.
         """
-        # Axes that the file states by two other directions have no number to vary.
+        # An axis that the file states by two other directions has no number to vary.
         keys = self._omit_axes_by_directions(default_size_keys(self._mechanism))
         if not self._mechanism.has_contacts:
             return keys
-        # With contacts some sizes cannot be arguments of formulas, so formulas are made
-        # with each of them. Whether this works does not depend on the quantity.
+        # With contacts some sizes cannot be arguments of formulas. So create formulas for
+        # each size, with an arbitrary quantity.
         any_quantity = next(iter(self._page_quantities.unit_by_name))
         variable_keys: list[str] = []
         for key in keys:
@@ -381,18 +383,18 @@ class PageMaker:
         return tuple(variable_keys)
 
     def _omit_axes_by_directions(self, keys: Names) -> Names:
-        """Return keys for sliders, without those of axes that the file does not contain.
+        """Remove the keys of axes that the mechanism file does not state as numbers.
 
-        In a P pair one link slides along an arc of a great circle on the other one. Its
-        axis is the pole of that circle. The file may state two directions on the arc
-        instead of the axis. The axis is then no number of the file and can have no slider.
-        `notes` gets a sentence that says so.
+        In a P pair (joint) one link slides along an arc of a great circle on the other
+        link. Its axis is the normal of the plane of this circle. The file may state two
+        directions on the arc instead. Then no number of the axis can have a slider, and a
+        note says so.
 
         Parameters
         ----------
         keys
-            Keys of numbers in the file. Those of pair NAME begin with ``pairs.NAME``. A P
-            pair has no other numbers than its axis, so all its keys are left out.
+            Keys of numbers in the file. Those of the pair NAME begin with ``pairs.NAME``. A
+            P pair has no other numbers than its axis, so all its keys are removed.
         """
         pairs_without_axis = [
             name
@@ -422,11 +424,12 @@ class PageMaker:
         return [pair for pair in wound_pairs(self._mechanism) if pair not in self._inputs]
 
     def _turn_facts(self, pair: str) -> Facts:
-        """Return what the page needs to count the whole turns of a passive pair.
+        """Return what the page needs to count the whole turns of a passive pair (joint).
 
-        Closing the loops gives the angle of a pair in (-pi, pi]. Whole turns are added to
-        it, so that it does not jump along an assembly mode. At one input, the `anchor`, no
-        turns are added. The anchor and the period are the same for all passive pairs.
+        Closing the loops of links gives angles in (-pi, pi]. Whole turns are added, so that
+        an angle does not jump along an assembly mode (way to assemble the mechanism). At
+        one input, the `anchor`, no turns are added. Anchor and period are the same for all
+        passive (not driven) pairs.
 
         Returns
         -------
@@ -558,7 +561,7 @@ class PageMaker:
         }
 
     def _fill_page(self, model: Facts, kernels: str) -> str:
-        """Return the text of the page.
+        """Return the whole text of the HTML page, from a template.
 
         Parameters
         ----------
@@ -574,7 +577,7 @@ class PageMaker:
             citation=html_text(citation),
             version=__version__,
             css=_read_part("parts/uplot.css") + _read_part("page.css"),
-            # An entry of the legend.
+            # The legend explains joint limits only if there are some.
             limit_key=JOINT_LIMIT_KEY if mechanism.joint_limits else "",
             uplot=_read_part("parts/uplot.js"),
             model=json_text(model),
@@ -589,22 +592,22 @@ def _read_part(name: str) -> str:
 
 
 def _write_kernels(formulas_by_kernel: Mapping[str, Formulas]) -> str:
-    """Return the functions of formulas as a JavaScript object.
+    """Return JavaScript code that defines the functions of several sets of formulas.
 
-    The text of a kernel defines names such as ``four_bar_about`` (a description of the
-    formulas), ``four_bar`` (the function that computes their results) and ``four_bar_step``
-    (a step of Newton's method towards a configuration, if positions have no closed form).
-    In the object they are `about`, `at` and `step`. Each kernel has a scope of its own,
-    since all kernels define the same names.
+    The functions of a set are called a kernel. The exported code of a kernel defines names
+    such as ``four_bar_about`` (a description of the formulas), ``four_bar`` (computes their
+    results) and ``four_bar_step`` (a step of Newton's method, if positions have no closed
+    form). The result is an object in which they are called `about`, `at` and `step`. Each
+    kernel has a scope of its own, since all kernels define the same names.
 
     Parameters
     ----------
     formulas_by_kernel
-        The formulas, by the names that the scripts have for the kernels.
+        The formulas of each kernel, by the name of the kernel in the scripts of the page.
     """
     parts: list[str] = []
     for kernel, kernel_formulas in formulas_by_kernel.items():
-        # A page is no module, and exports nothing.
+        # The page is not a JavaScript module, so remove the word `export`.
         text = re.sub(r"^export ", "", source(kernel_formulas, "js"), flags=re.M)
         # The first part of the names is found in the line "const four_bar_about = ...".
         (name,) = re.findall(r"^const (\w+)_about\b", text, re.M)

@@ -47,22 +47,31 @@ def input_facts(mechanism: Mechanism, driven: Input) -> Facts:
 
 
 def link_facts(mechanism: Mechanism, link: str) -> Facts:
-    """Return the R pairs of a link, and its contact profiles as points in link axes.
+    """Return the description of a link for the scripts of an interactive page.
 
-    Contacts have profiles: the curves on both links that touch each other. A circular
-    profile also has its centre and radius. If it rolls, the page draws it as a wheel.
-    Profiles of other shapes have no radius and are drawn as curves.
+    It has the names of the pairs (joints) with an axis in the link, and its contact
+    profiles. A profile is the curve along which the link touches another link, here as
+    points in link axes. A circular profile also has its centre and radius. If it rolls, it
+    is drawn as a wheel. Other profiles are drawn as curves.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    link
+        Name of the link.
     """
     profiles: list[Facts] = []
     joints = make_joints(mechanism)
     for pair, joint in zip(mechanism.pairs, joints, strict=True):
         if pair.profiles is None or link not in pair.links:
             continue
+        # 0 or 1: whether the link is the first or the second link of the pair.
         side = pair.links.index(link)
         profile = pair.profiles[side]
         curve = joint.contact_profiles[side].curve
         arc_lengths = np.linspace(0.0, curve.length, PROFILE_POINT_COUNT)
-        # The third column of the frames of a curve is its point.
+        # The columns of a frame of the curve are tangent, normal and point.
         points = curve.evaluate(arc_lengths).frame[:, :, 2]
         profiles.append(
             {
@@ -79,10 +88,10 @@ def link_facts(mechanism: Mechanism, link: str) -> Facts:
 
 
 def pair_facts(mechanism: Mechanism) -> list[Facts]:
-    """Return facts of all pairs: name, links, whether it has an axis, count of variables.
+    """Return the descriptions of all pairs (joints) for the scripts of a page.
 
-    An R pair has an axis. A contact has none; it has one variable if it rolls, two if it
-    slides.
+    A revolute pair has an axis. A contact has none. It has one variable if it rolls, and
+    two if it slides.
     """
     return [
         {
@@ -96,12 +105,12 @@ def pair_facts(mechanism: Mechanism) -> list[Facts]:
 
 
 def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
-    """Return the name, unit, label and natural size of a quantity that has a curve.
+    """Return the description of a quantity that has a curve on the page.
 
-    The label is made from the name: ``velocity_coefficient_4_1``, for example, becomes
-    "velocity coefficient 4/1". The size is a typical value of quantities with this unit. If
-    the values differ by far less than the size, as by rounding, the page draws a level
-    line.
+    It has name, unit, label and size. The label follows from the name:
+    ``velocity_coefficient_4_1``, for example, becomes "velocity coefficient 4/1". The size
+    is a typical value for this unit. If values vary by far less, as by rounding, the page
+    draws a level line.
 
     Parameters
     ----------
@@ -110,7 +119,7 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
     name, unit
         Name and unit of the quantity.
     """
-    # dB/dq is the derivative of the equivalent inertia B by the input.
+    # The derivative of the equivalent inertia B by the input.
     label = name.replace("dB_dq", "dB/dq").replace("_", " ")
     # Names of links may contain underscores, so each two links are tried.
     for a, b in permutations(mechanism.links, 2):
@@ -143,7 +152,7 @@ def plan_facts(pole_plan: Plan, suffix: str) -> Facts:
     """Return the table of poles, and the steps of their construction, for a page.
 
     A pole is the axis about which two bodies rotate relative to each other. A body is one
-    link, or several links that locked inputs hold together. The dictionary has these keys:
+    link, or several links that locked inputs join. The dictionary has these keys:
 
     - ``moves``: the pair of the input that moves.
     - ``end``: the parameter `suffix`.
@@ -159,8 +168,8 @@ def plan_facts(pole_plan: Plan, suffix: str) -> Facts:
     pole_plan
         The plan by which poles are constructed while one input moves.
     suffix
-        The end of the names of quantities while this input moves, such as ``_by_41``. It is
-        empty if there is one input only.
+        The end of the names of quantities while this input moves, such as ``_by_41``. Empty
+        if there is only one input.
     """
     mechanism = pole_plan.mechanism
     bodies = pole_plan.bodies
@@ -190,12 +199,12 @@ def _pole_links(pole_plan: Plan, pole: Pole) -> list[str]:
 
 
 def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
-    """Yield descriptions of a step in the construction of pole axes.
+    """Yield descriptions of one step in the construction of pole axes, for a page.
 
     A pole is the axis of the relative rotation of two bodies. Usually a step gives one pole
-    and has one description. In some parts of a mechanism the poles do not follow one by one
-    (`BlockPoles`). Velocity equations give all of them at once. The page shows nevertheless
-    how they would follow one by one if one of them, the opening pole, were known:
+    and has one description. In some parts of a mechanism (`BlockPoles`), velocity equations
+    give several poles at once. If one of them, the opening pole, were known, most of the
+    others would follow one by one. The page shows this:
 
     - The first description has the poles that do not follow in this way.
     - A further description follows for each of the others.
@@ -213,11 +222,12 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
 
 
 def _single_pole_facts(pole_plan: Plan, step: PrimaryPole | LinePole) -> Facts:
-    """Return the description of a step that gives one pole.
+    """Return the description of a step that gives one pole, for a page.
 
-    The pole P_ij of the bodies i and j may be the axis of a pair. If it is not, it lies on
-    the great circle through P_ik and P_jk for each third body k, and on the contact plane
-    of a sliding contact between i and j.
+    The pole of two bodies i and j is the axis of their relative rotation. It may be the
+    axis of a pair (joint). Otherwise it lies on the great circle through the poles of (i,
+    k) and (j, k), for each third body k. If a sliding contact joins i and j, it lies on the
+    contact plane, too.
     """
     facts = _make_step_facts(pole_plan, step, [step.pole])
     if isinstance(step, LinePole):
@@ -234,13 +244,14 @@ def _single_pole_facts(pole_plan: Plan, step: PrimaryPole | LinePole) -> Facts:
 
 
 def _make_step_facts(pole_plan: Plan, step: Step, poles: Sequence[Pole]) -> Facts:
-    """Return a description of a step, without great circles and contacts.
+    """Return the description of a step in the construction of poles, for a page.
 
-    It has these keys:
+    A pole is the axis of the relative rotation of two bodies. The description has these
+    keys:
 
     - ``text``: the step in words.
-    - ``lines``: for each great circle the two poles through which it passes.
-    - ``contacts``: names of the sliding contacts whose planes are used.
+    - ``lines``: for each great circle the two poles through which it passes. Empty here.
+    - ``contacts``: names of the sliding contacts with planes that are used. Empty here.
     - ``poles``: the poles that the step gives. A pole is a list of two names of links.
 
     Parameters
@@ -252,7 +263,7 @@ def _make_step_facts(pole_plan: Plan, step: Step, poles: Sequence[Pole]) -> Fact
     poles
         The poles that the step gives.
     """
-    # The text of a block has a further line for each inner step.
+    # If the step gives several poles, further lines describe inner steps.
     first_line = describe(pole_plan, step).split("\n")[0]
     return {
         "text": first_line,

@@ -32,17 +32,16 @@ class OutputPath(NamedTuple):
 
 
 class ReversiblePole(NamedTuple):
-    """The pole axis of two links that no R or P pair joins, while one input moves.
+    """A pole axis for which the page chooses one of two opposite directions.
 
-    A pole axis is the axis about which one link rotates relative to the other. It has two
-    possible senses. The axis of an R or P pair has its sense in the file, but the sense of
-    any other pole axis is chosen by the page. If the page reverses it, the quantities along
-    the axis change their signs.
+    A pole axis is the axis about which one link rotates relative to another one. The axis
+    of a pair (joint) has its direction in the file. For any other axis the page chooses the
+    direction. If it is reversed, the quantities along the axis change their signs.
 
     Attributes
     ----------
     link, reference
-        Names of the link, and of the link relative to which it moves.
+        Name of the link, and of the other link relative to which it moves.
     input_suffix
         End of the names of its quantities, which says which input moves. For example, it
         is "_by_21" in ``velocity_coefficient_4_1_by_21``, for the input at the pair 21. It
@@ -96,13 +95,14 @@ class PageQuantities:
         """Return the names of the velocity coefficients of the outputs for one input.
 
         A velocity coefficient is the relative angular velocity of two links per unit rate
-        of the input that moves while the others are locked. If the mechanism has no
-        outputs, the last link relative to the ground is taken as its output.
+        of the input. The other inputs are locked. Without declared outputs, the motion of
+        the last link relative to the ground is the output.
 
         Parameters
         ----------
         suffix
-            The end of names of this input.
+            The end of the names that says which input moves, such as ``_by_21``. Empty if
+            there is only one input.
         """
         mechanism = self._mechanism
         links = [(output.link, output.relative_to) for output in mechanism.outputs]
@@ -124,20 +124,18 @@ class PageQuantities:
 
     @cached_property
     def output_paths(self) -> list[OutputPath]:
-        """The paths on the sphere that are drawn for the outputs.
+        """The paths on the sphere that the page draws for the outputs.
 
-        An output is the motion of a link, the output link, relative to a reference link. It
-        may declare a pointing direction, a unit vector that is fixed on the output link.
+        An output is the motion of a link relative to a reference link. It may declare a
+        direction, which is a unit vector fixed on the link.
 
-        - If there is such a direction and the reference is the ground, the path of the
-          direction is drawn.
-        - Otherwise the paths of the axes of all pairs of the output link are drawn. Axes of
-          pairs at the ground do not move and are left out.
+        - If it does and the reference is the ground, the path of the direction is drawn.
+        - Otherwise the paths of the axes of all pairs (joints) of the link are drawn. Axes
+          of pairs at the ground do not move and are left out.
 
-        The reference must be the ground in the first case, because the page draws vectors
-        by their components in ground axes. The components of the direction are computed in
-        the axes of the reference. An output path has the name of its vector and the link on
-        which the vector is fixed.
+        Vectors are drawn by their components in ground axes. A direction has components in
+        the axes of the reference, so the reference must be the ground. A path has the name
+        of its vector and the link on which the vector is fixed.
         """
         mechanism = self._mechanism
         paths: list[OutputPath] = []
@@ -186,12 +184,16 @@ class PageQuantities:
         )
 
     def signed_quantities(self, names: Iterable[str]) -> dict[ReversiblePole, list[str]]:
-        """Return the quantities that change their signs with the sense of a pole, by pole.
+        """Return the quantities that change their signs with the direction of a pole axis.
+
+        A pole axis (axis of relative rotation of two links) has two opposite directions.
+        The page may reverse it.
 
         Parameters
         ----------
         names
-            Quantities that the page computes. Others, and poles without any, are left out.
+            Names of the quantities that the page computes. Other quantities are left out,
+            and also poles without quantities.
         """
         computed_names = [*names]
         names_by_pole: dict[ReversiblePole, list[str]] = {}
@@ -204,11 +206,12 @@ class PageQuantities:
         return names_by_pole
 
     def sign_velocities(self, names: Iterable[str]) -> list[str]:
-        """Return the names of the angular velocities by which the page finds signs.
+        """Return the names of the angular velocities that decide directions of pole axes.
 
-        The page continues the sense of each pole axis from sample to sample. To do so, it
-        needs the direction of the relative angular velocity of the two links: the
-        difference of their angular velocities. The ground has no angular velocity.
+        A pole axis has two opposite directions. The page chooses them so that they are
+        continuous from sample to sample. For this it needs the relative angular velocity of
+        the two links, which is the difference of their angular velocities. The ground is at
+        rest.
 
         Parameters
         ----------
@@ -230,13 +233,13 @@ class PageQuantities:
         return components
 
     def needed_names(self, wound_pairs: Sequence[str]) -> list[str]:
-        """Return the quantities that the page needs at every sample, shown or not.
+        """Return the names of the quantities that the page needs at every sample, shown or not.
 
         Parameters
         ----------
         wound_pairs
-            Passive pairs whose whole turns the page counts, since loads depend on them. An
-            example is a pair with a spring.
+            Passive (not driven) pairs (joints) of which the page counts whole turns, since
+            loads such as springs depend on them.
         """
         names: list[str] = []
         # Velocity coefficients of the outputs while one input moves, for each input. The
@@ -263,16 +266,17 @@ class PageQuantities:
         return names
 
     def drawn_names(self, pole_plans: Sequence[Plan]) -> list[str]:
-        """Return the quantities of the picture at the cursor: axes, links and poles.
+        """Return the names of the quantities for the picture at the cursor.
 
-        Links that cannot move relative to each other form one body. Two bodies have a pole,
-        the axis of their relative rotation. A body has the number of its first link.
+        They are axes of pairs (joints), orientations of links, and pole axes. Links that
+        cannot move relative to each other form one body, which has the number of its first
+        link. A pole is the axis of the relative rotation of two bodies.
 
         Parameters
         ----------
         pole_plans
-            For each input, the plan by which the poles are constructed while this input
-            moves and the others are locked. It says which links form a body.
+            For each input: the construction of the poles while only this input moves. It
+            says which links form a body.
         """
         mechanism = self._mechanism
         links = mechanism.links

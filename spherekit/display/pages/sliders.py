@@ -31,10 +31,10 @@ The limit is located to 1/128 of the interval. The result is always an accepted 
 
 @dataclass(frozen=True)
 class SliderRange:
-    """The ranges of a slider and of its text field.
+    """The ranges of a slider and of its text field on an interactive page.
 
-    All numbers are in the unit (deg, rad or none) that the mechanism file uses for the
-    number of the slider.
+    A slider changes one number of the mechanism file. All numbers are in the unit of the
+    file (deg, rad or none).
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class SliderRange:
     least, most
         The smallest and the largest number that may be typed in the text field.
     step
-        The change of the number when an arrow key is pressed.
+        The change of the number by an arrow key.
     """
 
     low: float
@@ -66,10 +66,10 @@ class SliderRange:
 def slider_range(
     document: Document, mechanism: Mechanism, variable: DesignVariable
 ) -> SliderRange:
-    """Compute the range of a slider.
+    """Return the range of a slider, and of the text field beside it.
 
-    The page can save the mechanism file with the number that the slider has. The range has
-    only numbers with which this file can be read again.
+    The page can save the mechanism file with the changed number. So the range has only
+    numbers with which the file can be read again.
 
     Parameters
     ----------
@@ -91,14 +91,11 @@ def slider_range(
         half_range = SLIDER_REACH_DEG * _degrees_to_file_unit(document)
     else:
         half_range = abs(value) or 1.0
-    # The largest power of ten that divides the range of the slider (twice `half_range`)
-    # into at least 100 steps.
+    # The step is a power of ten. The slider has at least 100 steps.
     step = float(10.0 ** np.floor(np.log10(half_range / 50.0)))
     least, most = _find_typed_limits(document, mechanism, variable, half_range)
-    # At the limit of an arc two axes of pairs lie on one line. At that of a latitude, 90
-    # degrees, the axis lies on the z axis of the ground. The slider therefore ends one step
-    # before `least` and `most`. If the number of the file is less than a step from them,
-    # the slider ends at this number.
+    # At the limits, axes of pairs coincide or lie on the z axis of the ground. So the
+    # slider ends one step before them, or at the number of the file.
     lowest_end = min(least + step, value)
     highest_end = max(most - step, value)
     return SliderRange(
@@ -115,8 +112,8 @@ def _find_typed_limits(
 ) -> tuple[float, float]:
     """Return the smallest and the largest number that may be typed beside a slider.
 
-    Numbers may be typed over a range that is `TYPED_TO_SLIDER_RATIO` times as wide as that
-    of the slider, as far as the file can be read with them.
+    This range is `TYPED_TO_SLIDER_RATIO` times as wide as that of the slider. It is
+    narrower if the mechanism file cannot be read with all these numbers.
 
     Parameters
     ----------
@@ -132,15 +129,14 @@ def _find_typed_limits(
     value = variable.value
     least = value - TYPED_TO_SLIDER_RATIO * half_range
     most = value + TYPED_TO_SLIDER_RATIO * half_range
-    # The format has limits for angles only.
+    # The file format has limits for some angles.
     limits_deg = _find_format_limits(mechanism, variable)
     if limits_deg is not None:
         degrees_to_file_unit = _degrees_to_file_unit(document)
         least = max(least, limits_deg[0] * degrees_to_file_unit)
         most = min(most, limits_deg[1] * degrees_to_file_unit)
-    # Other parts of the file may narrow the limits: if a mass is given along an arc, for
-    # example, the arc must be neither 0 nor 180 degrees. So the file is read with numbers
-    # of the range: the end of the slider, then the limit of typed numbers.
+    # Other parts of the file may narrow the range. For example, a mass along an arc
+    # excludes arcs of 0 and 180 degrees. So try to read the file with numbers of the range.
     slider_start = max(value - half_range, least)
     slider_end = min(value + half_range, most)
     return (
@@ -159,15 +155,15 @@ def _find_format_limits(
 ) -> tuple[float, float] | None:
     """Return the limits (deg) that the file format sets for an angle.
 
-    Latitudes are from -90 to 90 degrees, and arcs of links from 0 to 180 degrees unless
-    the link has signed arcs. Other angles have no limits.
+    Latitudes are from -90 to 90 degrees. Arcs of links are from 0 to 180 degrees, unless
+    the file declares them as signed. Other angles have no limits.
 
     Returns
     -------
-    The smallest and the largest angle (deg), infinite if there is no limit. None if the
-    limits are not known beforehand, so that the caller can only try to read the file with
-    other numbers. This is so if the variable is not an angle of a link, pair or output. It
-    is also so if the mechanism has contacts, which may not exist for all angles.
+    The smallest and the largest angle (deg), infinite if there is no limit. None if no
+    limits are known, and the caller has to try reading the file. Then the variable is not
+    an angle of a link, pair or output, or the mechanism has contacts. These may not exist
+    for all angles.
     """
     angle = variable.geometric_angle
     if angle is None or mechanism.has_contacts:
@@ -188,12 +184,11 @@ def _find_format_limits(
 def _find_last_accepted(
     document: Document, variable: DesignVariable, near: float, far: float
 ) -> float:
-    """Find the farthest number, in one direction, with which the file can still be read.
+    """Return the farthest number, in one direction, with which the file can still be read.
 
-    The near number is tried first, then the far one. If the file cannot be read with one of
-    them, the limit between it and the last accepted number is found by bisection. Numbers
-    between accepted ones are not tried. The near number makes the bisection more accurate:
-    if it is refused, the search is in a shorter range.
+    The near number is tried first, then the far one. If one is refused, bisection finds the
+    limit between this number and the last accepted one. Trying the near number first
+    shortens the range of the bisection.
 
     Parameters
     ----------
@@ -220,7 +215,7 @@ def _find_last_accepted(
 def _bisect_to_limit(
     document: Document, variable: DesignVariable, accepted: float, refused: float
 ) -> float:
-    """Return the last accepted number between an accepted and a refused one, by bisection.
+    """Return the last number with which a mechanism file can be read, by bisection.
 
     Parameters
     ----------

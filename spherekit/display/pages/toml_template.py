@@ -32,22 +32,25 @@ comments.
 
 
 def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str | int]:
-    """Return the text of a file in parts, with integers for the numbers that vary.
+    """Cut the text of a mechanism file at the numbers that vary.
 
-    Comments and layout are kept if all numbers are found in the text. Otherwise the data
-    of the file are written anew.
+    An interactive page saves the file by putting the present numbers between the parts.
+    Comments and layout stay if all numbers are found in the text. Otherwise the text is
+    written anew from the data of the file.
 
     Parameters
     ----------
     document
-        The file.
+        The mechanism file.
     paths
-        Paths of the numbers.
+        Paths of the numbers in the file: a table, then keys.
 
     Returns
     -------
-    Texts, and between them the indices in `paths` of the numbers at these positions.
+    Texts, and between them integers. Each integer stands for the number with this index in
+    `paths`.
     """
+    # Each mark is a number that no file contains.
     marks = [_MARK_FORMAT.format(index + 1) for index in range(len(paths))]
     text = document.text
     for path, mark in zip(paths, marks, strict=True):
@@ -56,22 +59,22 @@ def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str |
         text = _mark_number(document, text, path, mark)
     if text is None:
         text = _write_with_marks(document, paths, marks)
-    # Without marks the pattern (?!) matches nowhere.
+    # The pattern (?!) never matches. It is used if there are no numbers.
     pattern = "|".join(map(re.escape, marks)) or "(?!)"
     parts = re.split(f"({pattern})", text)
     return [marks.index(part) if part in marks else part for part in parts if part]
 
 
 def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str | None:
-    """Return the text of a file with a mark in place of one number.
+    """Return the text of a mechanism file with a mark in place of one number.
 
-    The text is later cut at the marks, so that the numbers of sliders can be put there. A
-    mark is itself a number, one that no file contains, so the text remains valid TOML.
+    The text is later cut at the marks, where an interactive page puts new numbers. A mark
+    is itself a number, one that no file contains, so the text remains valid TOML.
 
-    The position of the number is found by trial. Numbers from the line of its key on are
-    replaced by the mark, one at a time. The right one is replaced if the parsed text then
-    has the mark at the path of the number. At most `_MAX_TRIED_NUMBERS` are tried, because
-    each trial parses the whole text.
+    The position of the number is found by trial, starting at the line of its key. One
+    number after another is replaced by the mark, until the parsed text has the mark at
+    `path`. At most `_MAX_TRIED_NUMBERS` are tried, because each trial parses the whole
+    text.
 
     Parameters
     ----------

@@ -17,17 +17,19 @@ MAX_NAMES = 4
 
 
 def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object_]]:
-    """Return the labels (rows,) of pole axes, by the paths of their arrows.
+    """Return the labels of pole axes in each row, by the paths of their arrows.
 
-    A row is one picture of the mechanism, at one sample of its motion. If arrows cover each
-    other in a picture, the first one is labelled with the names of all of them, and the
-    others have an empty label. Two sorts of arrows are left out: axes of pairs (`primary`)
-    have no label, and hidden arrows cover nothing and keep their own.
+    A pole axis is the axis about which one link rotates relative to another. A row is one
+    picture of the mechanism, at one sample of its motion. If arrows cover each other, the
+    first one is labelled with all their names, and the others have an empty label. Axes of
+    pairs (joints, `primary`) have no label and are left out. Hidden arrows cover nothing
+    and are left out, too.
 
     Parameters
     ----------
     primitives
-        The primitives of a scene, with equally many rows.
+        The drawn objects of a scene. Arrows are among them. All have the same number of
+        rows.
     """
     arrows = [
         item
@@ -38,8 +40,8 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
         return {}
     directions = np.stack([arrow.directions for arrow in arrows], axis=1)
     label_owners = find_label_owners(directions)
-    # Most rows have one of a few patterns of owners, so the labels of each pattern are
-    # written once.
+    # Most rows share one of a few patterns, so the labels are written once for each
+    # pattern.
     patterns, pattern_of_row = np.unique(label_owners, axis=0, return_inverse=True)
     names = [arrow.label for arrow in arrows]
     labels = np.empty(patterns.shape, object)
@@ -49,12 +51,13 @@ def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object
 
 
 def find_label_owners(directions: Floats) -> Integers:
-    """Return for each arrow the arrow whose label has its name.
+    """Return for each arrow the arrow in which its name is written.
 
-    It is the first arrow that covers it, or the arrow itself. For example, let arrow 1
-    cover the arrows 0 and 2, which do not cover each other. The owners are then [0, 0, 1]:
-    arrow 0 is labelled with the names of 0 and 1, arrow 1 with that of 2, and arrow 2 has
-    an empty label.
+    Two arrows of nearly equal direction cover each other, and labels would overlap. The
+    name is written in the label of the first arrow that covers the arrow, or in its own
+    label. For example, let arrow 1 cover the arrows 0 and 2, which do not cover each other.
+    The result is then [0, 0, 1]: arrow 0 has the names of 0 and 1, arrow 1 has the name of
+    2, and arrow 2 has an empty label.
 
     Parameters
     ----------
@@ -67,8 +70,8 @@ def find_label_owners(directions: Floats) -> Integers:
     """
     cosines = directions @ np.swapaxes(directions, 1, 2)  # (rows, arrows, arrows)
     covers = cosines > COVERING_COSINE
-    covers |= np.eye(directions.shape[1], dtype=bool)  # with NaN, too
-    # The first arrow that covers is the first true value of each row of `covers`.
+    covers |= np.eye(directions.shape[1], dtype=bool)  # also for NaN
+    # `argmax` finds the first true value.
     return np.argmax(covers, axis=2)
 
 

@@ -55,17 +55,17 @@ class Plot(NamedTuple):
     Attributes
     ----------
     page
-        The page on which it is shown; None for all pages.
+        The page (tab of the window) on which the plot is shown. None for all pages.
     path
-        Path of the chart, diagram or surface that it shows.
+        Path of the chart, diagram or surface in the recording.
     has_findings
-        Whether it shows results of an analysis. These come first.
+        Whether the plot shows results of an analysis. Such plots come first.
     view
-        A function without arguments that makes the view of rerun. It is called each time
-        the layout is written, since rerun allows a view in one layout only.
+        A function without arguments that creates the view. It is called each time the
+        layout is written, since rerun allows a view in one layout only.
     comparison
-        Path of the chart that compares the plot with the plots of other modes; may be
-        empty.
+        Path of the chart that has the curves of this plot for all assembly modes (ways to
+        assemble the mechanism). Empty if there is none.
     """
 
     page: Page
@@ -141,9 +141,13 @@ class Layout:
         return f"{self.base(page)}/{primitive.path.strip('/')}"
 
     def blueprint(self) -> rrb.Blueprint:
-        """Return the layout as a blueprint of rerun: pages as tabs, with few panels."""
-        # Pages that show results of analyses come first, then all pages in their order. A
-        # page that is in the list twice has its first place, which `index` returns.
+        """Return the layout of the viewer window as a blueprint of rerun.
+
+        Each page is a tab, for example one for each assembly mode (way to assemble the
+        mechanism). Panels that are not needed are hidden.
+        """
+        # Pages with results of analyses come first. `index` finds the first place of a
+        # page.
         order = [*self.pages_with_findings, *self.pages]
         pages = [
             self._page(page, self.pages[page])
@@ -154,9 +158,8 @@ class Layout:
         if self.comparisons:
             pages.append(self._comparison_page())
         window = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
-        # First and last value of the timeline: seconds, ticks of the input or samples. If
-        # they are not known, 360 samples are assumed. Only the speed of playing depends on
-        # them.
+        # First and last value of the timeline: seconds, ticks of the input, or samples.
+        # They only determine the speed of playing.
         first, last = self.span or (0, 360)
         return rrb.Blueprint(
             window,
@@ -175,14 +178,13 @@ class Layout:
         )
 
     def _page(self, page: Page, title: str) -> rrb.Container:
-        """Return the contents of one page of the window.
+        """Return the views of one page (tab) of the viewer window.
 
-        The sphere is on the left. On the right, from the top, are the first plot, the
-        further plots and the panels (graph and texts). Plots that show results of analyses
-        (`has_findings`) come before plots of the motion.
-
-        A page is the number of an assembly mode (one way to assemble the mechanism), or the
-        title of any other page, such as a list of singularities.
+        A page belongs to an assembly mode (way to assemble the mechanism), and is then its
+        number. Other pages have a title, such as a list of singularities. The sphere is on
+        the left. On the right are the first plot, the further plots, and the panels (graph
+        and texts). Plots with results of an analysis (`has_findings`) come before plots of
+        the motion.
         """
         # Items that all pages show have the page None.
         page_plots = [plot for plot in self.plots if plot.page in (None, page)]
@@ -193,8 +195,8 @@ class Layout:
         panels = [view() for owner, view in ordered_panels if owner in (None, page)]
         rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]
 
-        # A page with a title has a sphere only if the page itself draws on it. On a page of
-        # a mode, the items that all pages show (owner None) are also drawn on the sphere.
+        # A page with a title has a sphere only if something is drawn there for this page. A
+        # page of a mode also shows things that belong to all pages (owner None).
         sphere_owners = (page,) if isinstance(page, str) else (None, page)
         has_sphere = any(owner in sphere_owners for owner, _ in self.sphere_view_paths)
         # Shares are relative widths of columns or heights of rows.
@@ -218,17 +220,19 @@ class Layout:
         return rrb.Horizontal(sphere, rrb.Vertical(*rows), column_shares=shares, name=title)
 
     def _sphere_view(self, page: Page, title: str) -> rrb.Spatial3DView:
-        """Return the view of the sphere with what a page shows on it.
+        """Return the view of the sphere, with everything that a page (tab) shows on it.
 
-        It shows the things that belong to this page, and those that belong to all pages.
+        Things that belong to all pages are included.
 
         Parameters
         ----------
         page
-            The page. Things that belong to all pages have the page None.
+            The page: the number of an assembly mode (way to assemble the mechanism), or a
+            title.
         title
             Title of the view.
         """
+        # Things that belong to all pages have the owner None.
         owners = (None, page)
         position, target, up = self.sight
         paths = [path for owner, path in self.sphere_view_paths if owner in owners]
@@ -250,17 +254,17 @@ class Layout:
 
     @property
     def trail_range(self) -> rrb.VisibleTimeRanges:
-        """The range before the cursor in which the trail of a pole is shown.
+        """The range of time in which the trail of a pole axis is shown.
 
-        The trail has the last `TRAIL_SAMPLES` samples. A recording has two timelines, and
-        the user of the viewer may switch between them: the number of the sample, and the
-        input or the time. The range is therefore stated on both.
+        The trail shows the motion of the axis in the last `TRAIL_SAMPLES` samples before
+        the cursor. A recording has two timelines, and the user may switch between them: the
+        number of the sample, and the input or the time. So the range is stated for both.
         """
 
         def boundary(timeline: str, offset: float) -> rr.TimeRangeBoundary:
-            """Return a time at a distance from the cursor, in the timeline's unit."""
-            # The timeline of times is in seconds. All others count whole numbers: samples,
-            # or ticks of the input, which are parts of a degree.
+            """Return a time at some distance from the cursor, in the unit of the timeline."""
+            # Only the timeline of times is in seconds. Others count samples, or ticks
+            # (small parts of a degree) of the input.
             if timeline == TIME_TIMELINE:
                 return rr.TimeRangeBoundary.cursor_relative(seconds=offset)
             return rr.TimeRangeBoundary.cursor_relative(seq=round(offset))
@@ -307,18 +311,18 @@ def space_view(path: str, name: str) -> rrb.View:
 def plane_view(
     path: str, name: str, bounds: tuple[Span, Span], further_paths: Sequence[str] = ()
 ) -> rrb.View:
-    """Return the view of a plane, such as a chart or a diagram.
+    """Return the view of a plane, such as a chart, for the layout of the viewer.
 
     Parameters
     ----------
     path
-        Path of the chart; everything below it is shown.
+        Path of the chart in the recording. Everything below this path is shown.
     name
         Title of the view.
     bounds
         The x and the y range that are visible.
     further_paths
-        Paths of other entities that are shown in the plane too.
+        Paths of other things in the recording that are shown in the plane, too.
     """
     x_range, y_range = bounds
     return rrb.Spatial2DView(

@@ -94,7 +94,7 @@ def frame_side(
     is_degrees: bool = False,
     is_logarithmic: bool = False,
 ) -> FrameSide:
-    """Return an axis of a frame for a range of values, with ticks at round values.
+    """Return one side of the frame of a chart: its title, and ticks at round values.
 
     Parameters
     ----------
@@ -110,14 +110,15 @@ def frame_side(
     low, high = value_range
     if is_logarithmic:
         log_low, log_high = np.log10(value_range)
-        # All whole exponents within the range, its ends included. `TICK_ROUNDING` includes
-        # an end that rounding has moved out of the range.
+        # All whole exponents within the range. `TICK_ROUNDING` also includes an end that
+        # rounding has moved out of the range.
         powers = np.arange(
             np.ceil(log_low - TICK_ROUNDING), np.floor(log_high + TICK_ROUNDING) + 1.0
         )
         texts = [f"1e{power:z.0f}" for power in powers]  # z writes -0 as 0
         fractions = (powers - log_low) / max(log_high - log_low, 1e-300)  # never 0 / 0
     else:
+        # Ticks are stored as fractions of the range, from 0 to 1.
         step, values = ticks(low, high, is_degrees)
         texts = [tick_text(value, step) for value in values]
         fractions = fraction_of_range(values, low, high)
@@ -130,7 +131,7 @@ def axis_side(axis: Axis) -> FrameSide:
 
 
 def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) -> Stills:
-    """Yield the box of a frame with its grid lines, and the words at its axes.
+    """Yield the frame of a chart with its grid lines, and the words at its axes.
 
     Each item is a path below that of the chart, and the data that are logged there once.
 
@@ -139,13 +140,13 @@ def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) 
     width
         Width of the frame, in units of the chart.
     x, y
-        Its horizontal and vertical side.
+        The horizontal and the vertical side: title and ticks.
     has_grid
         Whether lines are drawn at the ticks.
     """
-    # Lines have coordinates from 0 to 1 in the frame, y up; the first is the box itself.
-    # Words have the place (x, y) of their text in units of the chart, y down. The viewer
-    # writes a text centred below its place, `LABEL_DROP` further down.
+    # Points of lines are fractions of the frame, y up. The first line is the box. Words are
+    # placed in units of the chart, y down. The viewer writes a text `LABEL_DROP` below its
+    # place.
     lines = [np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])]
     words: list[tuple[float, float, str]] = []
     for fraction, text in x.ticks:
@@ -156,13 +157,12 @@ def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) 
     for fraction, text in y.ticks:
         if has_grid:
             lines.append(np.array([[0.0, fraction], [1.0, fraction]]))
-        # Numbers of the y axis are in the middle of the left margin, at the height of
-        # their tick.
+        # Numbers of the y axis are in the middle of the left margin.
         height = FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP
         words.append((-0.5 * LEFT_MARGIN, height, text))
     if y.title:
-        # The viewer cannot turn a text to write it along the y axis. It is above the frame,
-        # and "up" says which axis it belongs to.
+        # The viewer cannot turn a text, so it is above the frame. "up" says that it belongs
+        # to the y axis.
         words.append((Y_TITLE_FRACTION * width, -TOP_MARGIN, f"up: {y.title}"))
     placed_lines = [place_in_frame(line, width) for line in lines]
     yield "frame", draw_lines(placed_lines, colours.GRATICULE, 0.5)
@@ -177,15 +177,14 @@ def draw_colour_scale(low: float, high: float, label: str) -> Stills:
     Parameters
     ----------
     low, high
-        The values at its ends.
+        The values at the ends of the scale.
     label
         The quantity with its unit.
     """
-    # One unit of the plane is one pixel of the image, whose upper left corner is the
-    # origin.
+    # One unit of the plane is one pixel of the image.
     scale = colours.heat_colours(np.linspace(0.0, 1.0, round(CHART_WIDTH)))
     yield "bar", rr.Image(np.tile(scale, (COLOUR_SCALE_HEIGHT, 1, 1)))
-    # An axis without title, of which only the round numbers at its ticks are needed.
+    # Only the round numbers at the ticks are used.
     side = frame_side("", (low, high))
     words = [
         (CHART_WIDTH * fraction, SCALE_TICK_DROP, text) for fraction, text in side.ticks
@@ -195,7 +194,7 @@ def draw_colour_scale(low: float, high: float, label: str) -> Stills:
 
 
 def ticks(low: float, high: float, is_degrees: bool) -> tuple[float, Floats]:
-    """Return a round step, and its multiples from `low` to `high`, about `TICKS` of them.
+    """Return about `TICKS` round values for the ticks of an axis, and their step.
 
     Parameters
     ----------
@@ -206,8 +205,8 @@ def ticks(low: float, high: float, is_degrees: bool) -> tuple[float, Floats]:
 
     Returns
     -------
-    The step, and the values of the ticks. An axis without length, or with an end that is
-    not finite, has one tick at its low end.
+    The step, and the values of the ticks. An axis of length 0, or with an infinite end,
+    has one tick at its low end.
     """
     ideal_step = (high - low) / TICKS
     if not 0.0 < ideal_step < np.inf:
@@ -215,10 +214,10 @@ def ticks(low: float, high: float, is_degrees: bool) -> tuple[float, Floats]:
     power = 10.0 ** np.floor(np.log10(ideal_step))
     steps = [power * factor for factor in STEPS]
     if is_degrees and ideal_step >= 1.0:
-        # Several turns between ticks are whole turns times a round number.
+        # If the step exceeds a turn, it is a round number of turns.
         turn_power = max(1.0, 10.0 ** np.floor(np.log10(ideal_step / 360.0)))
         steps = [*ANGLE_STEPS, *(360.0 * turn_power * factor for factor in STEPS)]
-    # The step with the ratio nearest to 1 to the ideal step.
+    # Choose the step that is nearest on a logarithmic scale.
     step = min(steps, key=lambda candidate: abs(np.log(candidate / ideal_step)))
     first = np.ceil(low / step - TICK_ROUNDING)
     last = np.floor(high / step + TICK_ROUNDING)
@@ -275,14 +274,14 @@ def draw_words(
     colour: colours.Colour = colours.PALE,
     is_shown: bool = True,
 ) -> rr.Points2D:
-    """Return texts at places of a chart.
+    """Return texts at places of a chart, as points of size 0 with labels.
 
     Parameters
     ----------
     words
         Place (x, y) and text of each.
     colour
-        Their colour.
+        Colour of the texts.
     is_shown
         Whether the texts are always visible. Otherwise the viewer shows a text when its
         place is pointed at.

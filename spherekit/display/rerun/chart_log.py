@@ -53,19 +53,21 @@ class Charts:
         axes: tuple[Axis, ...],
         changed_paths: dict[str, list[str]],
     ) -> bool:
-        """Add a block of rows of a series to its chart; return whether the chart is new.
+        """Add a block of values of a series to its chart; return whether the chart is new.
 
-        A recording is written in blocks of consecutive rows. A new chart gets a view in the
-        layout of the window, which then has to be sent to the viewer again.
+        A recording is written in blocks of consecutive rows (samples). A series is one
+        quantity over an axis. A new chart gets a view in the layout of the window, so the
+        caller sends the layout again.
 
         Parameters
         ----------
         scene
-            The scene of the block. A series has a label (the name of its curve) and a
-            heading (the quantity with its unit). Series with one heading on one page share
-            a chart. Over two axes each series is a map and has a chart of its own.
+            What is drawn on one page in this block. A page is the number of an assembly
+            mode (way to assemble the mechanism), or a title.
         series
-            The series: values (rows,) of one quantity.
+            The series: values (rows,) of one quantity, a label (name of the curve) and a
+            heading (quantity with unit). Series with one heading on one page share a chart.
+            Over two axes each series is a map and has a chart of its own.
         axes
             The axes over which it is drawn.
         changed_paths
@@ -79,7 +81,8 @@ class Charts:
         is_new = chart_path not in self.charts
         if is_new:
             self.charts[chart_path] = Chart(title, axes)
-            # Curves on pages of assembly modes (numbers) also get a chart of all modes.
+            # Pages of assembly modes are numbers. Their curves also get a chart of all
+            # modes.
             is_comparable = isinstance(scene.page, int) and not is_map
             comparison = f"{layout.root}/compare/{slug(title)}" if is_comparable else ""
             view = partial(plane_view, chart_path, title, CHART_BOUNDS)
@@ -100,11 +103,11 @@ class Charts:
         axes: tuple[Axis, ...],
         row_count: int,
     ) -> None:
-        """Log the cursors and legends of the charts that got rows in a block.
+        """Log the cursors and legends of charts for one block of rows (samples).
 
-        The cursor of a chart is a line or a dot at the current row. The legend has the name
-        of each series and its value in the current row. The appearance of both is logged
-        once, in the first block of the chart. Positions and texts are logged for each row.
+        The cursor is a line or dot at the current row. The legend has the name of each
+        series and its value in the current row. Their appearance is logged once, in the
+        first block of the chart. Positions and texts are logged for each row.
 
         Parameters
         ----------
@@ -121,7 +124,7 @@ class Charts:
         for chart_path, series_paths in changed_paths.items():
             chart = self.charts[chart_path]
             cursor_path = f"{chart_path}/cursor"
-            # `ENTITY_ITSELF` is the empty path: the style is that of `cursor_path` itself.
+            # `ENTITY_ITSELF` is the empty path below `cursor_path`.
             self.outputs.log_first(cursor_path, [(ENTITY_ITSELF, cursor_style(chart))])
             cursor = chart.cursor_columns(axis_values)
             self.outputs.log_rows(cursor_path, timelines, cursor, row_count)
@@ -132,7 +135,7 @@ class Charts:
             self.outputs.log_first(
                 legend_path, [(ENTITY_ITSELF, legend_style(positions, tints))]
             )
-            # A curve is the list of its blocks so far. The last one is the current block.
+            # A curve is a list of blocks. The last one is the current block.
             current_blocks = [chart.curves[path][-1].series for path in series_paths]
             texts = legend_texts(current_blocks)
             # The texts of all rows are one list. Each row has one text for each series.
@@ -142,11 +145,17 @@ class Charts:
             self.outputs.log_rows(legend_path, timelines, legend, row_count)
 
     def draw(self, destinations: Sequence[Output]) -> None:
-        """Draw all rows so far of all charts, and the comparisons of assembly modes.
+        """Draw the curves and maps of all charts, and the comparisons of assembly modes.
 
-        A comparison is a chart with the curves of all modes. It is omitted if it would have
-        more than `MAX_COMPARED_CURVES` curves. Curves do not move, so they are logged as
-        static data, which are valid at all times of the recording.
+        A comparison is a chart with the curves of all assembly modes (ways to assemble the
+        mechanism). It is left out if it would have more than `MAX_COMPARED_CURVES` curves.
+        Curves do not move, so they are logged as static data, valid at all times of the
+        recording.
+
+        Parameters
+        ----------
+        destinations
+            The files or viewers that get the data.
         """
         for chart_path, chart in self.charts.items():
             # The path of a chart is "PAGE/charts/TITLE".
@@ -165,10 +174,10 @@ class Charts:
                 continue
             comparison = compare_modes(charts)
             self.layout.comparisons[path] = comparison.title
-            # The legend names the curves of the first mode only: the other modes have
-            # lighter shades of the same colours.
+            # The legend names only the curves of the first mode. Other modes have lighter
+            # shades of the same colours.
             first_curves = charts[0].curves
-            # Each curve is a list of blocks of rows, which all have its label.
+            # All blocks of a curve have the same label.
             names = [blocks[0].series.label for blocks in first_curves.values()]
             # Positions (k, 2) of the k names in the chart, and their colours.
             positions, tints = comparison.legend(first_curves)

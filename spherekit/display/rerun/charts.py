@@ -130,7 +130,9 @@ class Chart:
         self.curves.setdefault(path, []).append(block)
 
     def joined_blocks(self, path: str) -> tuple[list[Floats], Floats]:
-        """Return all rows of a series so far: its blocks joined in their order.
+        """Return all values of a series so far, from all its blocks.
+
+        A recording is written in blocks of consecutive rows (samples).
 
         Parameters
         ----------
@@ -168,16 +170,16 @@ class Chart:
         return rr.LineStrips2D.columns(strips=[*vertical_lines(x)])
 
     def legend(self, paths: Collection[str]) -> tuple[Floats, list[colours.Colour]]:
-        """Return the positions of the names of k series in the legend, and their colours.
+        """Return the positions and colours of names in the legend of the chart.
 
-        The legend is to the right of the frame. It lists all series of the chart in the
-        order of their arrival, also those that are not asked for. A map (one series over
-        two axes, drawn in colours) has a single name.
+        The legend is to the right of the frame. It has a line for each series of the chart,
+        also for those that are not asked for. A map (one series over two axes, drawn in
+        colours) has a single name.
 
         Parameters
         ----------
         paths
-            The paths of the k series.
+            The paths of the k series that are asked for.
 
         Returns
         -------
@@ -187,21 +189,20 @@ class Chart:
         if self.is_map:  # the name is in the upper right corner of the chart
             return np.array([[self.width + 0.5 * LEGEND_WIDTH, -TOP_MARGIN]]), tints
         numbers = [number for number, path in enumerate(self.curves) if path in paths]
-        # The list fills one column of the legend after the other.
+        # The lines fill one column of the legend after the other.
         column, row = np.divmod(numbers, LEGEND_ROWS)
         line_height = _legend_line_height(min(len(self.curves), LEGEND_ROWS))
         x = self.width + (column + 0.5) * LEGEND_WIDTH
-        # The viewer writes a text below its position. Going up by the same distance, the
-        # text is in the middle of its line.
+        # The viewer writes a text `LABEL_DROP` below its position, so the position is
+        # higher.
         y = line_height * (row + 0.5) - LABEL_DROP
         return np.stack([x, y], axis=1), tints
 
     def draw(self, marks: Sequence[InputMarks] = ()) -> Stills:
-        """Yield everything that does not move: frame, curves or map, and marks.
+        """Yield everything in the chart that does not move: frame, curves or map, and marks.
 
         Each item is a path below that of the chart, and the data that are logged there
-        once. A row is one sample. Rows arrive in blocks, and the curves have the rows of
-        all blocks so far.
+        once. The curves have the rows (samples) of all blocks so far.
 
         Parameters
         ----------
@@ -211,12 +212,12 @@ class Chart:
         if self.is_map:
             yield from self._draw_map()
             return
-        # The first block of each series has its unit and resolution. All series of a chart
-        # have one unit. Changes of a value below the resolution are rounding.
+        # Unit and resolution are in the first block of each series. Changes below the
+        # resolution are rounding.
         first_series = [blocks[0].series for blocks in self.curves.values()]
         unit = first_series[0].unit
         resolution = max(series.resolution for series in first_series)
-        # If all values are equal up to rounding, the range is so wide that the curve looks
+        # If values differ by rounding only, the range is so wide that the curve looks
         # straight.
         rows_by_path = {path: self.joined_blocks(path) for path in self.curves}
         all_values = np.concatenate([values for _, values in rows_by_path.values()])
@@ -245,9 +246,9 @@ class Chart:
         Parameters
         ----------
         axis_values, values
-            (rows,) values on the axis and of the series.
+            (rows,) values on the horizontal axis, and values of the series.
         y_range
-            Lowest and highest value in the frame.
+            Lowest and highest value in the frame of the chart.
         unit
             Unit of the values.
         """
@@ -275,16 +276,16 @@ class Chart:
             yield f"marks/{number}/words", draw_words(names, tint, are_names_shown)
 
     def _draw_map(self) -> Stills:
-        """Yield the frame of a map, its picture with a scale of colours, and words.
+        """Yield a map with its frame, its scale of colours, and words.
 
         A map shows one quantity over two inputs by colours. It is an image with one pixel
-        per unit of the chart. The scale of colours is part of the same image, to the right
-        of the map.
+        for each unit of the chart. The scale of colours is in the same image, to the right.
         """
         (path,) = self.curves  # a map has one series
         first_block = self.curves[path][0]
         series = first_block.series  # its unit and resolution are those of all blocks
-        # Values on both axes, and the quantity (x, y), NaN where there is no sample.
+        # Values on both axes, and the quantity (len(x), len(y)), NaN where there is no
+        # sample.
         x, y, cells = grid_values(*self.joined_blocks(path))
         x_axis, y_axis = self.axes[:2]
         yield from draw_frame(
@@ -294,9 +295,8 @@ class Chart:
         column_samples = _nearest_sample(x, x_axis.extent, round(self.width))
         row_samples = _nearest_sample(y, y_axis.extent, round(FRAME_HEIGHT))[::-1]
         pixel_values = cells.T[np.ix_(row_samples, column_samples)]
-        # Colours extend from the value `low` to the value `high`. If the values differ by
-        # rounding only, this range is so wide that the map has one colour. Differences
-        # below `resolution` times `magnitude` count as rounding.
+        # Values of the first and the last colour. If values differ by rounding only, the
+        # range is so wide that the map has one colour.
         magnitude = quantity_scale(cells, series.unit)
         low, high = choose_plot_range(
             cells, magnitude, series.resolution, shown_by="colours"
@@ -305,7 +305,7 @@ class Chart:
         yield "scale", draw_words(self._scale_words(low, high))
 
     def _scale_words(self, low: float, high: float) -> list[tuple[float, float, str]]:
-        """Return round values beside the scale of colours, with their places.
+        """Return round values beside the scale of colours of a map, with their places.
 
         Parameters
         ----------
@@ -318,8 +318,8 @@ class Chart:
         """
         x = self.width + MAP_SCALE_GAP + MAP_SCALE_WIDTH + MAP_SCALE_TEXT_GAP
         words = []
-        # A tick is the height of a value, as a fraction of the scale, and its text. The
-        # viewer centres a text at its place and writes it `LABEL_DROP` below.
+        # A tick is a fraction of the height of the scale, and a text. The viewer writes a
+        # text `LABEL_DROP` below its place.
         for fraction, text in frame_side("", (low, high)).ticks:
             words.append((x, FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP, text))
         return words
@@ -370,14 +370,14 @@ def legend_places(width: float, count: int) -> Floats:
 def legend_style(
     places: Floats, tints: Sequence[colours.Colour], names: Sequence[str] | None = None
 ) -> rr.AsComponents:
-    """Return the legend of a chart as points that show nothing but their labels.
+    """Return the names in the legend of a chart, as points of size 0 with labels.
 
     Parameters
     ----------
     places, tints
-        Place (k, 2) and colour of each name.
+        (k, 2) place of each name, and its colour.
     names
-        The names. None if they are logged with each row, because they contain values.
+        The names. None if they contain values, since they are then logged with each row.
     """
     return rr.Points2D.from_fields(
         positions=places, colors=tints, radii=0.0, show_labels=True, labels=names
@@ -385,16 +385,16 @@ def legend_style(
 
 
 def legend_texts(legend_series: Sequence[Series]) -> list[str]:
-    """Return the texts of a legend: names of the series with their values in each row.
+    """Return the texts of a legend: the name of each series with its value in each row.
 
-    When the viewer plays a recording, the legend shows the values of the current row.
-    Values below the `resolution` of a series are rounding errors and are written as 0.
+    A row is one sample. While the viewer plays a recording, the legend shows the values of
+    the current row. Values below the `resolution` of a series are rounding errors and are
+    written as 0.
 
     Parameters
     ----------
     legend_series
-        All series of the legend. Their values are those of the rows of one block, which are
-        consecutive samples that are logged together.
+        All series of the legend, with their values in consecutive rows.
 
     Returns
     -------
@@ -426,20 +426,21 @@ def path_axis(axes: Sequence[Axis]) -> Axis:
 def grid_values(
     axis_values: Sequence[Floats], values: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the values of a series as a grid over the first two axes.
+    """Return the values of a series as a grid over its first two axes, for a map.
+
+    With more than two axes, only the middle value of each further axis is used.
 
     Parameters
     ----------
     axis_values
-        The values (rows,) on each axis. Only the rows with the middle value of every axis
-        after the second are used.
+        The values (rows,) on each axis. A row is one sample.
     values
         The values (rows,) of the series.
 
     Returns
     -------
-    The different values (x,) on the first and (y,) on the second axis, increasing, and the
-    values (x, y) of the series. Cells without a row are NaN.
+    The different values (x,) on the first and (y,) on the second axis, increasing. Then the
+    values (x, y) of the series, NaN where there is no row.
     """
     is_chosen = np.ones(len(values), bool)
     for further_values in axis_values[2:]:
@@ -469,14 +470,15 @@ def _number_text(value: float, resolution: float) -> str:
 def _nearest_sample(
     samples: Floats, value_range: tuple[float, float], pixels: int
 ) -> Integers:
-    """Return the index (pixels,) of the sample nearest to each pixel.
+    """Return for each pixel of a map the index (pixels,) of the nearest sample.
 
     Parameters
     ----------
     samples
-        Increasing values of the samples.
+        Increasing values of an input at the samples.
     value_range
-        Lowest and highest value; the pixels divide this range into equal parts.
+        Lowest and highest value of the input. The pixels divide this range into equal
+        parts.
     pixels
         Number of pixels.
     """
@@ -487,7 +489,7 @@ def _nearest_sample(
 
 
 def _map_picture(values: Floats, low: float, high: float) -> NDArray[np.uint8]:
-    """Return the picture of a map with its scale of colours to the right.
+    """Return the image of a map of colours, with the scale of colours to its right.
 
     Parameters
     ----------
@@ -498,7 +500,7 @@ def _map_picture(values: Floats, low: float, high: float) -> NDArray[np.uint8]:
 
     Returns
     -------
-    (height, width of the map and its scale, 3) colours.
+    (height, width of the map and its scale, 3) red, green and blue from 0 to 255.
     """
     height, width = values.shape
     full_width = width + round(MAP_SCALE_GAP + MAP_SCALE_WIDTH)

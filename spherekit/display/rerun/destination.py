@@ -74,10 +74,11 @@ class FileOutput:
         self._error: OSError | None = None  # the first error of the copier
 
     def open(self) -> None:
-        """Create and lock ``NAME.rrd.part``, and start the thread that fills it.
+        """Create and lock the part file ``NAME.rrd.part``, and start the thread that fills it.
 
-        rerun writes into a pipe, and the thread copies the pipe to the file. If rerun wrote
-        the file itself, it might wait for ever on a full disk.
+        The file has this name until the recording is complete. The library rerun writes
+        into a pipe, and the thread copies the pipe to the file. On a full disk rerun itself
+        might wait for ever.
 
         Raises
         ------
@@ -88,7 +89,8 @@ class FileOutput:
         check_made_by_spherekit(self.part, RECORDING_HEADER)
         try:
             self._lock_part()
-            # The lock is held, so the part file can be emptied.
+            # This process has the lock, so no other run loses data when the file is
+            # emptied.
             self._file = self.part.open("wb", buffering=0)
             self._connect_pipe()
         except OSError as error:
@@ -100,11 +102,11 @@ class FileOutput:
         self._copier.start()
 
     def _lock_part(self) -> None:
-        """Create the part file if it does not exist, and lock it.
+        """Create the part file of a recording if necessary, and lock it.
 
-        The lock belongs to a file object of its own, which is open until the copying has
-        ended. It is opened for appending, so that a run that gets no lock does not empty
-        the file of another run.
+        The lock belongs to a file object of its own, which stays open until the copying has
+        ended. It is opened for appending, which does not empty the file. So a run that gets
+        no lock does not destroy the file of another run.
 
         Raises
         ------
@@ -130,11 +132,11 @@ class FileOutput:
             os.close(write_end)
 
     def _copy(self) -> None:
-        """Copy the pipe to the part file until the stream ends.
+        """Copy the recording from the pipe to the part file, until the stream ends.
 
-        The library `rerun` writes a recording to the pipe. The part file has the name of
-        the recording and ``.part`` until it is complete. After an error the rest of the
-        pipe is read and dropped, because `rerun` would wait for ever at a full pipe.
+        This runs in a thread. The library rerun writes the recording to the pipe. After an
+        error the rest of the pipe is read and dropped, because rerun would wait for ever at
+        a full pipe.
         """
         with os.fdopen(self._read, "rb", buffering=0) as pipe, self._file as file:
             while piece := pipe.read(PIECE_BYTES):
@@ -142,7 +144,7 @@ class FileOutput:
                     continue
                 try:
                     unwritten = memoryview(piece)
-                    while unwritten:  # one call may write fewer bytes than it was given
+                    while unwritten:  # one call may write only some of the bytes
                         unwritten = unwritten[file.write(unwritten) :]
                 except OSError as error:
                     self._error = error
@@ -176,26 +178,24 @@ class FileOutput:
             ) from error
 
     def close(self, keep: bool) -> str:
-        """Close the part file of an incomplete recording.
+        """Close the part file of a recording that ends before it is complete.
 
-        The library `rerun` records into a pipe. While the part file is open, a thread (the
-        copier) copies from the pipe to it.
+        A thread (the copier) copies the recording to this file while it is open.
 
         Parameters
         ----------
         keep
-            Whether the part file is kept.
+            Whether the part file stays. Otherwise it is deleted.
 
         Returns
         -------
-        A sentence that names the part file if it is kept, otherwise an empty text.
+        A sentence that names the part file if it stays, otherwise an empty text.
         """
-        # Without the thread the file was never opened, or it was closed when the recording
-        # was complete.
+        # Without a thread the file was never opened, or it is closed already.
         if self._copier is None:
             return ""
         self._finish_copy()
-        # An error while writing does not matter to a file that is deleted.
+        # An error while writing matters only if the file stays.
         if keep:
             self._raise_copy_error()
             return f"the data recorded until then are in {self.part}"
@@ -292,25 +292,27 @@ Output = FileOutput | LiveOutput
 
 
 def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
-    """Return the output to a server of this process, which keeps the recording for viewers.
+    """Return the output of a recording to a server of this process.
+
+    Viewers connect to the server, which stores the recording for them.
 
     Parameters
     ----------
     stream
-        The stream to record.
+        The stream of rerun that is recorded.
     port
         Port of this computer on which viewers find the server.
     """
 
     def check(is_start: bool) -> None:
-        """Raise `OutputError` if the port is not free when the server is to start.
+        """Raise `OutputError` if the server cannot start because its port is not free.
 
-        `LiveOutput` calls this before the recording begins (`is_start`), and again before
-        it waits until the data have arrived.
+        `LiveOutput` calls this when the recording begins (`is_start`), and again before it
+        waits until all data have arrived.
         """
         if not is_start:
-            return  # the server runs as long as this process, so it is always reachable
-        if port == 0:  # the system would choose one, which viewers do not know
+            return  # the server runs in this process, so it is always reachable
+        if port == 0:  # the system would choose a port that viewers do not know
             raise OutputError("cannot serve on port 0; choose one from 1 to 65535")
         with socket.socket() as probe:
             # With this option, a port that another program has just left counts as free.
@@ -328,21 +330,21 @@ def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
 
 
 def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
-    """Return the output to a viewer or another server at a URL.
+    """Return the output of a recording to a running viewer, or to another server.
 
     Parameters
     ----------
     stream
-        The stream to record.
+        The stream of rerun that is recorded.
     url
         Address such as ``rerun+http://127.0.0.1:9876/proxy``.
     """
 
     def check(is_start: bool) -> None:
-        """Raise `OutputError` if the URL is no address, or nothing answers there.
+        """Raise `OutputError` if the URL is not an address, or if no viewer answers there.
 
-        `is_start` states whether the recording begins; if not, the viewer has answered
-        before and is gone.
+        `is_start` says whether the recording begins. Otherwise the viewer has answered
+        before, and the message says that it is gone.
         """
         try:
             parts = urlsplit(url)
@@ -495,16 +497,16 @@ class Outputs:
         stills: Iterable[Still],
         destinations: Sequence[Output] | None = None,
     ) -> None:
-        """Log data that are valid at all times.
+        """Write data that are valid at all times of a recording to its destinations.
 
         Parameters
         ----------
         path
-            Path below which they are logged.
+            Path in the recording, below which the data are stored.
         stills
             The data, each with its path below `path`.
         destinations
-            Some of the destinations; by default all.
+            Some of the destinations (files and viewers). By default all.
         """
         for suffix, archetype in stills:
             entity = below(path, suffix)
@@ -519,14 +521,16 @@ class Outputs:
         columns: Columns,
         row_count: int,
     ) -> None:
-        """Log the rows of one block at a path, to all destinations.
+        """Write one block of rows (samples) of an entity to all destinations of a recording.
+
+        Destinations are files and viewers.
 
         Parameters
         ----------
         path
-            Path of the entity in the recording.
+            Path of the entity (thing that is drawn) in the recording.
         timelines
-            Positions of the rows on the timelines.
+            Positions of the rows on the timelines of the viewer, such as time.
         columns
             Components of the entity, such as positions and labels, for all rows.
         row_count
@@ -541,10 +545,10 @@ class Outputs:
         self.rows += row_count
 
     def for_each(self, action: Callable[[Output], None]) -> None:
-        """Call a function with each destination.
+        """Call a function with each destination (file or viewer) of the recording.
 
-        If a viewer no longer answers while there is also a file, the viewer is removed with
-        a warning and the recording goes on. Otherwise the error is raised.
+        If a viewer no longer answers, but there is also a file, the viewer is removed with
+        a warning. The recording then goes on. Otherwise the error is raised.
         """
         for destination in tuple(self.destinations):  # a copy: the loop may remove some
             try:
