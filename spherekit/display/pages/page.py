@@ -106,7 +106,7 @@ class PageMaker:
         input_pair: str | Sequence[str] | None,
         crossings: Crossings = "end",
     ) -> None:
-        """Read the mechanism of an interactive page and choose the numbers that get sliders.
+        """Read the mechanism of a page and choose the numbers that get sliders.
 
         Parameters
         ----------
@@ -202,7 +202,7 @@ class PageMaker:
     # Formulas of the kernels
 
     def _make_formulas(self, names: Sequence[str]) -> Formulas:
-        """Return formulas of quantities for the page, after checks that the page can use them.
+        """Return formulas of quantities, after a check that the page can use them.
 
         Raises
         ------
@@ -288,7 +288,7 @@ class PageMaker:
         )
 
     def _make_row_formulas(self) -> Formulas:
-        """Return the formulas that the page evaluates at every sample of every assembly mode.
+        """Return the formulas that the page evaluates at every sample of every mode.
 
         An assembly mode is one way to assemble the mechanism. The formulas are those of
         quantities that the page shows or needs. A few further quantities depend on the

@@ -233,7 +233,7 @@ class PageQuantities:
         return components
 
     def needed_names(self, wound_pairs: Sequence[str]) -> list[str]:
-        """Return the names of the quantities that the page needs at every sample, shown or not.
+        """Return the quantities that the page needs at every sample, shown or not.
 
         Parameters
         ----------

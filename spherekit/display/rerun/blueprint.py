@@ -262,7 +262,7 @@ class Layout:
         """
 
         def boundary(timeline: str, offset: float) -> rr.TimeRangeBoundary:
-            """Return a time at some distance from the cursor, in the unit of the timeline."""
+            """Return a time at some distance from the cursor of the timeline."""
             # Only the timeline of times is in seconds. Others count samples, or ticks
             # (small parts of a degree) of the input.
             if timeline == TIME_TIMELINE:

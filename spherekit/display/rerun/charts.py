@@ -199,7 +199,7 @@ class Chart:
         return np.stack([x, y], axis=1), tints
 
     def draw(self, marks: Sequence[InputMarks] = ()) -> Stills:
-        """Yield everything in the chart that does not move: frame, curves or map, and marks.
+        """Yield what does not move in the chart: frame, curves or map, and marks.
 
         Each item is a path below that of the chart, and the data that are logged there
         once. The curves have the rows (samples) of all blocks so far.

@@ -74,7 +74,7 @@ class FileOutput:
         self._error: OSError | None = None  # the first error of the copier
 
     def open(self) -> None:
-        """Create and lock the part file ``NAME.rrd.part``, and start the thread that fills it.
+        """Create and lock the file ``NAME.rrd.part``, and start the thread that fills it.
 
         The file has this name until the recording is complete. The library rerun writes
         into a pipe, and the thread copies the pipe to the file. On a full disk rerun itself
@@ -521,7 +521,7 @@ class Outputs:
         columns: Columns,
         row_count: int,
     ) -> None:
-        """Write one block of rows (samples) of an entity to all destinations of a recording.
+        """Write one block of rows (samples) to all destinations of a recording.
 
         Destinations are files and viewers.
 
