@@ -77,20 +77,20 @@ Torques = Torque | Mapping[str, Torque]
 @checked_class(SolveError)
 @dataclass(frozen=True)
 class PoseStart:
-    """A start from a whole configuration, which may be a dead centre of the input.
+    """The start of a simulation from a whole configuration, with rates of chosen pairs.
 
-    At a dead centre the input cannot move, so the speed is given by the rate of another
-    pair.
+    It can be a dead centre of the input. The input cannot move there, so its rate would not
+    determine the speed of the mechanism. The rate of another pair (joint) does.
 
     Attributes
     ----------
     values
-        (variables,) pair variables (rad) in the order of the mechanism's `variable_names`.
-        Angles may contain any number of whole turns. The values are changed by at most
-        `MAX_START_DISTANCE_RAD` so that the loops close.
+        (variables,) pair variables (joint angles, rad) in the order of the mechanism's
+        `variable_names`. Angles may contain any number of whole turns. The values are
+        changed by at most `MAX_START_DISTANCE_RAD` so that the loops close.
     pair
-        The R pair whose rate is given. With several degrees of freedom, the pairs whose
-        rates are given, one for each degree of freedom.
+        The R pair (revolute joint) that has the rate `rate`. With several degrees of
+        freedom, a sequence of as many pairs.
     rate
         The rate of this pair, or of each of these pairs, rad/s.
     """
@@ -246,7 +246,7 @@ def prepare(
 def _read_rates(
     name: str, start: Start | PoseStart, inputs: Sequence[str]
 ) -> tuple[list[str], Floats]:
-    """Return the pairs whose rates are given at the start, and these rates (m,), rad/s.
+    """Return the pairs (joints) with known rates at the start, and these rates (m,), rad/s.
 
     Parameters
     ----------
@@ -277,11 +277,11 @@ def _read_rates(
 def _solve_start_speed(
     mechanism: Mechanism, velocity_basis: Floats, moved: Sequence[int], rates: Floats
 ) -> Floats:
-    """Return the velocity at the start, for which some variables have given rates.
+    """Return the velocity at the start, at which some pair variables have known rates.
 
-    Each possible velocity is a sum of m basis velocities, the rows of `velocity_basis`,
-    times coefficients. The coefficients are returned. They follow from m linear equations,
-    one for each variable with a given rate.
+    Pair variables are joint angles. Each possible velocity is a sum of m basis velocities
+    (the rows of `velocity_basis`) times coefficients. The coefficients are the result. They
+    follow from m linear equations, one for each variable with a known rate.
 
     Parameters
     ----------
@@ -291,9 +291,9 @@ def _solve_start_speed(
         (m, variables) basis of the possible velocities: in each row the rates of all
         variables. The rows are orthonormal.
     moved
-        Indices of the m variables whose rates are given.
+        Indices of the m variables with known rates.
     rates
-        (m,) given rates of these variables, rad/s.
+        (m,) rates of these variables, rad/s.
 
     Returns
     -------
@@ -302,12 +302,12 @@ def _solve_start_speed(
     Raises
     ------
     SolveError
-        If the given rates do not determine the velocity.
+        If these rates do not determine the velocity.
     """
     if not np.any(rates):
         return np.zeros(len(rates))
-    # (m, m): in column k the rates of the moved variables in basis velocity k. Where this
-    # matrix is singular, the moved variables cannot have arbitrary rates.
+    # (m, m): in column k the rates of the moved variables in basis velocity k. If this
+    # matrix is singular, arbitrary rates of these variables are impossible.
     moved_rates = velocity_basis[:, list(moved)].T
     least_singular_value = np.linalg.svd(moved_rates, compute_uv=False)[-1]
     if least_singular_value < MIN_START_RATE:
@@ -323,15 +323,15 @@ def _solve_start_speed(
 
 
 def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
-    """Return the driving torques at the inputs as loads.
+    """Return the driving torques at the inputs as loads of the mechanism.
 
     Parameters
     ----------
     mechanism
         The mechanism with its inputs.
     torque
-        A torque of the only input, or torques by the names of the inputs. None without
-        driving torques.
+        A torque of the only input, or torques by the names of the inputs. Each is a number
+        (N m), an expression or a function. None without driving torques.
 
     Raises
     ------
@@ -383,23 +383,23 @@ def variable_of(mechanism: Mechanism, pair: str) -> int:
 def _close_start(
     closure: Closure, mechanism: Mechanism, values: Sequence[float]
 ) -> tuple[Floats, Floats]:
-    """Return the closed configuration at a start, and its whole revolutions.
+    """Return the configuration at a start with closed loops, and its whole revolutions.
 
-    Whole revolutions of the angles are split off first. Newton's method then closes the
-    loops from the given configuration.
+    Whole revolutions of the angles are subtracted first. Newton's method then closes the
+    loops, beginning with the start values.
 
     Parameters
     ----------
     closure, mechanism
         The loop-closure equations of the mechanism, and the mechanism.
     values
-        (variables,) a nearly closed configuration (rad). Angles may contain any number of
-        whole revolutions.
+        (variables,) pair variables (joint angles, rad) in which the loops nearly close.
+        Angles may contain any number of whole revolutions.
 
     Returns
     -------
-    (variables,) the closed configuration (rad) reduced by whole revolutions, and
-    (variables,) the numbers of these revolutions.
+    (variables,) the configuration (rad) reduced by whole revolutions, and (variables,) the
+    numbers of these revolutions.
     """
     name = mechanism.name
     start_values = np.array(values, dtype=float)
@@ -446,9 +446,10 @@ def _check_angle_sizes(name: str, values: Floats) -> None:
 def _find_configuration(
     mechanism: Mechanism, q: Floats, assembly_mode: int
 ) -> tuple[Floats, Floats]:
-    """Return the configuration of an assembly mode at given inputs, and its whole turns.
+    """Return the configuration of an assembly mode at the inputs q, and its whole turns.
 
-    An assembly mode is one of the ways to assemble the links at the same inputs.
+    An assembly mode is one of the ways to assemble the links at the same inputs. Results
+    are stored, because simulations often start from the same configuration.
 
     Parameters
     ----------
@@ -461,15 +462,15 @@ def _find_configuration(
 
     Returns
     -------
-    (variables,) the configuration (rad) reduced by whole revolutions, and (variables,) the
-    numbers of these revolutions.
+    (variables,) the pair variables (joint angles, rad) reduced by whole turns, and
+    (variables,) the numbers of these turns.
     """
     name = mechanism.name
     if not all_finite(q):
         raise SolveError(f"{name}: the input at the start is {q}; give finite numbers")
     _check_angle_sizes(name, q)
-    # The search for the configuration takes longer than a short simulation, and a second
-    # simulation often starts where the first one did.
+    # The cache computes the configuration only the first time. Masses and loads do not
+    # matter for it.
     geometry = kinematics_only(mechanism)
     values, turns = _START_CONFIGURATIONS.get(
         geometry,
@@ -482,7 +483,7 @@ def _find_configuration(
 def _compute_configuration(
     mechanism: Mechanism, q: Floats, assembly_mode: int
 ) -> tuple[Floats, Floats]:
-    """Compute the configuration of an assembly mode at given inputs, and its whole turns.
+    """Compute the configuration of an assembly mode at the inputs q, and its whole turns.
 
     An assembly mode is one of the ways to assemble the links at the same inputs.
 
@@ -497,20 +498,18 @@ def _compute_configuration(
 
     Returns
     -------
-    (variables,) the configuration (rad) reduced by whole turns, and (variables,) the
-    numbers of these turns.
+    (variables,) the pair variables (joint angles, rad) reduced by whole turns, and
+    (variables,) the numbers of these turns.
     """
     if len(q) == 1:
-        # The modes of one input are numbered over its range, which a position analysis
-        # has. `compute_modes_at_inputs` moves the input into this range by whole turns. If
-        # wheels make the configuration depend on the turns, it extends the range instead.
+        # With one input, modes are numbered along the range of the input, so an analysis of
+        # the whole range is needed. The input may be outside of the range by whole turns.
         position_analysis, motion = compute_modes_at_inputs(
             position_analysis_of(mechanism), q[None]
         )
     else:
-        # The modes of several inputs are computed at these inputs alone, from the
-        # mechanism. Whole turns have no influence on R pairs and are removed. A contact can
-        # make the configuration depend on them, so that they remain.
+        # With several inputs, modes are computed at these inputs alone. Whole turns matter
+        # only if there are contacts; otherwise they are removed.
         inputs = q if mechanism.has_contacts else wrap_to_pi(q)
         position_analysis, motion = compute_modes_at_inputs(mechanism, inputs[None])
     # The motion has one row for each mode, because there is only one sample.
@@ -527,12 +526,14 @@ def _compute_configuration(
 def _check_mode_exists(
     mechanism: Mechanism, status: Status, q: Floats, assembly_mode: int
 ) -> None:
-    """Raise `SolveError` unless an assembly mode has a configuration at given inputs.
+    """Raise `SolveError` unless an assembly mode has a configuration at the inputs q.
+
+    An assembly mode is one of the ways to assemble the links at the same inputs.
 
     Parameters
     ----------
     mechanism
-        The mechanism.
+        The mechanism, for messages.
     status
         Status of the configuration that was computed.
     q
@@ -552,19 +553,19 @@ def _check_mode_exists(
 def _count_turns(
     position_analysis: PositionAnalysis, mode_number: int, values: Floats, q: Floats
 ) -> Floats:
-    """Return the numbers (variables,) of whole turns in a configuration.
+    """Return the numbers (variables,) of whole turns in the angles of a configuration.
 
-    The whole turns of other angles depend on those of the inputs. They are counted with the
-    inputs as given, not reduced by whole turns.
+    Loads such as springs depend on whole turns. The turns of other angles depend on those
+    of the inputs, so they are counted with the full values of the inputs.
 
     Parameters
     ----------
     position_analysis
         The position analysis that computed the configuration.
     mode_number
-        Number of its assembly mode.
+        Number of its assembly mode (way to assemble the links).
     values
-        (variables,) the configuration, rad.
+        (variables,) the pair variables (joint angles) of the configuration, rad.
     q
         (m,) the inputs with all whole turns, rad.
     """

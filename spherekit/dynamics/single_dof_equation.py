@@ -33,10 +33,12 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
 
         dv/dt = tau u,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B).
 
-    - v are the pair variables, and tau = dv/dx their derivatives by the coordinate x.
-    - x is a parameter of the configuration curve, with the rate u = dx/dt. It is not the
-      input q, at whose dead centres the derivatives by q would be infinite. Instead
-      dq/dx = D, the determinant of the velocity equations. Then tau needs no division.
+    - v are the pair variables (joint angles), and tau = dv/dx their derivatives by the
+      coordinate x.
+    - x is a parameter of the curve of configurations, with the rate u = dx/dt. The input
+      q would not do, because derivatives by q are infinite at its dead centres. x is
+      chosen so that dq/dx = D, the determinant of the velocity equations. Then tau needs
+      no division.
     - B is the generalised inertia: the kinetic energy is B u^2 / 2.
     - p = sqrt(B) u is the momentum: the kinetic energy is p^2 / 2.
     - Q is the generalised force of all loads at x. W is the work of each load.
@@ -76,18 +78,19 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
 def _derive_momentum_rates(
     layout: EquationLayout, load_state: LoadState, inverse_root_inertia: Expr
 ) -> list[Expr]:
-    """Return the part of each load in the rate of the scaled momentum p / P.
+    """Return, for each load, its part in the rate of the scaled momentum p / P.
 
-    It is Q / (P sqrt(B)) with the generalised force Q of this load alone.
+    P is a unit of momentum. The part of a load is Q / (P sqrt(B)), with the generalised
+    force Q of this load alone and the generalised inertia B.
 
     Parameters
     ----------
     layout
         Has the symbol of 1 / P.
     load_state
-        The motion on which the loads depend.
+        The motion on which the loads depend, as expressions.
     inverse_root_inertia
-        1 / sqrt(B) with the generalised inertia B.
+        1 / sqrt(B).
     """
     force_factor = layout.inverse_momentum_unit * inverse_root_inertia
     return [
@@ -99,15 +102,15 @@ def _derive_momentum_rates(
 def _derive_events(
     layout: EquationLayout, input_rate: Expr, input_variable: int, tau_square: Expr
 ) -> list[EventFunction]:
-    """Return the events of the motion, without those of joint limits and of loads.
+    """Return the events of the motion, except those of joint limits and of loads.
 
     The configurations of the mechanism form a curve with the parameter x. Its tangent is
-    tau = dv/dx, the derivatives of all pair variables v. An event occurs where its function
-    crosses zero:
+    tau = dv/dx, the derivatives of all pair variables (joint angles) v. An event occurs
+    where its function crosses zero. The functions are:
 
-    - at rest, the momentum,
-    - at a dead centre of the input q, its derivative dq/dx,
-    - near a singularity, the sum of squares of tau less a limit. At a singularity the
+    - for a moment of rest, the momentum,
+    - for a dead centre of the input q, its derivative dq/dx,
+    - for a singularity, the sum of the squares of tau minus a limit. At a singularity the
       velocity equations depend on each other, and tau is zero.
 
     Parameters
@@ -115,7 +118,7 @@ def _derive_events(
     layout
         Has the symbols of the momentum and of the limit.
     input_rate, input_variable
-        The derivative dq/dx of the input q, and the number of its variable.
+        The derivative dq/dx of the input q, and the index of its variable.
     tau_square
         Sum of the squares of tau = dv/dx over all variables v.
     """

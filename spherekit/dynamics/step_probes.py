@@ -50,12 +50,13 @@ class ProbePlaces:
 
 
 def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
-    """Return the first place of each step at which the error of the step is too large.
+    """Return the first place in each integration step at which its error is too large.
 
-    A place is a fraction of a step, from 0 to 1. A steep argument is the x of a function
-    such as tanh(1000 x) or 1 / x in a load. The load may change abruptly near a zero of x.
-    It may also do so near an extremum of x, where x can approach zero, or pass it twice,
-    between two evenly spaced places. A step is probed at three kinds of places:
+    An integration step can miss an abrupt change of a load, so it is compared with the
+    equation of motion at further places (probed). A place is a fraction of a step, from 0
+    to 1. A steep argument is the x of a function such as tanh(1000 x) or 1 / x in a load.
+    The load may change abruptly where x is zero, or nearly zero at an extremum. A step is
+    probed at three kinds of places:
 
     - evenly spaced places,
     - the zeros and extrema of steep arguments,
@@ -64,7 +65,7 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     Parameters
     ----------
     probe
-        Compares steps of given index (n,) with the equation of motion at places (n,). It
+        Compares steps with indices (n,) with the equation of motion at places (n,). It
         returns the errors (n,) of the steps as multiples of the allowed error, and the
         values (n, arguments) of the steep arguments.
     step_count
@@ -80,6 +81,7 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     errors, argument_rows = probe(steps, places)
     arguments = argument_rows.reshape(step_count, len(even_places), argument_rows.shape[1])
 
+    # Zeros and extrema of the arguments, and the middles between them.
     critical = _find_critical_places(probe, arguments, even_places)
     critical_errors, _ = probe(critical.steps, critical.places)
 
@@ -88,6 +90,7 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     errors = np.append(errors, critical_errors)
     is_too_large = ~(errors <= 1.0)  # this includes NaN
     first_places = np.full(step_count, np.inf)
+    # The smallest place of each step. A step can occur several times in `steps`.
     np.minimum.at(first_places, steps[is_too_large], places[is_too_large])
     return first_places
 
@@ -105,12 +108,12 @@ def _list_even_places() -> Floats:
 def _find_critical_places(
     probe: ProbeFunction, arguments: Floats, even_places: Floats
 ) -> ProbePlaces:
-    """Return zeros and extrema of steep arguments, and the middles between neighbours.
+    """Return places in steps at which a load may change abruptly.
 
-    A place is a fraction of a step, from 0 to 1. A steep argument is the x of a function
-    such as tanh(1000 x) or 1 / x in a load. The load may change abruptly near a zero of x.
-    It may also do so near an extremum of x, where x can approach zero, or pass it twice,
-    between two even places. The signs of x at these places do not show such zeros.
+    A place is a fraction of an integration step, from 0 to 1. A steep argument is the x of
+    a function such as tanh(1000 x) or 1 / x in a load. The result has the zeros and extrema
+    of x, and the middles between neighbours. Extrema matter because x can touch zero there,
+    or pass zero twice, without a change of sign between two evenly spaced places.
 
     Parameters
     ----------
@@ -118,9 +121,9 @@ def _find_critical_places(
         Returns the errors of steps (n,) at places (n,) and the values (n, arguments) of the
         steep arguments. Only the arguments are used.
     arguments
-        (steps, places, arguments) values of the arguments at the even places.
+        (steps, places, arguments) values of the arguments at evenly spaced places.
     even_places
-        (places,) rising places at which all steps have been probed.
+        (places,) these places, rising.
     """
 
     def evaluate_arguments(steps: Indices, places: Floats) -> Floats:
@@ -138,12 +141,12 @@ def _find_critical_places(
         before = evaluate_arguments(steps, places - END_DISTANCE)
         return after - before
 
-    # A zero is between two neighbouring places.
+    # A change of sign between neighbouring places shows a zero.
     zeros = _find_zeros(
         evaluate_arguments, arguments, low=even_places[:-1], high=even_places[1:]
     )
-    # An extremum is between the outer two of three places: there the difference between
-    # neighbours changes its sign.
+    # A change of sign of the differences of neighbours shows an extremum. Three successive
+    # places have two differences; the extremum is between the outer two places.
     extrema = _find_zeros(
         evaluate_differences,
         np.diff(arguments, axis=1),

@@ -88,7 +88,7 @@ TURN_ROUNDING = 2.4492935982947064e-16
 
 @dataclass(frozen=True)
 class TaylorStep:
-    """One step of the integrator.
+    """One step of an integration by Taylor series.
 
     Attributes
     ----------
@@ -99,8 +99,8 @@ class TaylorStep:
     event_count
         Number of events that had occurred before the step.
     switch_signs
-        (switches,) signs, 1 or -1, of the switch conditions in the step. At a zero of a
-        switch condition a load changes abruptly.
+        (switches,) signs, 1 or -1, of the switch conditions in the step. A load changes
+        abruptly where its switch condition is zero.
     """
 
     start: float
@@ -124,19 +124,19 @@ RunEnd = Literal[
 
 @dataclass(frozen=True)
 class Segment:
-    """Some successive steps of an integration by Taylor series.
+    """Some successive steps of an integration by Taylor series, normalised together.
 
-    The integrator's errors are relative to the largest number in its state. The state is
-    therefore normalised between two segments, so that its numbers stay small: angles are
+    The integrator's errors are relative to the largest number in its state, so its numbers
+    have to stay small. The state is therefore normalised between two segments: angles are
     reduced by whole turns, the work of loads is added to a separate sum, and the unit of
     momentum grows with the momentum.
 
     Attributes
     ----------
     layout
-        Positions of variables, momenta and works in the state.
+        Positions of pair variables (joint angles), momenta and works in the state.
     starts, lengths
-        (k,) start times and lengths of the steps, s.
+        (k,) start times and lengths of the k steps, s.
     series
         (k, states, order + 1) Taylor coefficients of the normalised state by time.
     turns
@@ -175,7 +175,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class TaylorRun:
-    """A finished integration of one compiled equation.
+    """A run: a finished integration of one compiled equation by Taylor series.
 
     Attributes
     ----------
@@ -184,19 +184,18 @@ class TaylorRun:
     segments
         Segments of some steps each, in order of time.
     events
-        For each event its time (s), its kind, and the number of the pair variable to which
-        it belongs. The number is -1 if it belongs to none.
+        For each event its time (s), its kind, and the index of the pair variable (joint
+        angle) to which it belongs, or -1.
     end
         The reason why the integration ended.
     end_time
         The time at which it ended, s.
     max_closure_residual
-        Largest closure residual that was removed, rad.
+        Largest opening of a loop that corrections have removed, rad.
     max_independence
-        Largest measure of the independence of the loop-closure equations in the run. The
-        measure is zero where these equations depend on each other: there, sets of
-        configurations cross. It has no scale of its own, so "nearly zero" means small
-        compared with this largest value. A run that continues this one starts with it.
+        Largest measure of independence of the loop-closure equations in the run. The
+        measure is zero where sets of configurations cross. Small values are judged relative
+        to this largest one, also in a run that continues this one.
     """
 
     equation: CompiledEquation
@@ -219,14 +218,14 @@ class TaylorRun:
 
 
 def _evaluate_series(series: Floats, h: Floats) -> tuple[Floats, Floats]:
-    """Return the values and rates (n, states) of Taylor series.
+    """Return the values and rates (n, states) of n Taylor series of the state.
 
     Parameters
     ----------
     series
-        (n, states, order + 1) coefficients.
+        (n, states, order + 1) coefficients of the powers of time, the constant first.
     h
-        (n,) times since the start of the series, s.
+        (n,) times since the start of each series, s.
     """
     h = h[:, None]
     values = series[:, :, -1]
@@ -270,7 +269,7 @@ class StepProbe:
     switch_signs: Floats
 
     def compare(self, steps: Indices, places: Floats) -> tuple[Floats, Floats]:
-        """Return the errors of steps at n places, and the steep arguments there.
+        """Return errors of steps at n places, and the arguments of steep functions there.
 
         Parameters
         ----------
@@ -284,13 +283,14 @@ class StepProbe:
         errors
             (n,) errors of the momenta, as multiples of the largest error that is allowed.
         arguments
-            (n, arguments) values x of all tanh(1000 x) and similar functions in loads.
+            (n, arguments) values of x in functions such as tanh(1000 x) in the loads. Loads
+            may change abruptly where x is zero or extreme.
         """
         layout = self.equation.layout
         times_in_step = places * self.lengths[steps]
         states, rates = _evaluate_series(self.series[steps], times_in_step)
         momentum_rates, arguments = self._evaluate_equation(steps, times_in_step, states)
-        # The error of a rate, acting over the whole step, is an error of the momentum.
+        # The error of a rate, times the length of the step, is an error of the momentum.
         rate_errors = np.abs(rates[:, layout.momentum_slice] - momentum_rates)
         momentum_errors = np.max(rate_errors, axis=1) * self.lengths[steps]
         # The tolerance of a step is relative to the largest number in the state. The unit
@@ -301,7 +301,7 @@ class StepProbe:
     def _evaluate_equation(
         self, steps: Indices, times_in_step: Floats, states: Floats
     ) -> tuple[Floats, Floats]:
-        """Return the rates (n, m) of the momenta by the equation, and the steep arguments.
+        """Return momentum rates by the equation, and the arguments of steep functions.
 
         Parameters
         ----------
@@ -311,10 +311,15 @@ class StepProbe:
             (n,) times since the starts of these steps, s.
         states
             (n, states) states at these times.
+
+        Returns
+        -------
+        (n, m) rates of the m momenta, and (n, arguments) values of x in functions such as
+        tanh(1000 x) in the loads.
         """
         probe_function = self.equation.probe_function
         assert probe_function is not None
-        # The inputs of the function, in its order.
+        # The inputs of the function: state, time, parameters. Columns are the n places.
         inputs = [
             states.T,
             (self.starts[steps] + times_in_step)[None],
@@ -329,31 +334,32 @@ class StepProbe:
 
 @dataclass(frozen=True)
 class RunStart:
-    """The start of an integration by Taylor series.
+    """The start of a run (an integration by Taylor series).
 
     Attributes
     ----------
     values
-        (variables,) a closed configuration (rad), reduced by whole revolutions.
+        (variables,) pair variables (joint angles, rad) of a configuration with closed
+        loops, reduced by whole revolutions.
     turns
         (variables,) numbers of these whole revolutions.
     momenta
         (m,) momenta, in the unit square root of joule. With one degree of freedom the
-        momentum is sqrt(B) u, with the inertia B and the rate u along the configuration
-        curve, so that half its square is the kinetic energy. It is positive in the
-        direction of the tangent that the compiled equation computes (`homogeneous_rates`).
-        With several degrees of freedom each momentum is the rate of a coordinate times one
-        constant for all, the root of the total moment of inertia.
+        momentum is sqrt(B) u, with the inertia B and the rate u along the curve of
+        configurations. It is positive in the direction of the tangent that the compiled
+        equation computes (`homogeneous_rates`). With several degrees of freedom each
+        momentum is the rate of a coordinate times one constant for all, the root of the
+        total moment of inertia.
     momentum_unit
-        A momentum of typical size, not zero, in the same unit. The integrator's state has
-        the momenta divided by this size, or by their norm if that is larger. They are then
-        at most about 1, like the angles (rad) in the same state. This matters because the
-        errors of a step are relative to the largest number of the state.
+        A typical size of the momenta, not zero, in the same unit. The integrator's state
+        has the momenta divided by it, or by their norm if that is larger. They are then at
+        most about 1, like the angles. This matters because the errors of a step are
+        relative to the largest number in the state.
     previous_run
         The run that is continued, with other coordinates or a smaller tolerance, if any.
     closure_residual
-        Closure residual (rad) at the end of the previous run. It was removed before this
-        run: the loops are closed at `values`.
+        Opening of a loop (rad) at the end of the previous run. It has been removed from
+        `values`.
     """
 
     values: Floats
@@ -450,25 +456,24 @@ class TaylorIntegration:
         self.max_step = np.inf
 
     def run(self, targets: Sequence[float]) -> TaylorRun:
-        """Integrate up to the last target, and return the run.
+        """Integrate the equation of motion up to the last target, and return the result.
 
-        The run ends earlier at an event, such as a singularity, if a step fails, or after
-        `MAX_TAYLOR_STEPS` steps. Runs of one equation in several threads wait for each
-        other.
+        The integration ends earlier at an event, such as a singularity, if a step fails, or
+        after `MAX_TAYLOR_STEPS` steps. Several threads can use one equation; they wait for
+        each other.
 
         Parameters
         ----------
         targets
-            Rising times (s). Loads given by torque tables are linear in time between two
-            targets.
+            Rising times (s) at which a step has to end. Loads that are torque tables are
+            linear in time between two targets.
         """
         integrator = self.equation.integrator
         progress = ProgressReporter("simulating")
         # The integrator has only one state, so a second run has to wait.
         with self.equation.lock:
-            # Parameters of the equation differ between targets: values and slopes of torque
-            # tables, and the signs of switch conditions. Here they are set up to the first
-            # target. `_integrate_segment` sets them again.
+            # Parameters of the equation, such as values and slopes of torque tables, change
+            # from target to target. These are for the time up to the first target.
             self._set_switch_signs(targets[0])
             parameters = self._make_parameters(targets[0])
             integrator.start(self.start_state, self.time, parameters)
@@ -493,7 +498,9 @@ class TaylorIntegration:
         last_target: float,
         progress: ProgressReporter,
     ) -> RunEnd:
-        """Integrate segments up to a target, and return why the integration ended.
+        """Integrate up to a target, segment by segment, and return why it ended.
+
+        A segment is a number of successive steps. After each segment, progress is reported.
 
         Parameters
         ----------
@@ -511,7 +518,7 @@ class TaylorIntegration:
             end = self._integrate_segment(
                 integrator, target, min_step=MIN_STEP_FRACTION * last_target
             )
-            # The text is only formed if it is shown.
+            # A function of the text, which is called only if a report is due.
             progress.report_if_due(
                 lambda: f"{self.time:.4g} of {last_target:.6g} s",
                 done=self.time,
@@ -609,8 +616,8 @@ class TaylorIntegration:
     def _store_segment(self, steps: Sequence[TaylorStep]) -> None:
         """Store steps as a segment, and update the largest measure of independence.
 
-        The segment has the Taylor series of the steps, and three things that the series do
-        not contain: whole turns of the variables, the unit of the momenta, and the work of
+        The segment also has three things that the Taylor series of the steps do not
+        contain: whole turns of the joint angles, the unit of the momenta, and the work of
         each load before the segment.
         """
         series = np.array([step.series for step in steps])
@@ -626,8 +633,8 @@ class TaylorIntegration:
             )
         )
         # The measure of independence of the loop-closure equations is zero where sets of
-        # configurations cross. It has no scale of its own, so the run compares it with its
-        # largest value so far. The terms of order 0 are the state at the start of a step.
+        # configurations cross. "Nearly zero" is judged relative to its largest value so
+        # far. The terms of order 0 are the state at the start of each step.
         start_values = series[:, : self.variable_count, 0]
         independence = self.equation.measure_independence(start_values)
         self.max_independence = max(self.max_independence, float(np.max(independence)))
@@ -656,16 +663,16 @@ class TaylorIntegration:
     ) -> "ProbeResult":
         """Return how many steps agree with the loads, and the longest next step.
 
-        A step agrees if its Taylor series also satisfy the equation of motion between its
-        ends. The first step that does not agree has missed a change of a load. It has to be
-        repeated so that it ends before this change.
+        A step agrees if its Taylor series satisfies the equation of motion at further times
+        within the step. The first step that does not has missed a change of a load. It has
+        to be repeated so that it ends before this change.
 
         Parameters
         ----------
         integrator
             The integrator, which stores the parameters of the equation.
         steps
-            Successive steps that have not been probed.
+            Successive steps that have not been tested yet.
         """
         if not steps:
             return ProbeResult(agreeing_steps=0)
@@ -678,13 +685,13 @@ class TaylorIntegration:
             common_parameters=self._all_parameters(integrator)[self.layout.common_slice],
             switch_signs=np.array([step.switch_signs for step in steps]),
         )
-        # For each step, the fraction of its length (0 to 1) after which its first error was
-        # seen. It is infinite if the step agrees.
+        # For each step, the place of its first error as a fraction of the step; infinity if
+        # the step agrees.
         error_fractions = find_first_errors(probe.compare, len(steps))
         for index, error_fraction in enumerate(error_fractions):
             if error_fraction <= 1.0:
-                # The next step ends before the error. It still has a least length, so that
-                # it passes a change of the load that is right at its start.
+                # The repeated step ends before the error. It has a least length, so that it
+                # gets past a change of a load right at its start.
                 fraction = max(RETRY_FRACTION * error_fraction, MIN_RETRY_FRACTION)
                 return ProbeResult(index, float(fraction * steps[index].length))
         return ProbeResult(agreeing_steps=len(steps))
@@ -701,12 +708,13 @@ class TaylorIntegration:
         return kind if kind in ("coordinates", "joint_limit") else "singularity"
 
     def _normalise(self, state: Floats) -> None:
-        """Keep the numbers of the integrator's state small, and the loops closed.
+        """Change a state so that its numbers stay small and the loops closed.
 
-        Whole revolutions and work are moved from the state to separate sums, and the unit
-        of momentum is adapted. After every `SEGMENTS_PER_CLOSURE` segments the variables
-        are also corrected so that the loops are closed. The state (states,) is changed in
-        place.
+        Errors of a step are relative to the largest number in the state. Whole revolutions
+        and work are therefore moved from the state to separate sums, and the unit of
+        momentum is adapted. After every `SEGMENTS_PER_CLOSURE` segments the pair variables
+        (joint angles) are also corrected so that the loops are closed. The state (states,)
+        is changed in place.
         """
         values = state[: self.variable_count]
         self._reduce_angles(values)
@@ -764,9 +772,10 @@ class TaylorIntegration:
             momenta /= size
 
     def _make_parameters(self, interval_end: float) -> Floats:
-        """Return the parameters of the equation for the interval from now to its end (s).
+        """Return the parameters of the equation from now to the time `interval_end` (s).
 
-        The compiled equation reads them by their positions. `EquationLayout` defines this
+        Parameters are numbers in the compiled equation that are constant during this time,
+        such as joint limits and pieces of torque tables. `EquationLayout` defines their
         order.
         """
         table_parameters = [self.time]
@@ -785,12 +794,12 @@ class TaylorIntegration:
         )
 
     def _set_switch_signs(self, interval_end: float) -> None:
-        """Compute the signs of the switch conditions at the start.
+        """Compute the signs of the switch conditions at the start of the motion.
 
         A load changes abruptly at a zero of its switch condition, such as dry friction
-        where the sliding rate is zero. A condition or its rate can depend on the signs of
-        the conditions before it, which are parameters of the equation. The signs are
-        therefore computed one after the other.
+        where the sliding rate is zero. The signs are parameters of the equation. A
+        condition may depend on the signs of the conditions before it, so they are computed
+        one after the other.
 
         Parameters
         ----------
@@ -838,10 +847,10 @@ def _list_events(
 
 
 def _linear_piece(table: TorqueTable, start: float, end: float) -> tuple[float, float]:
-    """Return value at the start, and slope, of a torque table that is linear in between.
+    """Return value at the start, and slope, of a torque table, linear in an interval.
 
-    The table is read at 1/4 and 3/4 of the interval, since a periodic table may jump at
-    the ends.
+    The table is read inside the interval, at 1/4 and 3/4 of it. A periodic table may jump
+    at the ends, where its value is not unique.
 
     Parameters
     ----------

@@ -73,22 +73,25 @@ AXIAL_FORCE = 5
 class DrivenState(ArrayRows):
     """n samples (rows) of a moving mechanism with its driving torques.
 
+    The reactions in its pairs (joints) are computed from this.
+
     Attributes
     ----------
     mechanism
         The mechanism with its masses and loads.
     motion
         Configurations and their derivatives by m coordinates, such as the inputs or the
-        arc length of the configuration curve.
+        arc length of the curve of configurations.
     timing
         Time, and rates and accelerations (n, m) of these coordinates.
     torques
         (n, inputs) driving torques, N m.
     carried
-        (n, k) loads that k pairs carry. Their friction is proportional to these loads. For
-        an R pair it is the sum of the forces (N) on its bearings. For a sliding contact it
-        is the moment (N m) of its normal force about the centre O. The order is that of
-        `Loads.friction_components`. None without such friction.
+        (n, k) loads that k pairs with friction carry, in the order of
+        `Loads.friction_components`; their friction is proportional to these loads. For an R
+        pair (revolute joint) it is the sum of the forces (N) on its bearings. For a sliding
+        contact it is the moment (N m) of its normal force about the centre O. None without
+        such friction.
     """
 
     mechanism: Mechanism
@@ -100,11 +103,11 @@ class DrivenState(ArrayRows):
 
 @dataclass(frozen=True)
 class JointReactions:
-    """Moments and forces that pairs transmit at n rows (samples), in pair axes.
+    """Moments and forces that pairs (joints) transmit at n rows (samples), in pair axes.
 
     A wrench is a moment about the centre O of the mechanism followed by a force. Axis z of
-    an R pair is its axis. At a contact, z points from O to it, x along the common tangent
-    and y along the normal.
+    an R pair (revolute joint) is its axis. At a contact, z points from O to the contact, x
+    along the common tangent and y along the normal.
 
     Attributes
     ----------
@@ -112,10 +115,9 @@ class JointReactions:
         (n, pairs, 6) moments about O (N m) and forces through O (N). NaN if a component is
         not determined or was not requested.
     opened
-        (n, pairs, 6) whether a component is open, that is, not determined. With redundant
-        constraints, some reactions can balance each other without loads, so that the
-        equations of equilibrium leave their sizes open. False if a component was not
-        requested.
+        (n, pairs, 6) whether a component is not determined. With redundant constraints,
+        some reactions can balance each other without loads. The equations of equilibrium
+        then do not determine their sizes. False if a component was not requested.
     unbalanced
         (n,) largest moment (N m) by which the equation of equilibrium of a link is missed.
     slides
@@ -144,11 +146,11 @@ class JointReactions:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Solution of the Newton-Euler equations for given loads at n rows (samples).
+    """Solution of the Newton-Euler equations at n rows (samples): reactions of the pairs.
 
     A wrench (6,) is a moment about the centre O (N m) followed by a force (N). A reaction
-    is one component of the wrench that a pair transmits. It does no work, because the pair
-    has no motion in this direction.
+    is one component of the wrench that a pair (joint) transmits. It does no work, because
+    the pair has no motion in this direction.
 
     Attributes
     ----------
@@ -156,7 +158,7 @@ class Equilibrium:
         (n, links, 6) for each link the wrench, in ground axes, that the reactions of all
         its pairs together have to exert on it.
     torques
-        (n, pairs) the given torques of loads and drives at the pairs, N m.
+        (n, pairs) the known torques of loads and drives at the pairs, N m.
     reactions
         (n, columns) sizes of the reactions, one column per reaction (N m or N).
     residual
@@ -216,24 +218,25 @@ class NewtonEuler:
         forces: bool = False,
         tooth_sides: Floats | None = None,
     ) -> None:
-        """Assemble the matrix of the equations, and invert it.
+        """Assemble the matrix of the equations of equilibrium, and invert it.
 
-        In the axes of a pair, z points along the axis of an R pair. At a contact, z points
-        from the centre O of the mechanism to it, x along the common tangent of the profiles
-        and y along their normal.
+        The unknowns are the reactions of the pairs (joints), each a column of the matrix.
+        In the axes of an R pair (revolute joint), z points along its axis. At a contact, z
+        points from the centre O of the mechanism to the contact, x along the common tangent
+        of the profiles and y along their normal.
 
         Parameters
         ----------
         mechanism
             A mechanism.
         frames
-            (n, pairs, 3, 3) axes of the pairs in their columns, in ground axes.
+            (n, pairs, 3, 3) axes of the pairs in their columns, in ground axes, at n rows.
         forces
             Whether to solve for forces through O as well as for moments.
         tooth_sides
-            (n, pairs) +1 or -1: on which of their two sides teeth with a pressure angle
-            press. It is the sign of the moment about y that they transmit. Other pairs do
-            not use it. By default all are +1.
+            (n, pairs) +1 or -1: on which of their two sides gear teeth with a pressure
+            angle press. It is the sign of the moment about y that they transmit. Other
+            pairs do not use it. By default all are +1.
         """
         self.mechanism = mechanism
         self.frames = frames
@@ -241,8 +244,8 @@ class NewtonEuler:
         if forces:
             self.columns += _list_force_columns(mechanism)
         distances = [x.distance for x in mechanism.pairs if x.distance is not None]
-        # Contacts at known distances couple equations of moments and of forces. The mean
-        # distance makes forces and moments comparable in size.
+        # A length by which forces are multiplied to be comparable in size with moments: the
+        # mean distance of contacts from O.
         self.length = float(np.mean(distances)) if distances else 1.0
         self.unit_torque_wrenches = np.stack(
             [_unit_torque_wrench(pair) for pair in mechanism.pairs]
@@ -278,10 +281,11 @@ class NewtonEuler:
         return matrix[:, self._has_equation]
 
     def _divide_equations(self, is_coupled: bool) -> list[ReactionEquations]:
-        """Return the systems of equations that are solved separately.
+        """Divide the equations of equilibrium into systems that are solved separately.
 
-        The equations of moments have the moments of the pairs as unknowns, and those of
-        forces have the forces. They are two systems, each with its own rank.
+        The equations of moments have the moments of the pairs (joints) as unknowns, and
+        those of forces have the forces. They are two systems, so dependent equations are
+        found in each alone.
 
         Parameters
         ----------
@@ -307,14 +311,14 @@ class NewtonEuler:
     def _invert_systems(self, systems: Sequence[ReactionEquations]) -> None:
         """Invert systems of equations, and find undetermined reactions and sliding links.
 
-        This method sets three attributes:
+        The equations are those of equilibrium at n rows (samples). This method sets:
 
         - `_inverse` (n, columns, equations), which gives reactions from wrenches on links;
         - `is_open` (n, columns), whether the equations leave a reaction undetermined;
-        - `slides` (n, links), whether a link can be displaced from O.
+        - `slides` (n, links), whether a link can be displaced from the centre O.
 
-        Each system has some of the equations and some of the reactions. Its inverse is
-        computed alone and becomes a block of `_inverse`, which is zero elsewhere.
+        Each system has some of the equations and some of the reactions (columns). Its
+        inverse is a block of `_inverse`, which is zero elsewhere.
         """
         n, equation_count, column_count = self.matrix.shape
         self._inverse = np.zeros((n, column_count, equation_count))
@@ -340,8 +344,8 @@ class NewtonEuler:
         Parameters
         ----------
         is_unbalanced
-            (n, equations) whether there are loads for which no reactions satisfy an
-            equation.
+            (n, equations) whether an equation can't be satisfied for some loads, whatever
+            the reactions are.
         """
         # The link and the component (0 to 5) of each equation.
         equation_links, components = np.nonzero(self._has_equation)
@@ -356,13 +360,13 @@ class NewtonEuler:
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
 
-        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). There are
-        three kinds of reactions, each with a column:
+        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). A reaction is
+        an unknown of the equations, and a column of their matrix. There are three kinds:
 
         - A force through O, which has no moment. Its unit is 1 N m divided by the mean
           distance of contacts from O, so that it is comparable with moments.
-        - A moment about one axis of a pair.
-        - The moment m_y of teeth with a pressure angle, which also causes m_x.
+        - A moment about one axis of a pair (joint).
+        - The moment m_y of gear teeth with a pressure angle, which also causes m_x.
 
         At a contact with a known distance from O, a moment also has a force, because it is
         the moment of a force at the point of contact.
@@ -391,25 +395,25 @@ class NewtonEuler:
         return wrenches
 
     def subtract_torques(self, link_wrenches: Floats, torques: Floats) -> Floats:
-        """Return the wrenches (n, links, 6) that the reactions have to exert on the links.
+        """Return the wrenches (n, links, 6) that the reactions must exert on the links.
 
-        The motion needs certain wrenches on the links. The torques of loads and drives at
-        pairs exert a part of them, and the reactions have to exert the rest. A wrench is a
-        moment about O followed by a force, in ground axes.
+        A wrench is a moment about O followed by a force, in ground axes. The motion needs
+        certain wrenches on the links. The known torques of loads and drives at pairs
+        (joints) exert a part of them. The reactions must exert the rest.
 
         Parameters
         ----------
         link_wrenches
-            (n, links, 6) wrenches on links that their motion needs, less those of loads
+            (n, links, 6) wrenches on links that their motion needs, minus those of loads
             that act on links.
         torques
-            (n, pairs) torques (N m) of loads and drives at pairs. At an R pair a torque is
-            about its axis. At a contact it is the moment about O of a force along the
-            common tangent.
+            (n, pairs) torques (N m) of loads and drives at pairs. At an R pair (revolute
+            joint) a torque is about its axis. At a contact it is the moment about O of a
+            force along the common tangent.
         """
         unit_wrenches = _rotate_to_ground(self.frames, self.unit_torque_wrenches)
         pair_wrenches = torques[..., None] * unit_wrenches
-        # A pair exerts its wrench on its second link, and the opposite one on its first:
+        # A pair exerts its wrench on its second link, and the opposite wrench on its first.
         # `_pair_to_link` (pairs, links) has 1 for the second link and -1 for the first.
         return link_wrenches - self._pair_to_link.T @ pair_wrenches
 
@@ -484,18 +488,19 @@ def _unit_torque_wrench(pair: Pair) -> Floats:
 
 
 def _unit_tooth_moments(pressure_angle: float, sides: Floats) -> Floats:
-    """Return the moments (n, 3) that teeth transmit if their moment m_y is 1.
+    """Return the moments (n, 3) about O that gear teeth transmit if their moment m_y is 1.
 
-    The force along the common tangent x of the teeth causes m_y. The force that presses the
-    wheels apart causes m_x = tan(angle) |m_y| = tan(angle) side m_y. With a known side this
-    is linear in m_y.
+    The axes are those of the contact: x along the common tangent of the teeth, y along the
+    normal, z from O to the contact. The force along x causes m_y. The force that presses
+    the wheels apart causes m_x = tan(angle) |m_y|. With the sign s of m_y, which is assumed
+    to be known, this is tan(angle) s m_y and linear in m_y.
 
     Parameters
     ----------
     pressure_angle
         The pressure angle, rad.
     sides
-        (n,) assumed signs of m_y: on which of their two sides the teeth press.
+        (n,) assumed signs s of m_y: on which of their two sides the teeth press.
     """
     moments = np.zeros((len(sides), 3))
     moments[:, 0] = np.tan(pressure_angle) * sides
@@ -504,15 +509,16 @@ def _unit_tooth_moments(pressure_angle: float, sides: Floats) -> Floats:
 
 
 def _contact_forces(moments: Floats, distance: float) -> Floats:
-    """Return the forces (n, 3) at a point of contact that have given moments about O.
+    """Return the forces (n, 3) at a point of contact that have certain moments about O.
 
-    The point is on axis z of the pair at the distance r from O. A force F there has the
-    moment (-r F_y, r F_x, 0), so F_x = m_y / r and F_y = -m_x / r.
+    Components are in the axes of the contact. The point is on axis z at the distance r from
+    O. A force F there has the moment (-r F_y, r F_x, 0), so F_x = m_y / r and
+    F_y = -m_x / r.
 
     Parameters
     ----------
     moments
-        (n, 3) moments about O in pair axes.
+        (n, 3) moments about O.
     distance
         Distance r of the point of contact from O.
     """
@@ -534,7 +540,8 @@ def links_without_centre(mechanism: Mechanism) -> list[str]:
 def _list_equations(mechanism: Mechanism, forces: bool) -> Bools:
     """Return (links, 6) which components of moment and force on a link have an equation.
 
-    The ground has no equations. Links without a known centre of mass have none of forces.
+    These are the equations of equilibrium of the links. The ground (link 0) has none. A
+    link without a known centre of mass has none for forces.
 
     Parameters
     ----------
@@ -569,14 +576,15 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     """Return the pair and the component of each unknown force in the equilibrium equations.
 
     The equations have a column for each unknown moment or force. The component of a force
-    is `TANGENT_FORCE` along the axis x of the pair, `NORMAL_FORCE` along y or `AXIAL_FORCE`
-    along z.
+    is `TANGENT_FORCE` along the axis x of the pair (joint), `NORMAL_FORCE` along y or
+    `AXIAL_FORCE` along z.
 
-    The reaction of an R pair is a moment about the centre O of the sphere, and a force
-    through O. Neither follows from the other, so all components of the force are unknowns.
-    The force of a contact acts at the contact point. If the distance of this point from O
-    is known, the force follows from its moment about O. Otherwise it is an unknown too.
+    An R pair (revolute joint) transmits a moment about the centre O of the sphere, and a
+    force through O. They are independent, so the force is unknown. The force of a contact
+    acts at the contact point. If the distance of this point from O is known, the force
+    follows from its moment about O. Otherwise it is unknown.
     """
+    # Floating pairs have bearings that let the links slide along the axis.
     floating_pairs = set()
     contacts_with_friction = set()
     for load in mechanism.loads:
@@ -598,14 +606,14 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
 def _unknown_force_components(
     pair: Pair, *, is_floating: bool, has_friction: bool
 ) -> list[int]:
-    """Return the components of the force of a pair that are unknowns of their own.
+    """Return the components of the force of a pair (joint) that are unknowns of their own.
 
     Components 3, 4 and 5 of a wrench are the forces along the axes x, y and z of the pair.
 
     Parameters
     ----------
     pair
-        The pair.
+        The pair: an R pair (revolute joint) or a contact.
     is_floating
         Whether the bearings of an R pair let the links slide along its axis without any
         force.
@@ -627,16 +635,16 @@ def _unknown_force_components(
 
 @dataclass(frozen=True)
 class InvertedEquations:
-    """Least-squares inverse of linear equations A x = b at n rows, and its gaps.
+    """Least-squares inverse of linear equations A x = b at n rows, and what it can't solve.
 
     Attributes
     ----------
     inverse
         (n, unknowns, equations) Moore-Penrose inverse of the matrix A.
     is_determined
-        (n, unknowns) whether all least-squares solutions have the same value of an unknown.
+        (n, unknowns) whether an unknown has the same value in all least-squares solutions.
     is_always_solvable
-        (n, equations) whether, for each right side b, x = inverse b satisfies an equation.
+        (n, equations) whether x = inverse b satisfies an equation for every right side b.
     """
 
     inverse: Floats
@@ -648,11 +656,11 @@ def _invert(matrix: Floats) -> InvertedEquations:
     """Invert a matrix A (n, equations, unknowns) by its singular value decomposition.
 
     A = U diag(s) V^T. Singular values s below `DEPENDENT_REACTIONS_RATIO` of the largest
-    count as zero. The columns of V whose s is not zero span the row space of A. The columns
-    of U whose s is not zero span its column space.
+    count as zero. The columns of V with a nonzero s span the row space of A. The columns of
+    U with a nonzero s span its column space.
 
     - An unknown is determined if the unit vector of its coordinate is in the row space.
-    - An equation can be satisfied for each right side if the unit vector of its coordinate
+    - An equation can be satisfied for every right side if the unit vector of its coordinate
       is in the column space.
     """
     u, singular_values, v_transposed = np.linalg.svd(matrix, full_matrices=False)
@@ -664,7 +672,7 @@ def _invert(matrix: Floats) -> InvertedEquations:
     inverse = transpose(v_transposed) @ (u_transposed / divisors[..., None])
     return InvertedEquations(
         inverse=inverse,
-        # The vectors are the columns of V and of U, which are the rows of the transposes.
+        # The function takes the vectors as rows: the columns of V and of U, transposed.
         is_determined=_is_axis_in_span(v_transposed, is_nonzero),
         is_always_solvable=_is_axis_in_span(u_transposed, is_nonzero),
     )
@@ -685,29 +693,29 @@ def _is_axis_in_span(vectors: Floats, is_spanning: Bools) -> Bools:
     (n, k) whether the unit vector along an axis is in the subspace, except for a part whose
     squared length is at most `MAX_UNDETERMINED_PART`.
     """
-    # The unit vector along axis k is the sum of a part in the subspace and one
-    # perpendicular to it. The squared length of the former is the sum of the squares of
-    # coordinate k of the spanning vectors. Both squared lengths add up to 1.
+    # The unit vector along axis k has a part in the subspace and a part perpendicular to
+    # it. The squared length of the first part is the sum of the squares of coordinate k of
+    # the spanning vectors. Both squared lengths add up to 1.
     squared_part_inside = np.sum(is_spanning[..., None] * vectors**2, axis=1)
     squared_part_outside = 1.0 - squared_part_inside
-    return ~(squared_part_outside > MAX_UNDETERMINED_PART)
+    return ~(squared_part_outside > MAX_UNDETERMINED_PART)  # also true for NaN
 
 
 def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReactions:
-    """Return the moments and forces (wrenches) that every pair transmits.
+    """Return the moments and forces (wrenches) that every pair (joint) transmits.
 
     Parameters
     ----------
     driven
-        n rows of a moving mechanism, with its loads and driving torques.
+        n rows (samples) of a moving mechanism, with its loads and driving torques.
     forces
-        Whether to compute forces through the centre O as well as moments. They are not
-        determined in rows in which the pairs do not prevent a displacement of a link from
-        O, such as sliding along an axis.
+        Whether to compute forces through the centre O as well as moments. Forces are not
+        determined in rows in which a link can be displaced from O, such as slide along an
+        axis, because no pair prevents it.
     """
     reactions = _solve_reactions(driven, forces)
-    # In rows in which a link can be displaced from O, the equations of moments alone are
-    # solved. Without equations of forces no link slides.
+    # In rows in which a link can be displaced from O, only the equations of moments are
+    # solved. All forces of these rows are marked as not determined.
     is_sliding = np.any(reactions.slides, axis=1)
     if np.any(is_sliding):
         moments_only = _solve_reactions(driven.rows(is_sliding), forces=False)
@@ -719,12 +727,12 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
 
 
 def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
-    """Return the reactions of all pairs, by the same equations in all rows.
+    """Return the reactions of all pairs (joints), by the same equations in all rows.
 
     Parameters
     ----------
     driven
-        n rows of a moving mechanism, with its loads and driving torques.
+        n rows (samples) of a moving mechanism, with its loads and driving torques.
     forces
         Whether the equations are those of moments and forces, or of moments only.
     """
@@ -734,8 +742,8 @@ def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
     # A pair transmits its reactions, and the torque of loads and drives about its axis.
     wrenches = equations.sum_wrenches(equilibrium.reactions)
     wrenches += equilibrium.torques[..., None] * equations.unit_torque_wrenches
-    # Components are open (not determined) if redundant constraints let reactions balance
-    # each other, or if it is not known on which side teeth press (`is_settled` is False).
+    # A component is open (not determined) for two reasons. Redundant constraints let
+    # reactions balance each other, or the side on which gear teeth press is not known.
     opened = equations.open_components | ~balance.is_settled[:, None, None]
     wrenches[opened] = np.nan
     if not forces:
@@ -765,18 +773,18 @@ class DrivenEquilibrium:
 
 
 def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
-    """Return the equilibrium of all links of a moving mechanism.
+    """Return the equilibrium of all links of a moving mechanism, with its reactions.
 
-    Teeth with a pressure angle press on one of their two sides. The side is not known in
-    advance, because it follows from the sign of the transmitted moment. The equations are
-    solved with assumed sides, and again with the opposite ones wherever the solution
-    contradicts the assumption. The result marks rows that still contradict it after
-    `MAX_TOOTH_SIDE_CHANGES` solutions (`is_settled` is False).
+    Gear teeth with a pressure angle press on one of their two sides. The side follows from
+    the sign of the transmitted moment, which is not known in advance. The equations are
+    solved with assumed sides, and again with opposite sides where the solution contradicts
+    the assumption. `is_settled` is False in rows that still contradict it after
+    `MAX_TOOTH_SIDE_CHANGES` solutions.
 
     Parameters
     ----------
     driven
-        n rows of a moving mechanism.
+        n rows (samples) of a moving mechanism.
     forces
         Whether to solve for the forces that pairs transmit through the centre O of the
         sphere, as well as for their moments.
@@ -789,8 +797,7 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
     # a part linear in the accelerations, and a part that remains at constant rates.
     inertia_wrenches = acceleration_wrenches(mechanism, motion, timing.ddq)
     inertia_wrenches += velocity_wrenches(mechanism, motion, timing.dq)
-    # The signs (n, pairs) of the moments of teeth. `frames` (n, pairs, 3, 3) are the axes
-    # of the pairs.
+    # (n, pairs) assumed signs of the moments of teeth, first all 1.
     sides = np.ones(motion.frames.shape[:2])
     for _ in range(MAX_TOOTH_SIDE_CHANGES):
         equations = NewtonEuler(mechanism, motion.frames, forces=forces, tooth_sides=sides)
@@ -809,15 +816,15 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
 def _find_contradicted_sides(
     equations: NewtonEuler, equilibrium: Equilibrium, sides: Floats
 ) -> Bools:
-    """Return at which pairs (n, pairs) teeth press on the side opposite to the assumed one.
+    """Return at which pairs (n, pairs) teeth do not press on the assumed side.
 
-    The side is the sign of the moment m_y about axis y of the pair. The force along the
-    common tangent x of the teeth causes this moment.
+    Gear teeth press on one of their two sides. The side is the sign of the moment m_y about
+    axis y of the pair, which the force along the common tangent x of the teeth causes.
 
     Parameters
     ----------
     equations
-        The equations that were solved with these sides.
+        The equations of equilibrium that were solved with the assumed sides.
     equilibrium
         Their solution.
     sides
@@ -852,17 +859,18 @@ def velocity_wrenches(
 
     A wrench is a moment about the centre O followed by a force: here gyroscopic moments and
     centripetal forces. For a link with the angular velocity w and the angular acceleration
-    a at constant rates, it is L(a) + w x L(w). The linear map L gives the angular momentum
-    and the momentum of a link for its angular velocity.
+    a, it is L(a) + w x L(w). L(w) are the angular momentum about O and the momentum that
+    belongs to w; L is linear. The acceleration a is not zero although the rates of the
+    coordinates are constant.
 
     Parameters
     ----------
     mechanism
         The mechanism with its masses.
     motion
-        The configurations at n rows, and their derivatives by m coordinates.
+        Configurations in n rows, and their derivatives by m coordinates.
     rates
-        (n, m) rates of these coordinates.
+        (n, m) rates of these coordinates by time.
     """
     # At constant rates q' the angular acceleration is the sum of dw_i/dq_k q'_i q'_k. The
     # letters are: n rows, i and k coordinates, l links, a components.
@@ -881,20 +889,20 @@ def _apply_inertia(
     """Return I v and m (v x c) for each link, in ground axes.
 
     I is the inertia tensor of the link about the centre O, m its mass and c its centre of
-    mass. If v is the angular velocity, I v is the angular momentum about O and m (v x c)
-    the momentum. If v is the angular acceleration, they are a moment and a force.
+    mass. If v is the angular velocity, the results are the angular momentum about O and the
+    momentum. If v is the angular acceleration, they are a moment and a force.
 
     Parameters
     ----------
     mechanism, motion
-        The mechanism with its masses, and the rotations of its links.
+        The mechanism with its masses, and n configurations with rotations of its links.
     vectors
         (n, links, 3) angular velocities or accelerations v in ground axes.
 
     Returns
     -------
-    (n, links, 6) the vector I v, then the vector m (v x c), of each link. The latter is 0
-    for links whose centre of mass is not known.
+    (n, links, 6) the vector I v, then the vector m (v x c), of each link. The second vector
+    is 0 for links without a known centre of mass.
     """
     wrenches = np.zeros((*vectors.shape[:2], 6))
     for mass in mechanism.masses:
@@ -925,18 +933,18 @@ class AppliedLoads:
 
 
 def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
-    """Return the sums of all loads and driving torques on links and at pairs.
+    """Return the sums of all loads and driving torques on links and at pairs (joints).
 
-    A load component at a pair is a torque about its axis. Other components act on links
-    with a moment about the centre O and a force, in proportion to their magnitudes. A
-    wrench has the moment (N m) in its components 0 to 2 and the force (N) in 3 to 5.
+    A load consists of components, each with a magnitude. A component at a pair is a torque
+    about its axis. Other components act on links, with a moment about the centre O and a
+    force in proportion to the magnitude. A wrench has the moment (N m) in its components 0
+    to 2 and the force (N) in 3 to 5.
     """
     mechanism = driven.mechanism
     motion = driven.motion
     timing = driven.timing
     loads = Loads(mechanism)
-    # Friction is proportional to the carried loads: forces on bearings, moments at
-    # contacts.
+    # `carried` are the forces on bearings and moments at contacts that cause friction.
     magnitudes = loads.evaluate_magnitudes(motion, timing.dq, timing.t, driven.carried)
     link_wrenches = np.zeros((len(timing.t), len(mechanism.links), 6))
     torques = np.zeros((len(timing.t), len(mechanism.pairs)))
