@@ -55,15 +55,15 @@ class OutputError(SpherekitError):
 
 
 class EngineError(SpherekitError):
-    """A mechanism cannot be written as expressions, or an engine cannot be used.
+    """A mechanism can't be written as expressions, or a simulation engine can't be used.
 
     Parameters
     ----------
     fault
         The fault in words.
     instead
-        Advice on which other engine to use. The message ends with it. Code that
-        has switched to the other engine reports the `fault` only.
+        Advice on which other engine to use. The message ends with the advice. Code that has
+        already switched to the other engine reports the `fault` only.
     """
 
     def __init__(self, fault: str, instead: str = "") -> None:

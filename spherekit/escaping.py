@@ -40,7 +40,10 @@ _LATEX = {
 
 
 def visible(text: str, allowed: str = "\n\t") -> str:
-    """Return a text in which every hidden character is written as ``[U+202E]``.
+    """Return a text in which hidden characters are written as codes such as ``[U+202E]``.
+
+    Hidden characters are control characters, marks of the writing direction and others that
+    are not seen. They could make a text look different from what it is.
 
     Parameters
     ----------
@@ -134,11 +137,11 @@ def xml_comment(text: str) -> str:
 
 
 def toml_string(text: str) -> str:
-    """Return a string of TOML that is read as the same text.
+    """Return a text as a string of TOML, from which exactly the same text is read.
 
     Hidden characters, such as control characters and marks of the writing direction, are
-    escaped. TOML has no escape sequence for surrogates (U+D800 to U+DFFF). They stay as
-    they are, so that encoding the text as UTF-8 for the file fails.
+    written as escape sequences. TOML has none for surrogates (U+D800 to U+DFFF). They stay
+    in the text, so that writing it as UTF-8 raises an error.
     """
 
     def write(match: re.Match[str]) -> str:

@@ -26,15 +26,16 @@ def distances_to_lines(position: Floats, points: Floats, axes: Floats) -> Floats
 
 
 def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floats | None:
-    """Return the point in which most of n lines meet, up to a distance.
+    """Return the point in which most of n lines meet, with small deviations.
 
-    The point c has the least sum of squared distances from the lines. A line has a point p,
-    a unit vector a, and the projection P = I - a a^T onto the plane at right angles to it.
-    The point c is the solution of sum(P) c = sum(P p), where the sums are over all lines.
-    If a line misses the point by more than allowed, the farthest line is left out and the
-    point is computed again. This is repeated, so that a few wrong lines do not move the
-    point. If there is only one line, or all lines coincide, the point of the line nearest
-    to the origin is returned.
+    In an imported model the lines are joint axes, and the point is the centre of the
+    spherical mechanism. It has the least sum of squared distances from the lines. If a line
+    misses the point by more than `max_distance`, the farthest line is left out and the
+    point is computed again, until all remaining lines fit. If there is only one line, or
+    all lines coincide, the result is the point of the line nearest to the origin.
+
+    A line has a point p, a unit vector a, and the projection P = I - a a^T onto the plane
+    at right angles to it. The point c solves sum(P) c = sum(P p), summed over the lines.
 
     Parameters
     ----------
@@ -45,8 +46,8 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
 
     Returns
     -------
-    (3,) the point (m), or None if the lines are parallel and do not coincide. The lines
-    that were left out may miss it.
+    (3,) the point (m), or None if the lines are parallel and do not coincide. Lines that
+    were left out may miss the point.
     """
     used_lines = np.arange(len(points))
     common_point = None
@@ -56,8 +57,8 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
         # The smallest eigenvalue is 0 for parallel lines. For lines at small angles to each
         # other it is about n times the square of the angles.
         if np.linalg.eigvalsh(matrix)[0] < PARALLEL_SINE**2 * len(used_lines):
-            # The remaining lines have no point. If lines were left out before, the last
-            # point is returned, and the caller notices which lines miss it.
+            # The remaining lines are parallel. If lines were left out before, the point
+            # found with them is returned, and the caller notices which lines miss it.
             break
         projected_points = projections[used_lines] @ points[used_lines, :, None]
         right_side = np.sum(projected_points, axis=0)[:, 0]
@@ -68,6 +69,7 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
         used_lines = np.delete(used_lines, np.argmax(distances))
     if common_point is not None:
         return common_point
+    # There is one line, or all lines are parallel. They may coincide.
     nearest_to_origin = points[0] - (points[0] @ axes[0]) * axes[0]
     distances = distances_to_lines(nearest_to_origin, points, axes)
     return nearest_to_origin if np.max(distances) <= max_distance else None

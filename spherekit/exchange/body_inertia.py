@@ -34,11 +34,13 @@ loops wrongly.
 class BodyInertia(NamedTuple):
     """Mass and inertia of a body of an exported model, in ground axes.
 
+    The model is read by general programs such as MuJoCo, in which each body needs a mass.
+
     Attributes
     ----------
     link
-        Name of the body: a link, or a coupler that replaces a sliding contact. A coupler is
-        a body without mass between the centres of two circles, whose distance is constant.
+        Name of the body: a link, or a coupler (body without mass) that replaces a sliding
+        contact between two circles. It keeps the distance of their centres constant.
     mass
         Mass (kg).
     centre
@@ -74,16 +76,16 @@ class MassCentre(NamedTuple):
 
 
 class LinkInertia(NamedTuple):
-    """Inertia of a link in its axes.
+    """Inertia of a link, in axes that are fixed in the link.
 
     Attributes
     ----------
     tensor
         (3, 3) inertia tensor about the centre of the sphere (kg m2).
     mass
-        Mass (kg), or None if it is not stated.
+        Mass (kg), or None if the mechanism file does not state it.
     centre
-        (3,) centre of mass (m), or None if it is not stated.
+        (3,) centre of mass (m), or None if the file does not state it.
     """
 
     tensor: Any
@@ -93,17 +95,17 @@ class LinkInertia(NamedTuple):
 
 @dataclass(frozen=True)
 class LinkInertias:
-    """The inertia of the links of a mechanism.
+    """The inertia of the links of a mechanism, for models that other programs read.
 
     Attributes
     ----------
     by_link
-        Inertia by the name of the link. Links for which the file states no mass are left
-        out; a stated mass may be zero.
+        Inertia by the name of the link. A link without a mass in the mechanism file is not
+        in it; a stated mass may be zero.
     are_made_up
-        Whether the file has no masses, so that links are taken as wires of 1 kg/m on a
-        sphere of 1 m. Programs such as MuJoCo move no body without mass. Such a model shows
-        the kinematics, and its forces mean nothing.
+        True if the file has no masses. Links are then taken as wires of 1 kg/m on a sphere
+        of 1 m, because programs such as MuJoCo do not move a body without mass. Such a
+        model shows the motion, but its forces mean nothing.
     """
 
     by_link: Mapping[str, LinkInertia]
@@ -117,15 +119,16 @@ class LinkInertias:
 def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
     """Return the inertia of all links that have a mass in the mechanism file.
 
-    If no moving link has an inertia, other programs could not move the mechanism. All links
-    are then taken as wires of 1 kg/m on a sphere of 1 m radius. The wires run along the
-    arcs of a link, and from the centre of the sphere to each of its pairs.
+    Other programs can't move a mechanism without inertia. If no moving link has any, all
+    links are taken as wires of 1 kg/m on a sphere of 1 m radius. The wires run along the
+    arcs of a link, and from the centre of the sphere to the axis of each of its pairs
+    (joints).
     """
     inertia_by_link = {
         mass.link: LinkInertia(mass.tensor, mass.mass, mass.centre)
         for mass in mechanism.masses
     }
-    # The tensor about the centre of the sphere is zero for a mass that is there.
+    # A point mass at the centre of the sphere has a zero tensor, and does not count.
     has_moving_mass = any(
         np.any(inertia.tensor)
         for link, inertia in inertia_by_link.items()
@@ -141,14 +144,15 @@ def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
 
 
 def _wire_inertia(wires: list[Floats]) -> LinkInertia:
-    """Return the inertia of wires of 1 kg/m about the origin.
+    """Return the inertia about the origin of thin straight wires of 1 kg/m.
 
-    The tensor is trace(M) 1 - M, with the second moments M = sum of mass times r r^T.
+    The tensor is trace(M) 1 - M with the unit matrix 1. M are the second moments, the sum
+    of mass times r r^T over all positions r.
 
     Parameters
     ----------
     wires
-        Polygons (n, 3) of points (m).
+        Polylines (n, 3) of points (m).
     """
     # A segment s of the length L with its middle at m is a thin rod of the mass L. It has
     # the second moments L m m^T + (L / 12) s s^T.
@@ -171,16 +175,17 @@ def radial_lines(axes: Floats) -> Floats:
 def make_body_inertia(
     link_inertias: LinkInertias, link: str, rotation: Floats, light_ratio: float
 ) -> BodyInertia:
-    """Return the mass, centre and inertia tensor of a body in ground axes.
+    """Return the mass, centre and inertia tensor of a body of an exported model.
 
     The body turns about O, the centre of the sphere, so its motion depends on the tensor
-    about O. If the mass or the centre of mass is not stated, both are chosen such that this
-    tensor is right.
+    about O. Mass and centre of mass are taken from the mechanism file. In these cases they
+    are chosen instead, such that the tensor about O is right:
 
-    They are also chosen if the stated centre is at O, where the weight has no moment. With
-    centres of mass at O, MuJoCo closes loops wrongly, because it weighs the closure
-    constraints by the mobility of the centres of mass. A link without inertia gets a small
-    inertia, because MuJoCo refuses bodies without inertia.
+    - The file does not state both.
+    - The centre of mass is at O, where the weight has no moment. MuJoCo would close loops
+      wrongly: it weighs closure constraints by the mobility of the centres of mass.
+
+    A link without inertia gets a small inertia, because MuJoCo refuses such bodies.
 
     Parameters
     ----------
@@ -192,10 +197,14 @@ def make_body_inertia(
         (3, 3) rotation from the axes of the link to ground axes.
     light_ratio
         Inertia of a link without mass, relative to the largest of all links.
+
+    Returns
+    -------
+    The mass, and centre and tensor about it in ground axes.
     """
     link_inertia = link_inertias.by_link.get(link)
-    # A mass whose tensor about O is zero is a point at O, which has no effect on the
-    # motion. It is replaced, too.
+    # A zero tensor belongs to a point mass at O, which has no effect on the motion. It is
+    # replaced, too.
     if link_inertia is None or not np.any(link_inertia.tensor):
         light_tensor = _make_light_tensor(link_inertias, light_ratio)
         mass_centre = _choose_mass_centre(light_tensor)
@@ -226,7 +235,10 @@ def _make_light_tensor(link_inertias: LinkInertias, light_ratio: float) -> Float
 def _find_usable_mass_centre(
     link_inertia: LinkInertia, rotation: Floats, tensor_about_O: Floats
 ) -> MassCentre | None:
-    """Return the stated mass and centre of a link, unless one is missing or it is at O.
+    """Return the stated mass and centre of a link, or None if they can't be used.
+
+    They can't be used if the mechanism file does not state both, or if the centre is at O,
+    the centre of the sphere. MuJoCo closes loops wrongly in the second case.
 
     Parameters
     ----------
@@ -235,7 +247,7 @@ def _find_usable_mass_centre(
     rotation
         (3, 3) rotation from the axes of the link to ground axes.
     tensor_about_O
-        (3, 3) inertia tensor about the centre of the sphere O (kg m2).
+        (3, 3) inertia tensor about O (kg m2).
     """
     if link_inertia.mass is None or link_inertia.centre is None:
         return None
@@ -248,19 +260,20 @@ def _find_usable_mass_centre(
 
 
 def _choose_mass_centre(tensor: Floats) -> MassCentre:
-    """Return a mass and a centre away from O that a body with this tensor about O can have.
+    """Return a possible mass and centre of a body with a certain inertia tensor about O.
 
-    Bodies with different masses and centres have the same tensor about O. MuJoCo closes
-    loops wrongly if the centre of mass is at O, so another one is chosen.
+    O is the centre of the sphere. Many bodies with different masses and centres have the
+    same tensor about O. MuJoCo closes loops wrongly if the centre of mass is at O, so a
+    centre away from O is chosen.
 
     The second moments S of a body are the sum of mass times r r^T over its points r. They
-    follow from the tensor. A mass m and a centre c are possible if S - m c c^T, the second
-    moments about the centre, has no negative moments. They are chosen as follows:
+    follow from the tensor. A mass m and a centre c are possible if S - m c c^T (the second
+    moments about c) has no negative eigenvalues. They are chosen as follows:
 
     1. m = trace(S). The root mean square of the distances of the points from O is then 1 m.
-    2. c is on the axis of the largest moment of S. There the distance from O may be up to
-       sqrt(moment / m).
-    3. c is at half of this distance, so that the moment about the centre is not zero.
+    2. c is on the axis of the largest eigenvalue of S, where its distance from O may be up
+       to sqrt(eigenvalue / m).
+    3. c is at half of this distance, so that the moment about c is not zero.
 
     Parameters
     ----------
@@ -278,7 +291,7 @@ def _choose_mass_centre(tensor: Floats) -> MassCentre:
 def _make_body_about_centre(
     link: str, tensor_about_O: Floats, mass_centre: MassCentre, is_stated: bool
 ) -> BodyInertia:
-    """Return the inertia of a body with the tensor about its centre of mass.
+    """Return the inertia of a body, with its tensor moved from O to the centre of mass.
 
     Parameters
     ----------
@@ -289,10 +302,11 @@ def _make_body_about_centre(
     mass_centre
         Its mass and centre of mass.
     is_stated
-        Whether the mechanism file states them.
+        Whether the mechanism file states mass and centre.
     """
     mass, centre = mass_centre
     # The parallel axis theorem.
     tensor = tensor_about_O - point_mass_inertia(mass, centre)
+    # Rounding errors can make the tensor slightly asymmetric.
     symmetric_tensor = 0.5 * (tensor + tensor.T)
     return BodyInertia(link, mass, centre, symmetric_tensor, is_stated)

@@ -173,7 +173,7 @@ KNOWN_INPUTS_TEMPLATE = """\
 
 
 def write_c(source: FormulaSource) -> str:
-    """Return formulas as C99, to be compiled on its own or included.
+    """Return the formulas of a mechanism as C99, to be compiled on its own or included.
 
     The text begins with declarations of all functions. It continues with
 
@@ -183,7 +183,8 @@ def write_c(source: FormulaSource) -> str:
       functions of one variable are computed, such as the profile of a contact,
     - the functions of the formulas,
     - a function that selects an assembly mode (one way to assemble the mechanism) at an
-      input. It exists if modes follow smooth curves of configurations through crossings.
+      input. It exists only if modes follow smooth curves of configurations through
+      crossings with other curves.
     """
     # In C all numbers, variables and constants, have the type double.
     declarations = [
@@ -191,7 +192,8 @@ def write_c(source: FormulaSource) -> str:
     ]
     if source.smooth_modes is not None:
         declarations.append(f"{_smooth_mode_head(source, 'double')};")
-    # The arrays that callers read are declared before their definitions too.
+    # The arrays that callers read are declared, too. The declaration of an array is its
+    # definition without the values.
     constants = [*_write_constants(source, storage="")]
     declarations += [
         f"extern {text.partition(' = ')[0]};"
@@ -213,11 +215,12 @@ def write_c(source: FormulaSource) -> str:
 
 
 def _prototype_comment(source: FormulaSource) -> str:
-    """Return the comment before the prototypes, with an example call.
+    """Return the C comment before the function prototypes, with an example of a call.
 
     The example computes the results at the known inputs of the first assembly mode (way to
-    assemble the mechanism). In closed form the mode is selected by the signs of its dyads
-    (groups of two links). Otherwise Newton's method starts from the variables of the mode.
+    assemble the mechanism). If positions have a closed form, a mode is selected by the
+    signs of its dyads (groups of two links). Otherwise Newton's method starts from pair
+    variables (joint angles) of the mode.
     """
     formulas = source.formulas
     comment = (
@@ -228,18 +231,18 @@ def _prototype_comment(source: FormulaSource) -> str:
         return f"{comment} */"
     name = source.name
     mode = formulas.modes[0]
-    # Inputs come first in the motion. Rates and other arguments are zero.
+    # In the array of the motion, inputs come first. Rates and other arguments are zero.
     motion = [*mode.at, *[0.0] * (len(formulas.motion) - len(mode.at))]
     # A null pointer stands for an array without elements.
     size = f"{name}_sizes" if formulas.sizes else "0"
-    # Mode values are the numbers that select a mode: signs, or start variables.
+    # Mode values are the numbers that select a mode: signs of dyads, or pair variables.
     mode_value_count = len(formulas.mode_value_names)
     mode_values = f"{name}_modes[0]" if mode_value_count else "0"
     lines = [
         f"const double motion[{len(motion)}] = {nested(motion, '{}')};",
         f"double result[{len(formulas.results)}];",
     ]
-    if formulas.step:
+    if formulas.step:  # Newton's method is needed
         lines += [
             f"double variables[{mode_value_count}];",
             f"for (int i = 0; i < {mode_value_count}; ++i)",
@@ -260,23 +263,24 @@ def _prototype_comment(source: FormulaSource) -> str:
 
 
 def write_cpp(source: FormulaSource) -> str:
-    """Return formulas as a C++ header of templates.
+    """Return the formulas of a mechanism as a C++ header of templates.
 
     The number type of variables, ``Scalar``, is a parameter of the templates. It may be a
-    type whose values have derivatives with them (automatic differentiation). The number
-    type of constants, ``Real``, follows from it by the template `CONSTANT_OF`.
+    type for automatic differentiation. The number type of constants, ``Real``, follows from
+    ``Scalar`` by the template `CONSTANT_OF`.
 
     After some definitions of types, the header has constants for its users, functions that
     C++ does not have (`helpers`), functions that evaluate tables of Chebyshev coefficients,
-    the functions of the formulas, and the function that selects an assembly mode.
+    the functions of the formulas, and a function that selects an assembly mode (way to
+    assemble the mechanism).
     """
     guard = f"{source.name}_HPP"
     used_functions = "\n".join(
         f"using std::{name};" for name in ("atan2", "floor", "pow", *UNARY_FUNCTIONS)
     )
     includes = "#include <cmath>\n#include <type_traits>\n"
-    # Functions that evaluate tables of Chebyshev coefficients. In C they are static. In C++
-    # each has a line that defines `Real`, the type of its constants.
+    # Functions that evaluate tables of Chebyshev coefficients. In C++ each of them has a
+    # line that defines `Real`, the type of its constants.
     series = _write_series(source, "Scalar", "Real", REAL_TYPE_LINE)
     parts = [
         f"{head_comment(source)}#ifndef {guard}\n#define {guard}\n\n{includes}",
@@ -284,8 +288,7 @@ def write_cpp(source: FormulaSource) -> str:
         CONSTANT_OF,
         *_write_constants(source, storage="static "),
         *source.helpers,
-        # The constants are static, so that several files may include the header. Templates
-        # may be defined in several files anyway, so they need no static.
+        # "static" lets several files include the header. Templates do not need it.
         *(TEMPLATE_HEAD + text.removeprefix("static ") for text in series),
         *(
             TEMPLATE_HEAD + _write_function(source, function, "Scalar")
@@ -299,13 +302,13 @@ def write_cpp(source: FormulaSource) -> str:
 
 
 def _write_constants(source: FormulaSource, storage: str) -> Iterator[str]:
-    """Yield the declarations of constants for the users of the formulas.
+    """Yield the C declarations of constants for the users of the formulas.
 
     They are the index of each result in the array of results, the values of the sizes in
     the mechanism file, and the mode values of each assembly mode (way to assemble the
     mechanism). Mode values are the numbers that select a mode in the formulas. In closed
     form they are the sign (+1 or -1) of each dyad (group of two links). Otherwise they are
-    approximate variables (rad) of all pairs, which Newton's method improves.
+    approximate pair variables (joint angles, rad), which Newton's method improves.
 
     Parameters
     ----------
@@ -334,12 +337,13 @@ def _write_constants(source: FormulaSource, storage: str) -> Iterator[str]:
 def _write_series(
     source: FormulaSource, scalar: str, constant: str, type_line: str
 ) -> Iterator[str]:
-    """Yield the functions that evaluate the stored series.
+    """Yield the C functions that evaluate the stored series.
 
     A stored series is a table of Chebyshev coefficients by which functions of one variable
-    are computed. The range of the variable is divided at the `edges` into cells, and each
-    cell has its own `coefficients`. Functions on a closed curve are periodic, so the
-    variable is moved into the period. Outside of an open curve the results are NaN.
+    are computed, such as the profile of a contact. The range of the variable is divided at
+    the `edges` into cells, each with its own `coefficients`. On a closed curve the
+    functions are periodic, and the variable is moved into the period. Outside of an open
+    curve the results are NaN.
 
     Parameters
     ----------
@@ -350,7 +354,7 @@ def _write_series(
     type_line
         Line that defines the type of constants, or nothing.
     """
-    literal_format = source.language.literal_format  # such as Real(...) in C++
+    literal_format = source.language.literal_format  # writes 2.0 as Real(2.0) in C++
     # `fields` has the values of one series that are inserted in the templates, by name.
     for fields in source.series_fields:
         # Lines for a variable outside of the range of the series.
@@ -374,14 +378,18 @@ def _write_series(
 
 
 def _function_head(source: FormulaSource, function: SourceFunction, scalar: str) -> str:
-    """Return the C head of a function, without its body.
+    """Return the head of a C function, without its body.
 
-    All arguments are arrays: the inputs and their rates (``motion``), the numbers that
-    select the assembly mode, and numbers of the mechanism file (``size``). The second
-    array is named ``mode`` if it has signs of dyads, and ``variables`` if it has the
-    variables of all pairs. A function normally writes its results to a fourth array. A step
-    of Newton's method changes the array ``variables`` in place and returns the closure
-    residual.
+    A function either computes the results of the mechanism, or makes a step of Newton's
+    method. All its arguments are arrays:
+
+    - ``motion``: the inputs and their rates;
+    - ``mode`` or ``variables``: the numbers that select the assembly mode (way to assemble
+      the links). They are signs of dyads (groups of two links), or approximate pair
+      variables (joint angles). A step of Newton's method improves the variables in place;
+    - ``size``: numbers of the mechanism file;
+    - ``result``: the results. A step of Newton's method does not have this array; it
+      returns the closure residual (how far loops are open).
 
     Parameters
     ----------
@@ -407,9 +415,9 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
     """Return the text of a C function with its body.
 
     A function either computes the results of the mechanism, or makes a step of Newton's
-    method. The step reads the variables of all pairs from the array that selects the
-    assembly mode. It overwrites them by better ones, and returns the closure residual (how
-    far loops are open).
+    method. The step improves the pair variables (joint angles) in the array that selects
+    the assembly mode (way to assemble the links). It returns the closure residual (how far
+    loops are open).
 
     Parameters
     ----------
@@ -426,8 +434,8 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
         if argument not in function.used_arguments
     ]
     lines += function.lines
-    # The results are copied from local variables to the array that the caller reads. Only a
-    # step of Newton's method has a closure residual.
+    # Copy the results from local variables to the array that the caller reads. Only a step
+    # of Newton's method has a closure residual.
     if function.closure_residual:
         # `mode_argument` is the name of the array with the variables of all pairs.
         for index, result in enumerate(function.results):
@@ -444,23 +452,23 @@ def _write_function(source: FormulaSource, function: SourceFunction, scalar: str
 
 
 def _smooth_mode_head(source: FormulaSource, scalar: str) -> str:
-    """Return the C head of the function that selects an assembly mode at an input.
+    """Return the head of the C function that selects an assembly mode at an input.
 
     An assembly mode (way to assemble the mechanism) is selected by numbers, the mode
     values. Curves of configurations may cross at an input. A mode that follows a smooth
-    curve through the crossing has other mode values beyond it. The written function
-    therefore takes the number ``k`` of the mode, the input ``q`` (rad), and an array to
-    which it writes the mode values at this input.
+    curve through the crossing has other mode values beyond it. The C function therefore
+    takes the number ``k`` of the mode, the input ``q`` (rad), and an array to which it
+    writes the mode values at this input.
 
-    If positions have a closed form, the mode values are the signs of the dyads (two links
-    and three R pairs), and the function returns nothing. Otherwise they are the variables
-    (rad) of all pairs in a known configuration, from which Newton's method starts. The
+    If positions have a closed form, the mode values are the signs of the dyads (groups of
+    two links), and the function returns nothing. Otherwise they are the pair variables
+    (joint angles, rad) of a known configuration, from which Newton's method starts. The
     function then returns the input of that configuration.
 
     Parameters
     ----------
     source
-        The source.
+        The formulas.
     scalar
         Name of the number type of the array, such as ``double``.
     """

@@ -112,17 +112,17 @@ def write_casadi(source: FormulaSource) -> str:
 
 
 def _write_function(source: FormulaSource, function: SourceFunction) -> str:
-    """Return the text of a Python function that makes a function of CasADi.
+    """Return the text of a Python function that constructs a function of CasADi.
 
-    The text first makes symbols for the arguments, then computes with them line by line,
-    and ends with ``ca.Function``. The function either computes the results, or makes a step
-    of Newton's method. A step returns the variables of all pairs after it, and the closure
-    residual (how far loops are open).
+    The text first defines symbols for the arguments, then computes with them line by line,
+    and ends with ``ca.Function``. The CasADi function computes the results of the
+    mechanism, or makes a step of Newton's method. A step returns the improved pair
+    variables (joint angles) and the closure residual (how far loops are open).
     """
     formulas = source.formulas
     # The three arguments are vectors: inputs and their rates (`motion`), the values that
-    # select an assembly mode, and numbers of the mechanism file (`sizes`). A mode is
-    # selected by the signs of its dyads, or by approximate variables of all pairs.
+    # select an assembly mode (way to assemble the links), and numbers of the mechanism file
+    # (`sizes`). A mode is selected by signs of groups of two links, or by pair variables.
     lengths = (len(formulas.motion), len(formulas.mode_value_names), len(formulas.sizes))
     symbol_lines = [
         f'    {argument} = ca.SX.sym("{argument}", {length})'

@@ -244,12 +244,15 @@ def _find_example(table: CouplingTable) -> tuple[int, Floats]:
 
 
 def _format_array(declaration: str, values: Array) -> str:
-    """Return a static array of C, in one line for each node of each mode.
+    """Return an array of a coupling table as a static array of C.
+
+    A coupling table has values of several assembly modes (ways to assemble the links) at
+    the nodes of a grid of inputs. Each node of each mode gets one line.
 
     Parameters
     ----------
     declaration
-        Type and name of the array.
+        Type and name of the array in C.
     values
         (modes, nodes, ...) its values.
     """

@@ -48,10 +48,11 @@ extrapolated. The C header has the same number.
 
 
 class CouplingValues(NamedTuple):
-    """The values of a table at n points of its m inputs. NaN in cells that are not sure.
+    """The values of a coupling table at n points of its m inputs.
 
-    A cell, a box between neighbouring nodes of the grid, is sure if the measured error of
-    interpolation in it is within the tolerance.
+    The table has passive variables (joint angles that are not driven) at the nodes of a
+    grid of inputs. A cell is a box between neighbouring nodes. It is sure if the measured
+    error of interpolation in it is within the tolerance. Values in other cells are NaN.
 
     Attributes
     ----------
@@ -62,10 +63,9 @@ class CouplingValues(NamedTuple):
     derivatives
         (n, K, m, m) derivatives of the coefficients with respect to each input (1/rad).
     turning
-        (n, P, m, 3) relative angular velocities, per unit rate of each input, in ground
-        axes. A pole is the axis about which one link rotates relative to another. For each
-        of the P poles this is the angular velocity of its first link relative to its
-        second.
+        (n, P, m, 3) relative angular velocities of P pairs of links, per unit rate of each
+        input, in ground axes: the first link of a pole (axis of relative rotation)
+        relative to the second.
     """
 
     angles: Floats
@@ -231,24 +231,25 @@ class CouplingTable:
         return values
 
     def interpolate(self, mode: int, cells: Integers, positions: Floats) -> CouplingValues:
-        """Return the interpolated values of a mode in cells of the grid.
+        """Return the interpolated values of a mode in cells of the grid of m inputs.
 
-        A corner of the cell has a stored angle f with its gradient g (the coefficients) and
-        Hessian H (their derivatives) by the inputs. At the distance d from the corner these
-        give
+        A mode is one way to assemble the mechanism. A cell is a box between neighbouring
+        nodes, and its corners are nodes. A corner has a stored angle f with its gradient g
+        (the coefficients) and Hessian H (their derivatives) by the inputs. At the distance
+        d from the corner these give
 
         - the angle f + (2/3) g d + (1/6) d H d,
         - the coefficients g + (1/2) H d,
         - the derivatives H.
 
-        The results of all corners are averaged with multilinear weights. With these factors
-        the average is exact for angles that are cubic and coefficients that are quadratic
-        functions of the inputs. With the factors of a Taylor series, 1 and 1/2, it would be
-        exact for quadratic angles only (Guessab, Nouisser and Schmeisser, J. Comput. Appl.
-        Math. 196, 2006). Relative angular velocities of two links (`turning`) are
-        interpolated like coefficients.
+        The results of all corners are averaged with multilinear weights. The average is
+        exact for angles that are cubic functions of the inputs, and for coefficients that
+        are quadratic. The factors of a Taylor series, 1 and 1/2, would be exact for
+        quadratic angles only (Guessab, Nouisser and Schmeisser, J. Comput. Appl. Math. 196,
+        2006). Relative angular velocities of two links (`turning`) are interpolated like
+        coefficients.
 
-        The caller refuses cells whose measured error exceeds the tolerance.
+        The caller refuses cells with a measured error above the tolerance.
 
         Parameters
         ----------
@@ -275,12 +276,15 @@ class CouplingTable:
     def _extend_from_corner(
         self, mode: int, cells: Integers, positions: Floats, corner: Sequence[int]
     ) -> CouplingValues:
-        """Return the values at points, extended from one corner of their cells.
+        """Return the values at n points, extrapolated from one corner of their cells.
+
+        `interpolate` averages the values from all corners. A cell is a box between
+        neighbouring nodes of the grid of m inputs.
 
         Parameters
         ----------
         mode
-            Position of the mode in `modes`.
+            Position of the mode (way to assemble the mechanism) in `modes`.
         cells
             (n, m) index of the cell of each point along each input.
         positions
@@ -288,6 +292,7 @@ class CouplingTable:
         corner
             Position of the corner in the cell: 0 or 1 along each of the m inputs.
         """
+        # Nodes are numbered in one row, so the index along each input is converted.
         corner_node = np.ravel_multi_index(tuple((cells + corner).T), tuple(self.count))
         node = mode, corner_node
         distance = (positions - corner) * self.step  # d (n, m), in rad
@@ -343,13 +348,13 @@ def write_npz(table: CouplingTable, path: AnyPath) -> None:
 def load_coupling(path: AnyPath) -> CouplingTable:
     """Return a coupling table that was written as a NumPy archive.
 
-    The table has the variables of passive pairs, and their rates per unit rate of each
-    input, on a grid of the inputs.
+    The table has the variables of passive pairs (joints that are not driven), and their
+    rates per unit rate of each input, on a grid of the inputs.
 
     Raises
     ------
     FileError
-        If it cannot be read, or is no such table.
+        If the file can't be read, or if it is another kind of file.
     """
 
     def construct_table(heading: dict[str, Any], arrays: dict[str, Any]) -> CouplingTable:
@@ -370,16 +375,18 @@ def load_coupling(path: AnyPath) -> CouplingTable:
 
 
 def columns(table: CouplingTable) -> dict[str, Floats]:
-    """Return the columns (modes * nodes,) of a table by their names, mode after mode.
+    """Return a coupling table as columns (modes * nodes,) by their names, mode after mode.
 
-    The names are built like these:
+    The table has values of assembly modes (ways to assemble the mechanism) at the nodes of
+    a grid of inputs. The names are built like these:
 
-    - ``theta_41``: a passive variable (rad);
+    - ``theta_41``: a passive variable (angle of a joint that is not driven, rad);
     - ``theta_41_by_21``: its coefficient, the rate per unit rate of the input 21;
     - ``theta_41_by_21_by_51``: the derivative of the coefficient by a second input (1/rad);
     - ``w_6_1_x_by_12``: the x component of the angular velocity of link 6 relative to link
       1, per unit rate of the input 12;
-    - ``cell_error``: the largest measured error (rad) in the cell that starts at the node.
+    - ``cell_error``: the largest measured error (rad) in the cell (box between neighbouring
+      nodes) that starts at the node.
     """
     mode_count = len(table.modes)
     nodes = table.nodes
@@ -400,7 +407,7 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
         for (i, input_i), (x, component) in product(inputs, enumerate("xyz")):
             name = f"{prefix}_{component}_by_{input_i}"
             arrays[name] = table.turning[:, :, p, i, x]
-    # No cell starts at the last node of an input, so NaN is added there.
+    # Along each input there is one cell less than nodes. Add NaN for the last node.
     cell_errors = table.error.reshape(mode_count, *(table.count - 1))
     padding = [(0, 0), *[(0, 1)] * len(table.count)]
     arrays["cell_error"] = np.pad(cell_errors, padding, constant_values=np.nan)

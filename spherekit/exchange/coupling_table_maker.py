@@ -172,13 +172,15 @@ def _choose_node_counts(
 ) -> tuple[int, ...]:
     """Return the number of nodes along each input, on the first grid that is tried.
 
+    A coupling table stores joint angles at the nodes of a grid of inputs.
+
     Parameters
     ----------
     mechanism
         The mechanism with its inputs.
     samples
-        The requested numbers, or one for all inputs. Without a request, a small default
-        number is returned, and the caller refines the grid as needed.
+        The requested numbers, or one number for all inputs. Without a request, a small
+        default is used, and the caller refines the grid as needed.
     """
     input_count = len(mechanism.inputs)
     if samples is None:
@@ -204,10 +206,14 @@ def _refine_counts(node_counts: Sequence[int]) -> tuple[int, ...]:
 
 
 def _find_passive_variables(mechanism: Mechanism, pairs: Sequence[str] | None) -> list[int]:
-    """Return the numbers of the variables of passive pairs, which are not driven.
+    """Return the indices of the variables of passive pairs (joints that are not driven).
+
+    A coupling table has these variables as functions of the inputs.
 
     Parameters
     ----------
+    mechanism
+        The mechanism with its inputs.
     pairs
         Names of passive pairs, None for all of them.
 
@@ -399,9 +405,11 @@ def _compute_table(
 
 @dataclass(frozen=True)
 class InterpolationErrors:
-    """The largest absolute errors of interpolation in each cell of a table.
+    """The largest absolute errors of interpolation in each cell of a coupling table.
 
-    They are NaN in cells in which the mode is missing at a corner or an examined point.
+    A coupling table has values of assembly modes (ways to assemble the mechanism) at the
+    nodes of a grid of inputs. A cell is a box between neighbouring nodes. Errors are NaN if
+    the mode does not exist in the whole cell.
 
     Attributes
     ----------
@@ -420,11 +428,12 @@ class InterpolationErrors:
 def _measure_errors(
     table: CouplingTable, grid_values: GridValues, refined_counts: tuple[int, ...]
 ) -> InterpolationErrors:
-    """Return the errors (modes, cells) of interpolation in a table.
+    """Return the errors (modes, cells) of interpolation in a coupling table.
 
-    Errors are measured at points of the refined grid, which divide each cell into
-    `PARTS_PER_CELL` parts along each input. They are multiplied by `ERROR_BETWEEN_POINTS`,
-    because errors between these points may be larger.
+    The table has values at the nodes of a grid of inputs, and a cell is a box between
+    neighbouring nodes. Interpolated values are compared with computed values on a refined
+    grid, which divides each cell into `PARTS_PER_CELL` parts along each input. Errors
+    between these points may be larger, so they are multiplied by `ERROR_BETWEEN_POINTS`.
 
     Parameters
     ----------
@@ -437,14 +446,15 @@ def _measure_errors(
     """
     angle_errors = np.zeros_like(table.error)
     rate_errors = np.zeros_like(table.error)
-    # A point in a cell is given by the number of parts along each input.
+    # A point in a cell is described by numbers of parts from the first corner, one for each
+    # input.
     for part in product(range(PARTS_PER_CELL + 1), repeat=len(refined_counts)):
         is_corner = all(number in (0, PARTS_PER_CELL) for number in part)
         if is_corner:
             continue  # The values there are stored, so the error is zero.
         for mode in range(len(table.modes)):
             errors = _measure_errors_at_part(table, grid_values, refined_counts, mode, part)
-            # The maximum with NaN, of cells without a mode, is NaN.
+            # Once an error is NaN (no mode there), the maximum remains NaN.
             angle_errors[mode] = np.maximum(angle_errors[mode], errors.angles)
             rate_errors[mode] = np.maximum(rate_errors[mode], errors.rates)
     return InterpolationErrors(
@@ -460,7 +470,10 @@ def _measure_errors_at_part(
     mode: int,
     part: tuple[int, ...],
 ) -> InterpolationErrors:
-    """Return the errors (cells,) of interpolation at one point in each cell.
+    """Return the errors (cells,) of interpolation at one point in each cell of a table.
+
+    A cell is a box between neighbouring nodes of the table. The point has the same position
+    in all cells. Interpolated values are compared with computed values on a refined grid.
 
     Parameters
     ----------
@@ -471,7 +484,7 @@ def _measure_errors_at_part(
     refined_counts
         Number of points of that grid along each input.
     mode
-        Position of the assembly mode in the table.
+        Position of the assembly mode (way to assemble the links) in the table.
     part
         The point, as the number of steps of the refined grid from the first corner of the
         cell along each input, from 0 to `PARTS_PER_CELL`.
@@ -482,6 +495,7 @@ def _measure_errors_at_part(
     interpolated = table.interpolate(
         mode, cells, np.broadcast_to(position_in_cell, cells.shape)
     )
+    # Index of the same point on the refined grid, along each input and in one row.
     point_indices = PARTS_PER_CELL * cells + part
     points = np.ravel_multi_index(tuple(point_indices.T), refined_counts)
     return InterpolationErrors(
@@ -502,14 +516,16 @@ def _largest_differences(interpolated: Floats, computed: Floats) -> Floats:
 
 
 def _find_periodic_inputs(table: CouplingTable, periods: Floats) -> None:
-    """Mark the inputs that are periodic: after a revolution all configurations return.
+    """Mark the inputs of a table after a revolution of which all configurations return.
+
+    Interpolation can then continue beyond the range of such an input.
 
     Parameters
     ----------
     table
-        The table, whose arrays `periodic` and `rise` are changed.
+        The table. Its arrays `periodic` and `rise` are changed.
     periods
-        (K,) period (rad) of each passive variable.
+        (K,) period (rad) of each of the K passive variables (joint angles).
     """
     for input_index in range(len(table.inputs)):
         growth = _find_growth_per_revolution(table, input_index, periods)
@@ -521,11 +537,12 @@ def _find_periodic_inputs(table: CouplingTable, periods: Floats) -> None:
 def _find_growth_per_revolution(
     table: CouplingTable, input_index: int, periods: Floats
 ) -> Floats | None:
-    """Return the growth of each variable in a revolution after which all values return.
+    """Return the growth of each variable in a revolution of an input, or None.
 
-    A variable may grow by whole periods, such as the angle of a crank by a revolution. The
-    growth has to be the same at all nodes of the other inputs, and the rates per unit rate
-    of the inputs (coefficients) must not change.
+    The result is None if the configurations do not return after the revolution. A variable
+    (joint angle) may grow by whole periods, such as the angle of a crank by a revolution.
+    The growth has to be the same at all nodes of the other inputs. Coefficients (rates of
+    variables per unit rate of the inputs) must not change.
 
     Parameters
     ----------
@@ -534,7 +551,7 @@ def _find_growth_per_revolution(
     input_index
         Position of the input in the table.
     periods
-        (K,) period (rad) of each passive variable.
+        (K,) period (rad) of each variable.
 
     Returns
     -------
@@ -560,12 +577,14 @@ def _find_growth_per_revolution(
 def _change_over_range(table: CouplingTable, values: Floats, input_index: int) -> Floats:
     """Return the change of values from the first to the last node of an input.
 
+    The values are on a grid of inputs, with nodes at equal steps of each input.
+
     Parameters
     ----------
     table
-        The table.
+        The table with the grid.
     values
-        (modes, nodes, ...) values at its nodes.
+        (modes, nodes, ...) values of each assembly mode at the nodes.
     input_index
         Position of the input in the table.
 
