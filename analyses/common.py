@@ -98,7 +98,9 @@ TILT_TORSION_COLUMNS = tuple(
 
 
 def row_columns(batch: Batch, with_time: bool = False) -> dict[str, NDArray[Any]]:
-    """Return the columns that identify the rows of a batch.
+    """Return the columns that identify the rows of a batch of results.
+
+    A row is one sample of the motion in one assembly mode (way to assemble the links).
 
     Parameters
     ----------
@@ -109,8 +111,8 @@ def row_columns(batch: Batch, with_time: bool = False) -> dict[str, NDArray[Any]
 
     Returns
     -------
-    Columns (n,) by name: sample, assembly mode, time (s) if wanted, and one for each input
-    (rad).
+    Columns (n,) by name: sample, assembly mode, time (s) if requested, and one for each
+    input (rad).
     """
     columns: dict[str, NDArray[Any]] = {
         "sample": batch.sample,
@@ -124,12 +126,14 @@ def row_columns(batch: Batch, with_time: bool = False) -> dict[str, NDArray[Any]
 def repeat_rows(columns: TableData, subjects: Sequence[str], name: str) -> TableData:
     """Return columns in which each row is repeated once for every subject.
 
+    For a table with one row per configuration and link, for example.
+
     Parameters
     ----------
     columns
-        Columns (n,) of a table.
+        Columns (n,) of a table by name.
     subjects
-        The k subjects of the repeated rows, such as names of links.
+        The k subjects, such as names of links.
     name
         Name of the new column that lists the subjects.
 
@@ -152,7 +156,7 @@ def plot_series(
     unit: str = "",
     link: int | None = None,
 ) -> Series:
-    """Return a plot of a quantity against the rows.
+    """Return the declaration of a plot of a quantity against the rows of a batch.
 
     Parameters
     ----------
@@ -162,14 +166,13 @@ def plot_series(
         Name of the curve, and title of the plot. Curves with the same title are drawn
         together.
     values
-        (n,) the quantity.
+        (n,) the quantity at each row.
     unit
         Its unit.
     link
-        Number of a link, if the curve is to have the colour of this link.
+        Number of a link, if the curve should have the colour of this link.
     """
-    # The name contains only letters, digits, hyphens and underscores. An underscore
-    # replaces each run of other characters.
+    # Other characters than letters, digits and hyphens are replaced by an underscore.
     file_name = re.sub(r"[^A-Za-z0-9-]+", "_", label)
     return Series(f"plots/{group}/{file_name}", label, title, values, unit, link)
 
@@ -208,7 +211,8 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
     Parameters
     ----------
     batch
-        The n rows.
+        n rows, each one sample of the motion in one assembly mode (way to assemble the
+        links).
     torques
         (n, inputs) torques at the inputs (N m), NaN if unknown.
     key
@@ -265,14 +269,16 @@ def describe_largest_torques(
 def merge_largest(
     first: Mapping[str, Any], second: Mapping[str, Any], key: str
 ) -> dict[str, Any]:
-    """Return for each name the record with the larger value.
+    """Merge the records of largest values of two blocks of rows.
+
+    For each name the record with the larger value is returned.
 
     Parameters
     ----------
     first, second
-        Records by name, of two blocks of rows. A name may be missing in one of them.
+        Records by name, of the two blocks. A name may be missing in one block.
     key
-        Key of the values that are compared by their sizes.
+        Key of the value in a record. Absolute values are compared.
     """
     merged: dict[str, Any] = {}
     for name in {**first, **second}:
@@ -298,12 +304,12 @@ def continue_load_angles(batch: Batch) -> Motion:
 def direction_or_quaternion_columns(
     poses: Floats, architecture: MidPlaneArchitecture | None
 ) -> dict[str, Any]:
-    """Return the columns x, y, z (and w) of poses, and phi and gamma of mid-planes.
+    """Return the columns of poses: directions or quaternions, and angles of mid-planes.
 
-    A mechanism may have a base and an output that are mirror images of each other in a
-    plane, the mid-plane. Each direction of the output then determines a mid-plane. Chen et
-    al. 2021 describe its unit normal (x, y, z) by the angles phi = -2 arcsin(x) and
-    gamma = 2 arcsin(y) (rad). Orientations have no such columns.
+    In some mechanisms, base and output are mirror images of each other about a plane, the
+    mid-plane. A direction of the output then determines the mid-plane. Chen et al. 2021
+    describe its unit normal (x, y, z) by the angles phi = -2 arcsin(x) and gamma = 2
+    arcsin(y) (rad). Orientations have no such columns.
 
     Parameters
     ----------
@@ -328,13 +334,14 @@ def direction_or_quaternion_columns(
 def output_in_words(mechanism: Mechanism, links: str) -> str:
     """Return the name of an output with its links, such as ``rocker (4/1)``.
 
+    Without a unique name, only the links are returned.
+
     Parameters
     ----------
     mechanism
-        The mechanism.
+        The mechanism, which declares outputs.
     links
-        The names of the output link and of its reference link, such as ``4/1``. They are
-        returned alone unless the mechanism declares exactly one output with these links.
+        The names of the output link and of its reference link, such as ``4/1``.
     """
     names = [
         output.name

@@ -153,10 +153,7 @@ class Dynamics(AbstractAnalysis):
     )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return which quantities this analysis reads; only these are computed for it.
-
-        Loads such as springs depend on pair variables. A spring that winds up also depends
-        on the whole revolutions of its pair.
+        """Return which quantities of a run this analysis reads, so that they are computed.
 
         Raises
         ------
@@ -167,32 +164,33 @@ class Dynamics(AbstractAnalysis):
         return Needs(
             # The time, and the rates and accelerations of the inputs.
             time=True,
-            # Variables of the pairs of loads, continued over whole revolutions.
+            # Variables on which loads such as springs depend. They count whole revolutions.
             continued_values=used_pairs(mechanism),
-            # The solver of configurations, from which the inertia matrix is computed, with
-            # the links that have mass or loads.
+            # The position analysis of the run, from which the inertia matrix is computed,
+            # and the links that have mass or loads.
             tracer=True,
+            # This call raises the `ModelError`.
             links=acting_links(mechanism),
         )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques, of the inertia matrix and of the loads.
 
-        For each of the n rows of the batch the first table has one row, the second table
-        one row for each entry of the upper triangle of the inertia matrix, and the third
-        table one row for each load.
+        The batch has n rows. For each row the first table has one row, and the third table
+        one row for each load. The second table has one row for each entry of the upper
+        triangle of the inertia matrix.
         """
-        # The solution has the inertia matrix M (n, inputs, inputs), its derivatives dM by
-        # the inputs (last axis), and the generalised forces: Q_all (n, inputs) of all loads
-        # together, Q_parts (n, inputs, loads) of each load.
+        # The solution has the inertia matrix M (n, inputs, inputs) and its derivatives dM
+        # by the inputs (last axis). Q_all (n, inputs) are the generalised forces of all
+        # loads together, and Q_parts (n, inputs, loads) those of each load.
         solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
         inputs = batch.moving_inputs
         input_count = len(inputs)
         load_names = [load.name for load in mechanism.loads]
         row_identity = row_columns(batch, with_time=True)
-        # The upper triangle of the symmetric inertia matrix, one row of the table per
-        # entry. An entry is named by the inputs of its row and of its column.
+        # The inertia matrix is symmetric, so the table has its upper triangle. An entry is
+        # named by the inputs of its row and of its column.
         rows, columns = np.triu_indices(input_count)
         row_inputs = [inputs[row] for row in rows]
         entries = solution.M[:, rows, columns]
@@ -218,7 +216,8 @@ class Dynamics(AbstractAnalysis):
                 **input_columns(
                     mechanism, entry_derivatives.reshape(-1, input_count), "dM"
                 ),
-                # A finite entry has status OK, also in a row whose torques failed.
+                # `of_parts` gives a finite entry the status OK, also if the torques of its
+                # row failed.
                 "status": of_parts(entries, solution.status).ravel(),
             },
             "loads": {
@@ -259,7 +258,8 @@ class Dynamics(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of torques, of the entries of the inertia matrix and of power.
 
-        Every plot has the rows of the batch; there is a page for each assembly mode.
+        There is a page for each assembly mode (way to assemble the links). Every plot shows
+        its values over the rows of the batch.
         """
         solution = self._inverse_solution(batch)
         inputs = batch.moving_inputs
@@ -287,11 +287,13 @@ class Dynamics(AbstractAnalysis):
 
 
 def _make_findings(summary: Mapping[str, Any]) -> Findings:
-    """Return the findings: the summary with its sentences and warnings.
+    """Return the findings: the summary with sentences and warnings for users.
 
-    The summary has the largest torque at each input ("inputs"), the number of rows at
-    singularities, and whether the file has masses and loads. Driving torques act against
-    inertia and loads. If the file has no masses or no loads, a sentence says so.
+    Parameters
+    ----------
+    summary
+        The largest torque at each input ("inputs"), the number of rows at singularities,
+        and whether the file has masses and loads.
     """
     remarks = describe_largest_torques(summary["inputs"], TORQUE_KEY, "driving torque")
     if not summary["masses"]:
@@ -299,8 +301,7 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     if not summary["loads"]:
         remarks += ("The file has no loads: the torques balance only the inertia",)
     warnings: tuple[str, ...] = ()
-    # In these rows the mechanism can move while the inputs rest. No torques at the inputs
-    # can then hold it against its loads.
+    # At a singularity the mechanism can move while the inputs rest.
     if summary["rows_at_singularities"]:
         warnings = (
             f"In {counted(summary['rows_at_singularities'], 'row')} the inputs do not hold "

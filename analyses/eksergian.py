@@ -170,7 +170,12 @@ class Eksergian(AbstractAnalysis):
     at: str = ""
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
-        """Return the largest torque and the ends of the equivalent inertia."""
+        """Return the figures of merit: largest torques and extreme inertias.
+
+        They are numbers by which designs are compared. The equivalent inertia is twice the
+        kinetic energy at unit rate of the input, so only mechanisms with one input and
+        masses have them.
+        """
         if not mechanism.masses or len(mechanism.inputs) != 1:
             return ()
         return (
@@ -190,26 +195,26 @@ class Eksergian(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the quantities that this analysis needs of a motion.
+        """Return the quantities of a motion that this analysis reads.
 
         They are:
 
         - the time of each row, and the rates and accelerations of the input;
         - orientations and angular velocities of the links that have mass or on whose motion
           loads depend, and the derivatives of these velocities by the input;
-        - variables and rates of the pairs at which loads act or on which they depend. Their
-          angles have no jumps of whole revolutions, because a spring counts revolutions;
+        - variables and rates of the pairs (joints) with loads. Their angles have no jumps
+          of whole revolutions, because a spring counts revolutions;
         - the rate of the pair at which the torque acts;
-        - the configurations of the whole mechanism (`tracer`, the position analysis that
-          traces the motion), if there is friction of bearings or contacts. Friction is
-          proportional to the forces in the pairs, which follow from these configurations.
+        - the position analysis of the run (`tracer`), if there is friction of bearings or
+          contacts. Friction depends on the forces in the pairs, which need all
+          configurations.
 
         Raises
         ------
         ModelError
             If the mechanism has neither masses nor loads.
         AnalysisError
-            If the mechanism has several inputs, or `at` is no R pair.
+            If the mechanism has several inputs, or `at` is no R pair (revolute joint).
         """
         # This call only raises the `ModelError`.
         need_terms(mechanism)
@@ -219,7 +224,7 @@ class Eksergian(AbstractAnalysis):
                 f"({listing(mechanism.input_pairs)}), but this analysis computes the "
                 "torque of a single input; use the analysis dynamics for several"
             )
-        # Links by name that have mass, or whose motion the loads depend on.
+        # Names of the links that have mass, or on whose motion loads depend.
         link_names = used_links(mechanism) | {mass.link for mass in mechanism.masses}
         # Pairs at which loads act, or on which the loads depend.
         load_pairs = used_pairs(mechanism)
@@ -231,8 +236,7 @@ class Eksergian(AbstractAnalysis):
         return Needs(
             time=True,
             tracer=bool(Loads(mechanism).friction_components),
-            # The numbers of the links that are read of the configurations. They are those
-            # of `link_names`, and the two links of each pair in `load_pairs`.
+            # The links of `link_names`, and the two links of each pair in `load_pairs`.
             links=acting_links(mechanism),
             derivatives=True,
             link_rates=link_names,
@@ -244,8 +248,8 @@ class Eksergian(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torque, of the links' inertia and of the loads.
 
-        For each of the n rows of the batch the first table has one row, the second table
-        one row for each link with mass, and the third table one row for each load.
+        The batch has n rows. For each row the first table has one row, the second table one
+        row for each link with mass, and the third table one row for each load.
 
         The equation of motion is ``B ddq + (dB/dq) dq^2 / 2 = Q + tau`` (Eksergian). `B` is
         the equivalent inertia: twice the kinetic energy at unit rate of the input q. `Q` is
@@ -261,7 +265,7 @@ class Eksergian(AbstractAnalysis):
         # the only input (number 0).
         inertia_parts = solution.B_parts
         force_parts = solution.Q_parts[:, 0]
-        # The user may ask for the torque at another pair than the input.
+        # With the option `at`, the torque is computed at another pair than the input.
         torque = self._torque_at_pair(batch, solution.tau)
         # `of_parts` returns OK for each finite part, and the status of the row for others.
         return {
@@ -312,20 +316,19 @@ class Eksergian(AbstractAnalysis):
         """Return the largest torque and the worst conditioning, and where they occur.
 
         The conditioning is the condition number of the closure equations with a locked
-        input. It is known in each row that has a configuration. The torque is that at the
-        input or, if the user names another pair by the option `at`, at this pair.
+        input. The torque is that at the input, or at another pair that the option `at`
+        names.
         """
-        # Without a configuration there is nothing to report.
+        # No row has a configuration, so there is nothing to report.
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
-        # Driving torques at the only input (number 0). `sure_torques` has 0 in place of
-        # torques that are only rounding errors of the terms in their own row.
+        # Driving torques at the only input (number 0). In `sure_torques`, torques that are
+        # only rounding errors of the terms in their row are 0.
         solution = self._inverse_solution(batch)
         input_torque = solution.sure_torques[:, 0].copy()
-        # The driving torque is B ddq + dB/dq dq^2 / 2 - Q, with the equivalent inertia B,
-        # the input q and the force Q of the loads. In a simulation the loads cause the
-        # motion, so the torque is zero, but for rounding errors of the largest terms of all
-        # rows. Torques of this size become 0.
+        # The driving torque is B ddq + dB/dq dq^2 / 2 - Q (see `compute`). In a simulation
+        # the loads alone cause the motion, so the torque is zero up to rounding. Torques
+        # that are small compared with the largest terms of all rows become 0.
         terms = np.abs(solution.Q).reshape(len(batch)) + np.abs(solution.B * batch.ddq)
         largest_term = np.max(terms, initial=0.0, where=np.isfinite(terms))
         is_rounding = np.abs(input_torque) <= ZERO_TORQUE_RATIO * largest_term
@@ -410,11 +413,18 @@ class Eksergian(AbstractAnalysis):
 def _inertia_plots(batch: Batch, solution: InverseSolution) -> list[Series]:
     """Return plots of the equivalent inertia B and its derivative dB/dq, with their parts.
 
-    `solution` has the inertia of the whole mechanism (n,) and the part of each link with
-    mass (n, links with mass), for the n rows of the batch.
+    B is twice the kinetic energy at unit rate of the input q. Each link with mass has a
+    part.
+
+    Parameters
+    ----------
+    batch
+        The n rows of a motion.
+    solution
+        B and dB/dq (n,) of the whole mechanism, and their parts (n, links with mass).
     """
     mechanism = batch.mechanism
-    # The last argument of `plot_series` is the link whose colour the curve has.
+    # The last argument of `plot_series` is a link, which decides about the colour.
     title = "equivalent inertia"
     plots = [plot_series("inertia", "B", title, solution.B, "kg m2", 0)]
     for mass, part in zip(mechanism.masses, solution.B_parts.T, strict=True):
@@ -443,27 +453,26 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
 def _solve_torque(batch: Batch) -> InverseSolution:
     """Return inertia, loads and driving torque for the rows of a batch.
 
-    A row is the configuration at one sample in one assembly mode. The torque has two cases:
+    A row is the configuration at one sample in one assembly mode (way to assemble the
+    links). There are two cases:
 
-    - With friction, the forces in all pairs are needed, because friction is proportional to
-      them. The rates of all links and pairs are computed from the configurations.
-    - Without friction, the batch has all that is needed: the motion of the links with mass
-      and of the links and pairs on which loads depend.
-
-    In the second case, rows with inaccurate rates get the status ILL_CONDITIONED.
+    - Friction is proportional to the forces in the pairs (joints). The rates of all links
+      and pairs are then computed from the configurations.
+    - Without friction, the batch has the motion of all links and pairs that matter. Rows
+      with inaccurate rates get the status ILL_CONDITIONED.
     """
     # A spring counts whole revolutions, so angles of pairs with loads must not jump by 2
-    # pi. In both cases the motion has continued angles.
+    # pi. In the second case `_coordinate_motion` reads angles without jumps.
     if Loads(batch.mechanism).friction_components:
         motion = continue_load_angles(batch)
         return needed_torques(motion)
     status = batch.status.copy()
-    # `rates_loss` is the relative error bound of the rates. The negated comparison is also
-    # true if it is NaN.
+    # `rates_loss` is the relative error bound of the rates. The comparison is negated so
+    # that NaN counts as inaccurate.
     is_inaccurate = ~(batch.rates_loss() < MAX_RATES_LOSS)
     status[(status == Status.OK) & is_inaccurate] = Status.ILL_CONDITIONED
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
-    # What identifies each row, and by how much its loops fail to close (rad).
+    # The rows, and by how much the loops fail to close (rad).
     rows = (batch.sample, batch.assembly_mode, batch.inputs, batch.residual)
     # `balancing` returns the torques that balance inertia and loads.
     return balancing(batch.mechanism, rows, timing, _coordinate_motion(batch), status)
@@ -472,9 +481,9 @@ def _solve_torque(batch: Batch) -> InverseSolution:
 def _coordinate_motion(batch: Batch) -> CoordinateMotion:
     """Return the configurations of a batch with their derivatives by the input.
 
-    The batch has only the variables and links that this analysis asked for in its needs:
-    those on which loads and masses depend. All others are NaN. The second derivatives of
-    the pair variables are NaN too. Inertia and loads do not depend on them.
+    The batch has only the variables and links that this analysis reads: those on which
+    loads and masses depend. All others are NaN. The second derivatives of the pair
+    variables are not needed and are NaN, too.
     """
     mechanism = batch.mechanism
     needs = batch.needs

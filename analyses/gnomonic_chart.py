@@ -22,17 +22,18 @@ for no columns of the chart, while its drawing is the same as with ``"yes"``.
 
 
 def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int, int]:
-    """Return the numbers of the ground axes that the chart uses as x, y and z.
+    """Return the numbers (0 to 2) of the ground axes that the chart uses as x, y and z.
 
-    Axis x is the one that was chosen, by default the coordinate axis nearest to the middle
-    of the ground's pair axes. The axes y and z follow cyclically, so that the system
-    remains right-handed.
+    The chart projects the sphere from its centre onto the plane that touches it at axis x.
+    By default, x is the ground axis nearest to the middle of the pair axes on the ground,
+    so that these are well visible. The axes y and z follow cyclically, so the system is
+    right-handed.
     """
     if chart in ("x", "y", "z"):
         x = "xyz".index(chart)
     else:
         ground_axes = link_axes(mechanism)[mechanism.links[0]]
-        # The zero vector makes the sum a vector if contacts alone join links to the ground.
+        # The zero vector is needed if the ground has no pair axes, but only contacts.
         middle = np.sum([*ground_axes.values(), np.zeros(3)], axis=0)
         x = int(np.argmax(np.abs(middle)))
     return x, (x + 1) % 3, (x + 2) % 3
@@ -41,11 +42,11 @@ def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int
 def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
     """Return the angles xi and zeta (n,) of axes, rad, between -pi/2 and pi/2.
 
-    They are defined by tan xi = y/x and tan zeta = z/x, so that both directions of an axis
-    have the same angles. R. Di Gregorio calls them pseudo-Cartesian coordinates (lecture 2,
-    Barcelona 2019). An axis with x = 0 is parallel to the plane of the chart, and a point
-    at infinity in it. Its angles are those of one of its two directions: that with positive
-    y, or with positive z if y is zero.
+    They are the coordinates in a chart, the projection of the sphere from its centre onto a
+    plane x = 1. With tan xi = y/x and tan zeta = z/x, both directions of an axis have the
+    same angles. R. Di Gregorio calls them pseudo-Cartesian coordinates (lecture 2,
+    Barcelona 2019). An axis with x = 0 is a point at infinity. The direction with positive
+    y is then used, or with positive z if y is zero.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ def chart_coordinates(directions: Floats) -> tuple[Floats, Floats]:
         (n, 3) vectors along the axes, in the axes x, y, z of the chart.
     """
     x, y, z = _choose_positive_directions(directions).T
-    # x is 0 or positive. -0.0 is replaced by 0.0, because arctan2(0.0, -0.0) is pi.
+    # x is 0 or positive. Adding 0.0 changes -0.0 to 0.0, because arctan2(0.0, -0.0) is pi.
     x = x + 0.0
     return np.arctan2(y, x), np.arctan2(z, x)
 
@@ -71,25 +72,26 @@ def _choose_positive_directions(directions: Floats) -> Floats:
 def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
     """Return the slope epsilon and the distance angle theta (n,) of great circles, rad.
 
-    A great circle is a straight line in the gnomonic chart. The line has two coordinates:
+    The gnomonic chart projects the sphere from its centre onto a plane x = 1. A great
+    circle is a straight line in it, with two coordinates:
 
-    - Its slope, the angle epsilon from the axis of tan xi to the line, from -pi/2
+    - Its slope, the angle epsilon from the horizontal axis to the line, from -pi/2
       (exclusive) to pi/2.
     - Its distance from the origin, tan theta. It is positive if the origin is to the right
       of the direction (cos epsilon, sin epsilon) of the line.
 
-    The great circle x = 0 is the line at infinity. Its slope is not defined (NaN), and its
-    theta is pi/2 with either sign.
+    The great circle x = 0 is the line at infinity. Its slope is NaN, and its theta is pi/2
+    with either sign.
 
     Parameters
     ----------
     normals
-        (n, 3) normals of the planes of the circles, in the axes x, y, z of the chart. Both
-        normals of a plane give the same result, except for the circle x = 0.
+        (n, 3) normals of the planes of the circles, in the axes x, y, z of the chart. The
+        sign of a normal has no effect, except for the circle x = 0.
     """
     # The points (x, y, z) of the circle with the normal (a, b, c) satisfy a x + b y + c z =
-    # 0. Division by x gives the line a + b tan xi + c tan zeta = 0 with the direction
-    # (c, -b).
+    # 0. Division by x gives the line a + b tan xi + c tan zeta = 0. Its direction is (c,
+    # -b).
     a, b, c = _orient_normals(normals)
     length = np.hypot(b, c)
     epsilon = np.where(length > 0.0, np.arctan2(-b, c), np.nan)

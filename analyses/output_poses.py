@@ -70,9 +70,8 @@ def read_pose(
     AnalysisError
         If the text has no such form.
     """
-    # `read_end` reads the pose at which a rotation ends. By default it also accepts a turn
-    # from the start pose (ux, uy, uz, angle), which is refused here. A rotation vector (rx,
-    # ry, rz) states an orientation and is accepted.
+    # `read_end` reads the end pose of a rotation. Such a pose may be a turn from the start
+    # (ux, uy, uz, angle), which is refused here.
     pose = read_end(text, inputs, where, angle_unit, allow_rotation=False)
     assert not isinstance(pose, AtRotation)
     return pose
@@ -202,14 +201,14 @@ def read_terms(
     angle_unit: AngleUnit,
     allow_several: bool = True,
 ) -> list[dict[str, float]]:
-    """Return the numbers of poses by their names.
+    """Read poses from texts ``name=number``.
 
     Parameters
     ----------
     parts
-        Texts ``name=number``. A name that occurs again begins the next pose.
+        The texts. A name that occurs again begins the next pose.
     inputs
-        Names of the driven pairs, whose numbers are angles.
+        Names of the driven pairs (joints). Their numbers are angles.
     where
         Name of the parameter that has the texts, for error messages.
     angle_unit
@@ -238,7 +237,7 @@ def read_terms(
         except QuantityError as problem:
             raise AnalysisError(f"{where}: {name}: {problem}") from None
         except ValueError:
-            # NaN is refused below.
+            # The check below refuses NaN with a message.
             number = np.nan
         begins_pose = name in poses[-1]
         is_number = name != "" and np.isfinite(number)
@@ -268,16 +267,22 @@ def read_joint_range(text: str, angle_unit: AngleUnit) -> JointRange:
 
 
 def read_interference_limit(text: str, angle_unit: AngleUnit) -> InterferenceLimit:
-    """Return limits of the angle between the axes of two pairs, the option ``apart``.
+    """Read a limit of the angle between the axes of two pairs, the option ``apart``.
 
-    Links at these pairs would collide (interfere) if the angle were smaller. `text` is
-    ``PAIR/PAIR:MIN`` or ``PAIR/PAIR:MIN:MAX``, two angles. The greatest angle is 180
-    degrees if it is left out.
+    If the angle between two axes is too small, the links at these pairs (joints) collide.
+
+    Parameters
+    ----------
+    text
+        ``PAIR/PAIR:MIN`` or ``PAIR/PAIR:MIN:MAX``, with two angles. MAX is 180 degrees if
+        it is left out.
+    angle_unit
+        Unit of angles without a unit in the text.
     """
     axes, *limits = text.split(":")
     if len(limits) == 1:
         limits.append("180deg")
-    # Texts with too few or too many terms raise a ValueError when they are unpacked.
+    # A wrong number of names or angles raises a ValueError when they are unpacked.
     try:
         first_pair, second_pair = axes.split("/")
         low, high = _read_angles(limits, angle_unit)

@@ -52,12 +52,13 @@ def draw_chart(
     moving_input: str = "",
     chart: ChartAxis = "yes",
 ) -> Diagram:
-    """Return the gnomonic chart of pole axes and great circles.
+    """Return a flat chart of pole axes and great circles (gnomonic chart).
 
-    The chart is the projection of the sphere from its centre onto a plane that touches it
-    at the end of one of the ground axes, here called x. An axis (x, y, z) is drawn as the
-    point (y/x, z/x) = (tan xi, tan zeta), a great circle as a straight line (R. Di
-    Gregorio, lecture 2, Barcelona 2019).
+    A pole axis is the axis about which two links turn relative to each other. The chart
+    projects the sphere from its centre onto a plane. The plane touches the sphere at the
+    end of one of the ground axes, here called x. An axis (x, y, z) is drawn as the point
+    (y/x, z/x) = (tan xi, tan zeta), a great circle as a straight line (R. Di Gregorio,
+    lecture 2, Barcelona 2019).
 
     Parameters
     ----------
@@ -68,21 +69,21 @@ def draw_chart(
     directions
         (n, k, 3) unit vectors along the poles in ground axes, for n samples.
     normals
-        (n, m, 3) normals of m great circles.
+        (n, m, 3) normals of the planes of m great circles.
     step_texts
         A text for each of the n samples, if they are steps of a construction.
     moving_input
         Name of the input that moves while others are locked; empty for a single input.
     chart
-        The ground axis at whose end the chart touches the sphere: "x", "y" or "z". With
-        "yes" it is the one that is nearest to the pair axes of the ground.
+        The ground axis at which the chart touches the sphere: "x", "y" or "z". With "yes"
+        it is the one that is nearest to the pair axes of the ground.
     """
     # Numbers of the ground axes that the chart has as x, y and z.
     x, y, z = chart_axes(mechanism, chart)
     with np.errstate(divide="ignore", invalid="ignore"):
         points = directions[..., [y, z]] / directions[..., [x]]
     points = np.where(np.isfinite(points), points, np.nan)
-    # The great circle with the normal (a, b, c) is the plane a x + b y + c z = 0. Divided
+    # The plane of a great circle with the normal (a, b, c) is a x + b y + c z = 0. Divided
     # by x this is the straight line b (y/x) + c (z/x) + a = 0.
     line_coefficients = normals[..., [y, z, x]]
     poles_of_pairs = mechanism.pole_pairs
@@ -104,12 +105,20 @@ def draw_chart(
 
 
 def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
-    """Yield the fixed and the moving axode of a pole.
+    """Yield drawings of the fixed and the moving axode of a pole.
 
     A pole is the axis about which two links turn relative to each other. Its path in the
-    axes of the first link is the fixed axode, that in the axes of the second link the
-    moving axode: two cones that roll on each other. `rows` are the rows of the batch that
-    are drawn.
+    axes of the first link is the fixed axode. Its path in the axes of the second link is
+    the moving axode. They are two cones that roll on each other.
+
+    Parameters
+    ----------
+    batch
+        The rows (configurations) of a motion.
+    pole
+        Numbers of the two links.
+    rows
+        The rows that are drawn.
     """
     label = f"P{short_name(batch.mechanism, pole)}"
     for link, kind in zip(pole, ("fixed", "moving"), strict=True):
@@ -127,9 +136,10 @@ def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
 
 @dataclass(frozen=True)
 class ConstructionStep:
-    """A step of the construction of pole axes from those of the pairs.
+    """A step of the construction of pole axes, for a drawing.
 
-    A pole axis is the axis about which two links turn relative to each other.
+    A pole axis is the axis about which two links turn relative to each other. The
+    construction starts from the axes of the pairs (joints).
 
     Attributes
     ----------
@@ -150,13 +160,13 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     """Return the steps in which the pole axes of a batch are constructed.
 
     A pole axis is the axis about which two links turn relative to each other. The plan of
-    the mechanism determines all poles in passes, each from poles of earlier passes. The
-    steps of the drawing are these:
+    the mechanism says from which other poles each pole follows. The drawing has these
+    steps:
 
-    - The first step has the axes of all pairs.
+    - The first step has the axes of all pairs (joints).
     - Poles that are determined together by linear equations (a block) are one step.
     - A pole that is the intersection of two great circles is one step.
-    - A pole that coaxial pairs share is one step.
+    - A pole that is the common axis of several pairs is one step.
     """
     # The construction is only drawn for mechanisms with one input, which have one plan.
     plan = batch.plans[0]
@@ -215,32 +225,32 @@ def draw_construction(batch: Batch, row: int, chart: ChartAxis = "yes") -> Scene
     """Return a page that shows how the pole axes are constructed at one configuration.
 
     A pole axis is the axis about which two links turn relative to each other. The page has
-    a slider of the steps of the construction. A pole appears as soon as it is known, and
-    the two great circles that determine it in its own step only.
+    a slider for the steps of the construction. A pole is visible from its step on. The two
+    great circles that determine it are visible in this step only.
 
     Parameters
     ----------
     batch
         The batch, with directions and great circles of all poles.
     row
-        Its row with the configuration.
+        The row of the batch that has the configuration.
     chart
-        The ground axis at whose end the gnomonic chart touches the sphere.
+        The ground axis at which the gnomonic chart (flat projection) touches the sphere.
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
-    # The plan of the first input, the only one, has an entry for each pole.
+    # There is only one input, and its plan lists all poles.
     poles = list(batch.plans[0].pass_numbers)
-    # Axes of the directions: step, pole, component. Axes of the normals of great circles:
-    # step, first or second circle, component. NaN is not drawn.
+    # Directions by step, pole and component. Normals of great circles by step, circle
+    # (first or second) and component. NaN is not drawn.
     directions = np.full((len(steps), len(poles), 3), np.nan)
     normals = np.full((len(steps), 2, 3), np.nan)
     for number, step in enumerate(steps):
         for pole in step.poles:
             # A pole is visible from its step on, its great circles in this step only.
             directions[number:, poles.index(pole)] = batch.direction(*pole)[row]
-            # A step with great circles has only this one pole. `planes` returns the unit
-            # normals (2, 3) of the planes of the two circles.
+            # A step with great circles has only one pole. `planes` returns the unit normals
+            # (2, 3) of the two circles.
             if step.uses_circles:
                 normals[number] = batch.planes(*pole)[row]
     rotations = np.stack([batch.rotation(link)[row] for link in mechanism.links])

@@ -66,10 +66,9 @@ CHART_MEANINGS = {
 
 
 class MovingPole(NamedTuple):
-    """The pole of two links while one input moves and the other inputs are locked.
+    """A pole (axis of relative rotation of two links) while one input moves.
 
-    A pole is the axis about which two links turn relative to each other. It depends on the
-    input that moves.
+    The other inputs are locked. The pole depends on the input that moves.
 
     Attributes
     ----------
@@ -247,15 +246,16 @@ class Poles(AbstractAnalysis):
         return None
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
-        """Return the largest velocity coefficients, as figures of merit of designs.
+        """Return the largest velocity coefficients, as figures of merit to compare designs.
 
-        They are those of the poles in `only`. If `only` is empty, they are those of the
-        declared outputs. If no outputs are declared, they are those of all links relative
-        to the ground.
+        A velocity coefficient is the relative angular velocity of two links per unit rate
+        of the input. The motions are those of the poles in `only`. By default they are
+        those of the declared outputs, or without outputs, those of all links relative to
+        the ground.
         """
         names = mechanism.links
-        # A relative motion is a link and the reference from which its motion is seen. The
-        # pole (i, j) is that of link j relative to link i.
+        # A relative motion is a link and its reference link. Pole (i, j) is the motion of
+        # link j relative to link i.
         if self.only:
             relative_motions = [(names[j], names[i]) for i, j in self.poles(mechanism)]
         else:
@@ -263,8 +263,8 @@ class Poles(AbstractAnalysis):
                 (output.link, output.relative_to) for output in mechanism.outputs
             ] or [(link, names[0]) for link in names[1:]]
         inputs = mechanism.input_pairs
-        # The ends of names of figures, and of their meanings. With several inputs, one
-        # input moves while the others are at rest.
+        # With several inputs, one input moves at a time. Names and meanings of the figures
+        # then end with this input.
         suffixes = {"": ""}
         if len(inputs) > 1:
             suffixes = {f"_by_{pair}": f" by input {pair} alone" for pair in inputs}
@@ -292,13 +292,13 @@ class Poles(AbstractAnalysis):
         - `rates`: the velocity coefficient of each pole, which is the relative angular
           velocity per unit rate of the input.
         - `derivatives`: derivatives by the input of directions and velocity coefficients.
-        - `planes`: the two great circles that intersect in a pole. One pole has them in the
-          figures: that of the parameter `circles`, by default the first one that is not the
-          axis of a pair. All poles that are not axes of pairs need them in two cases: for
-          the drawing of the construction, and for the columns of the chart (a flat map of
-          the sphere), which are coordinates of these circles.
-        - `rotations`: all links if the construction is drawn, otherwise the links whose
-          axodes are drawn. An axode is the path of a pole in the axes of a link.
+        - `planes`: poles for which two great circles through the pole are computed. One
+          pole has them in the figures: that of the parameter `circles`, by default the
+          first one that is not the axis of a pair. All poles that are not axes of pairs
+          (joints) need them in two cases: for the drawing of the construction, and for
+          columns with chart coordinates.
+        - `rotations`: all links if the construction is drawn, otherwise the links with a
+          drawn axode. An axode is the path of a pole in the axes of a link.
         """
         axode_poles = self._axode_poles(mechanism)
         poles = frozenset(self.poles(mechanism)) | frozenset(axode_poles)
@@ -339,8 +339,9 @@ class Poles(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table `poles`: the axes about which links turn relative to each other.
 
-        A batch row is a sample in one assembly mode. The table has the rows of all poles,
-        while each input moves, at the first batch row, then those at the second, and so on.
+        A row of the batch is a sample in one assembly mode (way to assemble the links). The
+        table has several rows for each row of the batch: one for each pole while each input
+        moves.
         """
         moving_poles = self._list_moving_poles(batch)
         columns = dict[str, Any]()
@@ -370,15 +371,23 @@ class Poles(AbstractAnalysis):
     ) -> dict[str, Any]:
         """Return the coordinates of poles and of their great circles in the chart, by name.
 
-        The batch has the great circles of all poles that are no axes of pairs.
+        The chart is a projection of the sphere from its centre onto a plane. A pole that is
+        not the axis of a pair (joint) is the intersection of two great circles.
+
+        Parameters
+        ----------
+        batch
+            The rows, with the great circles of these poles.
+        moving_poles
+            The poles, each while one input moves.
         """
         mechanism = batch.mechanism
         axes = list(chart_axes(mechanism, self.chart))
         values_by_name: dict[str, list[Floats]] = {name: [] for name in CHART_MEANINGS}
         for pole in moving_poles:
             coordinates = [*chart_coordinates(batch.direction(*pole)[:, axes])]
-            # Two great circles pass through a pole, and each has two coordinates. The
-            # axis of a pair has no such circles, so these four columns are empty.
+            # Each of the two great circles has two coordinates. The axis of a pair has no
+            # circles, so its four columns are empty.
             if (pole.first_link, pole.second_link) in mechanism.pole_pairs:
                 coordinates += [np.full(len(batch), np.nan)] * 4
             else:
@@ -395,10 +404,10 @@ class Poles(AbstractAnalysis):
         An assembly mode is one way to assemble the mechanism. Its page has arrows along the
         poles, two great circles of one pole, and plots of coefficients.
 
-        The other page shows step by step how the pole axes follow from the axes of the
-        pairs by intersections of great circles. It exists for mechanisms with one input if
-        all poles are wanted, and shows one configuration. Long motions are computed in
-        blocks of samples; the page belongs to the first block.
+        The last page shows step by step how the pole axes follow from the axes of the pairs
+        (joints) by intersections of great circles. It shows one configuration. It exists
+        for mechanisms with one input if all poles are requested. Long motions are computed
+        in blocks of samples, and only the first block has this page.
         """
         pages = []
         for mode, rows in batch.assembly_mode_rows().items():
@@ -412,7 +421,8 @@ class Poles(AbstractAnalysis):
         if len(good_rows) and is_first_block and draws_construction:
             modes = batch.assembly_mode[good_rows]
             rows_of_first_mode = good_rows[modes == modes[0]]
-            # Any row of the first mode would do. It is a third of the way along.
+            # Any row of the first mode is suitable. A row at one third is not an extreme
+            # position.
             row = rows_of_first_mode[len(rows_of_first_mode) // 3]
             pages.append(draw_construction(batch, int(row), self.chart))
         return tuple(pages)
@@ -488,14 +498,14 @@ class Poles(AbstractAnalysis):
         """Yield the arrow along the axis about which two links turn relative to each other.
 
         With several inputs there is one arrow for each input that moves while the others
-        are locked. The axis of a pair is the same for all of them, so its arrow is drawn
-        with the first input only. In mechanisms of many links some arrows are hidden until
-        the user selects them.
+        are locked. The axis of a pair (joint) does not depend on the input, so its arrow is
+        drawn once. In mechanisms of many links some arrows are hidden until the user
+        selects them.
 
         Parameters
         ----------
         batch, rows
-            The batch, and its rows with one assembly mode.
+            The batch, and its rows with one assembly mode (way to assemble the links).
         input_number
             Position of the moving input among the inputs.
         pole
@@ -511,10 +521,9 @@ class Poles(AbstractAnalysis):
         second_name = mechanism.links[second_link]
         moving_input = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
-        # All arrows are visible at first if there are few of them, and axes of pairs always
-        # are. Among many arrows, those of the first input are visible that belong to a
-        # motion relative to the ground (link 0), or to the pole whose great circles are
-        # drawn.
+        # If there are many arrows, three sorts are visible at first: axes of pairs, motions
+        # relative to the ground (link 0), and the pole with drawn great circles. The last
+        # two sorts are visible for the first input only.
         has_few_poles = len(self.poles(mechanism)) <= MAX_POLES_SHOWN_FIRST
         if has_few_poles or is_pair_axis:
             is_visible = True
@@ -624,8 +633,15 @@ def _make_accuracy_columns(
 ) -> dict[str, Any]:
     """Return the error bounds of poles and coefficients, and the conditioning, by name.
 
-    The conditioning is the relative speed of the two links over the sum of their speeds. If
-    it is small, digits cancel in the difference of their angular velocities.
+    The conditioning is the relative speed of the two links divided by the sum of their
+    speeds. If it is small, digits cancel in the difference of their angular velocities.
+
+    Parameters
+    ----------
+    batch
+        The rows.
+    moving_poles
+        The poles (axes of relative rotation of two links), each while one input moves.
     """
     make_column = batch.of_poles(moving_poles)
     names = (
@@ -635,5 +651,5 @@ def _make_accuracy_columns(
         "acceleration_coefficient_error_bound",
         "direction_dq_error_bound",
     )
-    # None: these quantities are numbers, without components.
+    # None: these quantities are single numbers, not components of vectors.
     return {name: make_column(name, None) for name in names}

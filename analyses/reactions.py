@@ -232,10 +232,10 @@ class ReactionAnalysis(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of reactions and of bearings.
 
-        The first link of a pair acts on the second with a moment about the centre of the
-        sphere and a force. The force of an R pair is through the centre, that of a contact
-        at its point. An R pair has a moment across its axis. The normal and the tangential
-        force of a contact are given as moments (N m) about the centre.
+        The first link of a pair (joint) acts on the second with a moment about the centre
+        of the sphere and a force. The force of an R pair (revolute joint) is through the
+        centre. The force of a contact is at the contact point; its normal and tangential
+        parts are listed as moments (N m) about the centre.
 
         The table of reactions has a row for each row of the batch and each pair, in this
         order. Arrays (n, pairs, ...) are therefore flattened.
@@ -244,8 +244,9 @@ class ReactionAnalysis(AbstractAnalysis):
         pair_names = [pair.name for pair in batch.mechanism.pairs]
         moments = result.moments.reshape(-1, 3)
         forces = result.forces.reshape(-1, 3)
-        # Components are along axes of the R pair, z on its axis, that are fixed in its
-        # second link. Here are x and y components along the axes fixed in its first link.
+        # Components in `result` are along axes of the R pair that are fixed in its second
+        # link, with z on the axis. The following are x and y along axes fixed in the first
+        # link.
         moments_in_first = result.in_first(result.moments).reshape(-1, 2)
         forces_in_first = result.in_first(result.forces).reshape(-1, 2)
         columns: dict[str, Any] = {
@@ -257,8 +258,8 @@ class ReactionAnalysis(AbstractAnalysis):
             columns[f"moment_{axis}_first"] = moments_in_first[:, component]
         # The part of the moment at right angles to the axis.
         columns["transverse_moment"] = result.across.ravel()
-        # The moments of the normal force (`push`) and of the tangential force (`traction`)
-        # of a contact. `result` has them as moments already.
+        # The normal force of a contact (`push`) and the tangential force (`traction`), both
+        # as moments about the centre.
         columns["contact_torque"] = result.push.ravel()
         columns["traction"] = result.traction.ravel()
         for component, axis in enumerate("xyz"):
@@ -349,9 +350,9 @@ class ReactionAnalysis(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of the moments across all axes, of contacts and of bearings.
 
-        A moment across the axis is the part of a pair's moment at right angles to its axis.
-        The push of a contact is its force along the normal, positive if it presses. It is
-        drawn times the radius of the sphere (N m).
+        The moment across the axis is the part of a pair's moment at right angles to its
+        axis. The push of a contact is its normal force, positive if it presses. It is drawn
+        times the radius of the sphere (N m).
         """
         result = self._reactions(batch)
         plots = []
@@ -365,9 +366,9 @@ class ReactionAnalysis(AbstractAnalysis):
                 torque = result.push[:, number]
                 plots.append(plot_series("contact_torque", pair.name, title, torque, "N m"))
         for bearing in _bearing_loads(batch.mechanism, result):
-            # A bearing carries a part of the pair's moment (a couple) and a part of the
-            # force through the centre of the sphere. If the file does not determine this
-            # force, the radial load is NaN, and the force by the moment alone is drawn.
+            # The radial load of a bearing has two causes: the moment of the pair, and its
+            # force through the centre. If the file does not determine this force, the
+            # radial load is NaN. Then only the force due to the moment is drawn.
             if np.any(np.isfinite(bearing.radial)):
                 title = "radial load of bearings"
                 force = bearing.radial
@@ -392,13 +393,13 @@ def _loads_with_bearings(mechanism: Mechanism) -> list[Bearings]:
 
 @dataclass(frozen=True)
 class BearingLoad:
-    """The forces on one bearing of a pair in n rows.
+    """The forces on one bearing of a pair (joint) in n rows (configurations).
 
     Attributes
     ----------
     load
         The entry of the mechanism file that states the bearings of the pair, their
-        positions and their friction. As it causes friction, it is one of the loads.
+        positions and their friction. Because of the friction, the file lists it as a load.
     position
         Distance of this bearing from the centre of the sphere along the pair's axis (m).
     couple_force
@@ -418,22 +419,27 @@ class BearingLoad:
 
     @property
     def name(self) -> str:
-        """The name of the bearings and the position, in words."""
+        """The name of the entry of the file and the position, for users."""
         return f"{self.load.name} at {self.position:g} m"
 
 
 def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]:
-    """Return the forces on all bearings whose positions the file states.
+    """Return the forces on all bearings with a position in the file.
 
-    `result` has the reactions in n rows.
+    Parameters
+    ----------
+    mechanism
+        The mechanism. Its loads include the bearings, because they cause friction.
+    result
+        The reactions of the pairs (joints) in n rows.
     """
     bearing_loads = []
     for load in _loads_with_bearings(mechanism):
-        # (n, bearings) N: size of the force that the moment of the pair alone causes. It is
-        # known even if the force of the pair through the centre of the sphere is not.
+        # (n, bearings) size of the force (N) that the moment of the pair alone causes. It
+        # can be known if the force of the pair through the centre is not.
         couple_forces = result.couples[load.name]
-        # (n, bearings, 3) N: the force by moment and force of the pair together, with the
-        # axis of the pair as z.
+        # (n, bearings, 3) force (N) due to moment and force of the pair. The pair axis is
+        # z.
         forces = result.on_bearings[load.name]
         for number, position in enumerate(load.positions):
             x, y, z = forces[:, number].T
@@ -452,17 +458,16 @@ def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]
 def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
     """Return the columns of the table of bearings.
 
-    The table has one row for each row of the batch (sample and assembly mode) and bearing;
-    all bearings of a row follow each other. A pair can have several bearings. They are
-    stated by an entry of the mechanism file, which is one of its loads because bearings
-    cause friction. The column `load` has the name of this entry. The column `couple_force`
-    is the force that the moment of the pair alone causes in one bearing. The status is that
-    of the reactions of the pair.
+    The table has one row for each row of the batch and each bearing. The bearings of a row
+    follow each other. Bearings are stated by an entry of the mechanism file. The column
+    `load` has the name of this entry, because bearings cause friction and therefore are
+    loads. The column `couple_force` is the force on a bearing that the moment of the pair
+    (joint) alone causes. The status is that of the reactions of the pair.
 
     Parameters
     ----------
     batch
-        The n rows.
+        n rows, each one sample in one assembly mode (way to assemble the links).
     result
         The reactions of all pairs in these rows.
     """
@@ -475,9 +480,9 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
     positions = [float(bearing.position) for bearing in bearings]
 
     def interleave(forces: list[Floats]) -> Floats:
-        """Return the column of a force from its values (n,) on each bearing."""
-        # The array (bearings, n) is transposed, so that the bearings of a row are adjacent.
-        # `reshape` gives it both axes even if there are no bearings.
+        """Return the column of a force from its values (n,) for each bearing."""
+        # Transposed from (bearings, n), so that the bearings of a row are adjacent. Without
+        # bearings, `reshape` gives the shape (0, n).
         return np.reshape(forces, (-1, row_count)).T.ravel()
 
     return {
@@ -503,14 +508,14 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
     Parameters
     ----------
     batch
-        The rows.
+        n rows, each one sample in one assembly mode (way to assemble the links).
     columns
         (n,) values by name, NaN if unknown.
 
     Returns
     -------
-    The maxima by name, None if no value is known, and under ``at`` the sample and assembly
-    mode of each, and its place in words.
+    The maxima by name, None if no value is known. The item ``at`` has for each maximum the
+    sample, the assembly mode, and the place in words.
     """
     positions: dict[str, list[Any]] = {}
     record: dict[str, Any] = {"at": positions}
@@ -518,7 +523,8 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
         largest = _largest_or_none(column)
         record[name] = largest
         if largest is not None:
-            # The first row whose value is the maximum, up to rounding.
+            # The first row with the maximum. The tolerance makes the choice independent of
+            # rounding.
             row = np.argmax(column >= largest * (1.0 - EQUAL_MAXIMUM_RATIO))
             positions[name] = [
                 int(batch.sample[row]),
@@ -529,20 +535,20 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
 
 
 def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
-    """Return the summary of two blocks of rows from the summaries of both.
+    """Merge the summaries of two blocks of rows.
 
-    A summary is a mapping, whose values may be mappings. Both summaries have the same keys.
+    A summary is a mapping with mappings as some values. Both summaries have the same keys.
     Values with the same key are merged by their kind:
 
     - Numbers of rows (keys ``rows_...``) are added.
-    - Of truth values and lists the first one is taken, unless it is false or empty.
-    - Other numbers are maxima, None if no value is known. The larger one is taken.
+    - Of truth values and lists the first one is used, unless it is false or empty.
+    - Other numbers are maxima, None if no value is known. The larger one is used.
     - A mapping of maxima has an entry ``at``: the positions of the maxima by name.
 
     Parameters
     ----------
     first, second
-        Summaries, or their values with the same key; the function calls itself for these.
+        Summaries, or two values with the same key. The function calls itself for these.
     key
         The key of the values.
     """
@@ -559,11 +565,11 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
 
 
 def _merge_mappings(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the mapping of two blocks of rows from the mappings of both.
+    """Merge two mappings from the summaries of two blocks of rows.
 
-    The values of each key are merged by `_merge_summaries`. The entry ``at``, if there is
-    one, has the position of each maximum. It is that of the first block if the first block
-    has the maximum, otherwise that of the second block.
+    The values of each key are merged by `_merge_summaries`. The entry ``at``, if it exists,
+    has the position of each maximum. It must come from the block that has the maximum. If
+    both have the same maximum, it is the position in the first block.
     """
     merged = {}
     for name, value in first.items():
@@ -580,11 +586,11 @@ def _merge_mappings(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict
 
 
 def _make_findings(summary: Mapping[str, Any]) -> Findings:
-    """Return the findings: the summary with its sentences and warnings.
+    """Return the findings: the summary with sentences and warnings for users.
 
     A reaction is open if redundant constraints leave it undetermined. Open moments about
-    the centre of the sphere give a remark. Open forces through the centre are a warning if
-    the file asks for forces, otherwise a remark.
+    the centre of the sphere are mentioned in a remark. Open forces through the centre are a
+    warning if the file asks for forces, otherwise a remark.
     """
     # 1. Contacts that lift off, and open reactions.
     pairs = summary["pairs"]
@@ -598,8 +604,8 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     remarks = []
     open_pairs = [name for name, record in pairs.items() if record["is_open"]]
     if open_pairs:
-        # Rolling contacts without a pressure angle. If they are teeth, their pressure angle
-        # in the file would determine the normal force from the tangential one.
+        # Rolling contacts without a pressure angle. With this angle in the file, the
+        # tangential force of gear teeth would determine their normal force.
         without_angle = summary["forces_need"]["pressure_angles"]
         meshes = [name for name in without_angle if name in open_pairs]
         hint = ""
@@ -620,7 +626,7 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
         ("largest_radial_N", "radial load of a bearing"),
         ("largest_axial_N", "axial load of a bearing"),
     ):
-        # The largest load is known only if the loads of all bearings are.
+        # If one load is unknown, the largest load is unknown, too.
         if all(record[key] is not None for record in bearings.values()):
             remarks += _describe_maximum(bearings, key, "N", quantity, are_bearings=True)
 
@@ -635,14 +641,14 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
 
 
 def _moment_table(records: Mapping[str, Any]) -> ScreenTable | None:
-    """Return the largest moment of each pair as a table for the screen.
+    """Return the largest moment of each pair (joint) as a table for the screen.
 
-    Pairs are in the order of the mechanism. It is None if no moment is known.
+    Pairs are in the order of the mechanism. The result is None if no moment is known.
 
     Parameters
     ----------
     records
-        Records of the summary by the name of the pair, see `_describe_maximum`.
+        Results of each pair by its name, see `_describe_maximum`.
     """
     key = "largest_transverse_moment_Nm"
     rows = []
@@ -669,16 +675,16 @@ def _describe_maximum(
     quantity: str,
     are_bearings: bool = False,
 ) -> list[str]:
-    """Return a sentence about the largest value among pairs or bearings.
+    """Return a sentence about the largest value among pairs (joints) or bearings.
 
-    The list is empty if no value is known.
+    The sentence is in a list, which is empty if no value is known.
 
     Parameters
     ----------
     records
-        Records of the summary by the name of the pair or bearing. A record has the largest
-        value under each key. Its entry "at" has, by the same keys, the number of the sample
-        and of the assembly mode (way to assemble the mechanism) of this value.
+        Results by the name of the pair or bearing. A record has the largest value of all
+        rows under each key. Its entry "at" has, by the same keys, the sample, the assembly
+        mode (way to assemble the mechanism) and the place in words.
     key
         Key of the value in each record.
     unit, quantity
@@ -692,10 +698,9 @@ def _describe_maximum(
     if not values:
         return []
     name = max(values, key=lambda candidate: values[candidate])
-    # Two bearings support the moment of their pair by two opposite forces, the couple
-    # forces. The rounding errors of bearing loads are proportional to these forces. A load
-    # far below the largest of them is therefore reported as zero. Records of pairs have no
-    # couple force, so that only an exact 0 is reported as zero.
+    # Two bearings support the moment of their pair by two opposite forces (couple forces).
+    # Rounding errors of bearing loads are proportional to these, so a much smaller load
+    # counts as zero. Pairs have no couple force, so only an exact 0 counts as zero.
     largest_couple_force = max(
         record.get("largest_couple_force_N") or 0.0 for record in records.values()
     )
@@ -709,14 +714,17 @@ def _describe_maximum(
 def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
     """Return a sentence why forces through the centre of the sphere are not determined.
 
-    The list is empty if they are determined. Otherwise there are two reasons:
+    The sentence is in a list, which is empty if they are determined. There are two reasons:
 
-    - Too many pairs float, which means that they transmit no force along their axis. No
-      pair then holds some links at the centre.
+    - All pairs (joints) of some links let them slide along their axes. Then nothing fixes
+      these links at the centre.
     - Redundant constraints leave the force of a pair undetermined (`force_is_open`). The
       sentence lists entries of the mechanism file that would determine it (`wanted`).
 
-    `summary` is the record of all results of the analysis.
+    Parameters
+    ----------
+    summary
+        The results of the analysis.
     """
     sliding_links = summary["links_that_slide"]
     if sliding_links:

@@ -11,7 +11,8 @@ _SEPARATE_NUMBER = re.compile(r"(?<![\w.])-?\d[\d.]*(?:e[-+]?\d+)?(?![\w.])")
 def nearest(word: str, allowed: Iterable[str]) -> str:
     """Return a spelling suggestion ``; did you mean "x"?``, or an empty text.
 
-    Words with another case or another order of letters come first, then similar words.
+    Three rules are tried in turn: a word that differs only in upper and lower case, a word
+    with the same letters in another order, and a similar word.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -
     most
         Number of allowed words that are listed.
     """
-    # The suggestion is empty if no allowed word is similar.
+    # The suggestion begins with a semicolon. Without a suggestion, a full stop comes first.
     suggestion = nearest(str(word), allowed)
     beginning = suggestion or "."
     return f"{beginning} {what}: {listing(allowed, most) or 'none'}"

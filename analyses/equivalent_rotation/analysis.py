@@ -216,14 +216,12 @@ class EquivalentRotation(AbstractAnalysis):
     cycle: Seconds = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return that this analysis needs the position analysis of the run (`tracer`).
+        """Check all parameters, and return what this analysis reads of a run.
 
-        The analysis turns the output link from a start to an end about one fixed axis, and
-        computes the inputs during this rotation. The parameter `theta` has angles of the
-        rotation, from the start, at which the inputs are wanted.
-
-        All parameters are checked here, before anything is computed. Only whether an angle
-        in `theta` exceeds the whole rotation is checked later, when its angle is known.
+        It reads the position analysis of the run (`tracer`). The analysis turns the output
+        link from a start to an end about one fixed axis, and computes the inputs during
+        this rotation. The parameter `theta` lists angles of the rotation. Only later it can
+        be checked that they do not exceed the angle of the whole rotation.
 
         Raises
         ------
@@ -267,11 +265,11 @@ class EquivalentRotation(AbstractAnalysis):
         """Return the tables of the rotation and of its schedule.
 
         The table of the rotation has one row for each sampled angle. `orientation_error` is
-        the angle between the orientation of the output link and the one turned exactly
-        about the fixed axis. `drift` is the angle between the momentary axis of the link
-        and the fixed axis. Both are 0 (up to rounding) if the mechanism can follow exactly.
-        `type_2` measures how surely locked inputs hold the output link: 0 at a type II
-        singularity, at most 1.
+        the angle between the orientation of the output link and the exact rotation about
+        the fixed axis. `drift` is the angle between the momentary axis of the link and the
+        fixed axis. Both are 0 (up to rounding) if the mechanism can follow exactly.
+        `type_2` measures how surely locked inputs prevent a motion of the output link. It
+        is 0 at a type II singularity, and at most 1.
 
         The schedule is the rotation in time, within limits of speed and acceleration of the
         inputs. Its table has one row for each time; it is empty if there is no schedule.
@@ -300,7 +298,7 @@ class EquivalentRotation(AbstractAnalysis):
             phi, gamma, _omega = mirror_angles(normals)
             rotation_columns["phi"] = phi
             rotation_columns["gamma"] = gamma
-        # One part with all rows, or none.
+        # A part is a mapping of columns. The schedule has one part with all rows, or none.
         schedule_parts = []
         trajectory = result.trajectory
         if trajectory is not None:
@@ -315,8 +313,7 @@ class EquivalentRotation(AbstractAnalysis):
                     "status": trajectory.status,
                 }
             )
-        # The declarations of both tables. `stacked` fills them with a list of parts, whose
-        # rows follow one another. Each part is a mapping of columns.
+        # The declarations of both tables. `stacked` joins the rows of all parts.
         rotation_table, schedule_table = self.tables
         return {
             rotation_table.name: rotation_table.stacked(mechanism, [rotation_columns]),
@@ -404,8 +401,12 @@ class EquivalentRotation(AbstractAnalysis):
         return Findings(summary, warnings, tuple(remarks))
 
     def _schedule_record(self, schedule: TimeScaling) -> dict[str, Any]:
-        """Return the record of a schedule (the rotation in time) in the summary."""
-        # The speed or acceleration whose limit sets the duration.
+        """Return the record of a schedule (the rotation in time) for the summary.
+
+        It has the duration, and the largest speeds and accelerations of the inputs.
+        """
+        # The duration is as short as one limit of speed or acceleration allows: the binding
+        # one.
         binding = schedule.binding
         return {
             "shape": self.shape,
@@ -508,6 +509,8 @@ class EquivalentRotation(AbstractAnalysis):
 
 def _describe_input_ranges(inputs: Floats, names: Sequence[str]) -> list[str]:
     """Return a sentence on the ranges that the inputs pass through during a rotation.
+
+    The sentence is in a list, which is empty if no row has a configuration.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ SINGULARITY_COLOUR = 2
 
 @dataclass(frozen=True)
 class _RotationEnd:
-    """The start or the end of a rotation, as it is drawn.
+    """The start or the end of the rotation of an output link, for drawings.
 
     Attributes
     ----------
@@ -52,8 +52,8 @@ class _RotationEnd:
     row
         Row of this end among the samples: 0 for the first one, -1 for the last one.
     plane_colour
-        Index, in the list of drawing colours, of the colour of the mid-plane at this end.
-        In the mid-plane the base and the output link are mirror images of each other.
+        Index of the colour of the mid-plane at this end, in the list of drawing colours.
+        The base and the output link are mirror images of each other about the mid-plane.
     """
 
     name: str
@@ -108,7 +108,9 @@ class RotationResult:
     why_no_schedule: str
 
     def scenes(self, text: str) -> tuple[Scene, ...]:
-        """Return a page over the angle of rotation and, with a schedule, one over time.
+        """Return a page over the angle of rotation and, with a schedule, a page over time.
+
+        A schedule is the rotation in time. A page has drawings, plots and a text.
 
         Parameters
         ----------
@@ -116,7 +118,7 @@ class RotationResult:
             The findings in Markdown, which are added to both pages.
         """
         samples = self.samples
-        # (k, 1) angles at which the inputs do not hold the output (type II).
+        # (k, 1) angles of singularities of type II: locked inputs do not prevent a motion.
         crossings = np.array(self.rotation.crossings)[:, None]
         title = "error of orientation about the fixed axis"
         parts: list[Primitive] = [
@@ -149,10 +151,9 @@ class RotationResult:
         Parameters
         ----------
         trajectory
-            The rotation at equally spaced times. Each of them is a row of the page.
+            The rotation at equally spaced times. Each time is a row of the page.
         text
-            The findings in Markdown. A sentence is added that says how the time of a row
-            follows from its number.
+            The findings in Markdown. A sentence is added that states the time of each row.
         """
         time_step = trajectory.t[-1] / (len(trajectory.t) - 1)
         accelerations = trajectory.accelerations
@@ -170,12 +171,12 @@ class RotationResult:
     def _plot_inputs(
         self, path: str, title: str, values: Floats, unit: str = ""
     ) -> list[Series]:
-        """Return a plot with a curve for each driven pair.
+        """Return a plot with a curve for each driven pair (joint).
 
         Parameters
         ----------
         path, title
-            Path and title of the plot.
+            Path in the recording, and title of the plot.
         values, unit
             (n, inputs) values of the driven pairs, and their unit.
         """
@@ -185,17 +186,17 @@ class RotationResult:
         ]
 
     def _draw_mechanism(self, samples: RotationSamples) -> Iterator[Primitive]:
-        """Yield the links, the axis, arcs of the output, and mid-planes.
+        """Yield drawings of the links, the axis, arcs of the output, and mid-planes.
 
-        Row k of the drawing is row k of `samples`. In a mid-plane symmetric architecture
-        the base and the output link are mirror images of each other about the mid-plane. It
-        is drawn as a great circle: one moves with the rows, and two that do not move show
-        its first and last position.
+        Row k of the drawing is row k of `samples`. In some mechanisms the base and the
+        output link are mirror images of each other about a plane, the mid-plane. Mid-planes
+        are drawn as great circles. One moves with the rows, and two fixed ones show the
+        first and last position.
         """
         mechanism = self.mechanism
         orientations = self.orient_links(samples.values)
-        # Rotations from axes of the reference link, in which the rotation is described, to
-        # ground axes.
+        # Rotations from the axes of the reference link, in which the rotation is described,
+        # to ground axes.
         reference = orientations[:, mechanism.link_number[self.output.relative_to]]
         yield from link_bodies(mechanism, orientations)
         axis = reference @ self.rotation.axis
@@ -203,11 +204,11 @@ class RotationResult:
         yield from self._draw_output_arcs()
         if self.architecture is not None:
             normals = mid_planes(self.architecture, samples.orientation)
-            # `frame` turns axes in which the formulas of the architecture are simplest
-            # (mirror axes) into axes of the reference link.
+            # The normals are in special axes of the architecture. `frame` converts them to
+            # axes of the reference link, and `reference` to ground axes.
             normals = np.matvec(reference @ self.architecture.frame, normals)
-            # Failed rows are NaN. The first and the last row that the mechanism reaches are
-            # drawn as start and end.
+            # Failed rows are NaN. Start and end are the first and last row that the
+            # mechanism reaches.
             finite_normals = _finite_rows(normals)
             if len(finite_normals):
                 # The row of an end is 0 or -1.
@@ -224,11 +225,11 @@ class RotationResult:
     def _draw_output_arcs(self) -> Iterator[SphereCurves]:
         """Yield the arcs along which directions of the output move.
 
-        An arc is drawn for the direction of the output, or for all pair axes of its link if
-        it has no direction. Samples that the mechanism does not reach are left out. The
-        marks ``start`` and ``end`` are at the first and the last sample that it reaches.
-        The crossings of the rotation, its singularities of type II, are marked on the first
-        arc. At these crossings the output can move while the inputs rest.
+        If the output is a direction, its arc is drawn. If it is an orientation, the arcs of
+        all pair axes of its link are drawn. Samples that the mechanism does not reach are
+        left out. The marks ``start`` and ``end`` are at the first and the last sample that
+        it reaches. The first arc also has marks at the singularities of type II
+        (crossings), where the output can move while the inputs rest.
         """
         link = self.mechanism.link_number[self.output.link]
         directions = link_axes(self.mechanism)[self.output.link]
@@ -242,7 +243,7 @@ class RotationResult:
         for name, direction in directions.items():
             path = _finite_rows(arc_orientations @ direction)
             if len(path):
-                # The row of an end is 0 or -1.
+                # `row` of an end is 0 or -1.
                 marks = [
                     Mark(end.name, path[end.row], PATH_COLOUR) for end in ROTATION_ENDS
                 ]
@@ -265,24 +266,25 @@ def _finite_rows(vectors: Floats) -> Floats:
 def mid_planes(architecture: MidPlaneArchitecture, orientations: Floats) -> Floats:
     """Return the normals of the mid-planes at orientations of the output link.
 
-    The mid-plane is the plane in which the base and the output link are mirror images of
-    each other. If an orientation has no such plane, the nearest one is returned.
+    The base and the output link are mirror images of each other about the mid-plane. If an
+    orientation has no such plane, the nearest one is returned.
 
     Parameters
     ----------
     architecture
-        The mid-plane symmetric architecture.
+        The mid-plane symmetric architecture of the mechanism.
     orientations
         (n, 3, 3) orientations of the output link in base axes, NaN in failed rows.
 
     Returns
     -------
-    (n, 3) unit normals in mirror axes, NaN in failed rows. Mirror axes are base axes turned
-    by the constant matrix ``architecture.frame``, in which the formulas are simplest.
+    (n, 3) unit normals in mirror axes, NaN in failed rows. The constant matrix
+    ``architecture.frame`` turns mirror axes into base axes. Formulas are simplest in them.
     """
     normals = np.full((len(orientations), 3), np.nan)
     has_orientation = np.isfinite(orientations[:, 0, 0])
-    # The second result is the angle by which each orientation deviates from a mirror image.
+    # The second result, ignored here, is the deviation of an orientation from a mirror
+    # image.
     normals[has_orientation], _ = architecture.normals(orientations[has_orientation])
     return normals
 

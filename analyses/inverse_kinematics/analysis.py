@@ -89,18 +89,17 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     nearest: int = 20
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return that this analysis reads no quantities of the motion of a run.
+        """Check all parameters, and return what this analysis reads of a run: nothing.
 
-        `Needs` lists such quantities, for example pole axes. The poses of this analysis are
-        given by its parameters and do not depend on the motion. All parameters are checked
-        here, before anything is computed.
+        The poses are stated by the parameters of the analysis. They do not depend on the
+        motion of the run.
 
         Raises
         ------
         AnalysisError, FileError
             If a parameter is not valid for the mechanism, or the file cannot be read.
         """
-        # Each of these calls raises an error if its parameters are not valid.
+        # Each of these calls raises an error if a parameter is not valid.
         solver = self.solver(mechanism)
         self._read_poses(solver)
         self.modes(solver)
@@ -138,9 +137,9 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         return tuple(label_of(signs) for signs in signs_of_modes)
 
     def pair_numbers(self, mechanism: Mechanism) -> list[int]:
-        """Return the numbers of the pairs whose variables are listed.
+        """Return the numbers of the pairs (joints) that are listed in a table.
 
-        They are those of the parameter `pairs`: names, or ``all``.
+        The parameter `pairs` has their names, or ``all``.
 
         Raises
         ------
@@ -174,16 +173,17 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     def _solutions(self, batch: Batch) -> InverseSolutions | ForwardSolutions:
         """Return the solutions for the parameters of this analysis, computed once.
 
-        The user gives either poses, whose configurations are computed, or inputs, whose
-        poses are computed (forward kinematics). The motion in the batch is not used.
+        The user lists either poses of the output or inputs. For poses, all configurations
+        are computed (inverse kinematics). For inputs, the poses are computed (forward
+        kinematics). The motion in the batch is not used.
         """
 
         def solve() -> InverseSolutions | ForwardSolutions:
-            """Return the configurations of the given poses, or the poses at the inputs."""
+            """Compute the configurations of listed poses, or the poses at inputs."""
             mechanism = batch.mechanism
             solver = self.solver(mechanism)
             pose_list = self._read_poses(solver)
-            # A `PoseList` has either poses or inputs, as the user gives them.
+            # Either `poses` or `inputs` is None.
             if pose_list.poses is None:
                 assert pose_list.inputs is not None
                 return ForwardSolutions(mechanism, solver, pose_list.inputs)
@@ -195,10 +195,10 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 modes=self.modes(solver),
                 # The pairs whose variables are columns of the table.
                 pairs=self.pair_numbers(mechanism),
-                # The nearest reachable pose is computed for the first poses that are out of
-                # reach, at most this number, since each takes a search.
+                # For poses out of reach, the nearest reachable pose takes a search. At most
+                # this number of them is computed.
                 max_nearest=self.nearest,
             )
 
-        # The first call with this key stores the result in the batch.
+        # `once` stores the result in the batch under this key.
         return batch.once("result", solve)

@@ -52,7 +52,7 @@ class ForwardSolutions:
         return {FORWARD.name: [self.columns]}
 
     def findings(self) -> Findings:
-        """Return how many sets of inputs have how many poses.
+        """Return the number of poses at each set of inputs, in words and as a summary.
 
         If there are only a few sets of inputs, the poses are described one by one.
         """
@@ -60,8 +60,8 @@ class ForwardSolutions:
         # The table has one row for each pose of each set of inputs. A set without a pose
         # has one row with the status OUT_OF_REACH.
         has_pose = self.columns["status"] != Status.OUT_OF_REACH
-        # The column "pose" is the position in the user's list. Such a list has poses in
-        # inverse kinematics, but sets of inputs here.
+        # The column "pose" has the number of the set of inputs. (In inverse kinematics it
+        # has the number of the pose in the user's list.)
         input_set_of_row = self.columns["pose"]
         pose_counts = np.bincount(input_set_of_row[has_pose], minlength=input_count)
         summary = summarize_solver(self.solver) | {
@@ -87,20 +87,19 @@ class ForwardSolutions:
     def _describe_poses(self, has_pose: NDArray[np.bool_]) -> list[str]:
         """Return a sentence for each pose, with the modes in which it occurs.
 
-        The mode is the working mode (signs of the legs) if it is known, otherwise the
-        assembly mode (signs of the groups of links). `has_pose` (rows,) tells which rows of
-        the table have a pose.
+        If known, the mode is the working mode (how the legs are assembled). Otherwise it is
+        the assembly mode (how all links are assembled). `has_pose` (rows,) says which rows
+        of the table have a pose.
         """
         columns = self.columns
-        # A key is a sentence about a pose, and the kind of its modes.
+        # Poses with the same sentence are listed together, with all their modes.
         modes_of_sentence: dict[tuple[str, str], list[str]] = {}
         for row in np.flatnonzero(has_pose).tolist():
             angles = []
             for name in POSE_ANGLES:
                 if name in columns and np.isfinite(columns[name][row]):
                     angles.append(self._describe_angle(name, row))
-            # In inverse kinematics the column "pose" has the number of a given pose. Here,
-            # in forward kinematics, it has the number of a given set of inputs.
+            # The column "pose" has the number of the set of inputs here.
             input_set = columns["pose"][row]
             sentence = f"Inputs {input_set}: {', '.join(angles)}"
             if columns["working_mode"][row]:

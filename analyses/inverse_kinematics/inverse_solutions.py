@@ -173,10 +173,10 @@ class InverseSolutions:
     def _inverse_columns(self) -> Columns:
         """Return the table of configurations: one row for each row of the solutions.
 
-        The columns are, in this order: the pose and the inputs, the rates of the inputs,
-        the margin of the nearest limit, measures of singularities, the status, and the
-        nearest reachable pose. The last columns are NaN in rows for which it was not
-        computed.
+        A solution is a configuration in which the output has a requested pose. The columns
+        are, in this order: the pose and the inputs, the rates of the inputs, the margin of
+        the nearest limit, measures of singularities, the status, and the nearest reachable
+        pose. The last columns are NaN unless the nearest pose was computed.
         """
         mechanism = self.mechanism
         solver = self.solver
@@ -193,27 +193,27 @@ class InverseSolutions:
         for component, axis in enumerate("xyz"):
             rates = solutions.rates[:, :, component]
             columns |= input_columns(mechanism, rates, f"rate_{axis}")
-        # `form` is the mid-plane symmetric architecture, if the mechanism has one: base and
-        # output link are mirror images of each other in a plane.
+        # In a mid-plane symmetric architecture (`form`), base and output link are mirror
+        # images of each other about a plane.
         if solver.form is not None and directions is not None:
             # (rows, 3, inputs) angular velocity of the output per unit rate of each input.
             angular_velocities = turns_of(solutions.rates, directions)
             columns |= mid_plane_rate_columns(
                 mechanism, solver.form, directions, angular_velocities
             )
-        # Poses have to keep limits of angles, such as joint limits and the reach of the
-        # legs. The margin is the angle (rad) that is left to the nearest limit.
+        # Joint limits and the reach of the legs limit angles. The margin is the angle (rad)
+        # that is left to the nearest limit.
         columns["margin"] = solutions.margin
-        # Name of that limit. Number -1 refers to the empty name of no limit.
+        # The name of that limit; empty for the number -1 (no limit).
         columns["limiting"] = np.array([*solutions.limits, ""])[solutions.limiting]
-        # Measures that are 0 at a singularity. Type I, for each input: speed of the output
-        # per unit rate of this input. Type II: a number from 0, where locked inputs do not
-        # hold the output, to 1.
+        # Both measures are 0 at a singularity. Type I has a measure for each input: the
+        # speed of the output per unit rate of this input. Type II has one measure, at most
+        # 1. At 0, the output can move while the inputs are locked.
         columns |= input_columns(mechanism, solutions.type_1, "type_1")
         columns["type_2"] = solutions.type_2
-        # Sign of a determinant, which changes at singularities only. The rows of the matrix
-        # are the rates of three inputs by the three components of the angular velocity of
-        # the output. With two inputs, the direction of the output is the third row.
+        # Sign of the determinant of the rates of three inputs by the three components of
+        # the output's angular velocity. It changes only at singularities. With two inputs,
+        # the direction of the output is the third row.
         columns["sense"] = sense_of(solutions.rates, directions)
         columns["status"] = solutions.status
         columns["solved_by"] = solver.solved_by
@@ -306,15 +306,16 @@ class InverseSolutions:
     def _screen_table(self) -> ScreenTable | None:
         """Return a table for the screen; None without a configuration.
 
-        It has each configuration of a few poses. For many poses it has each working mode:
-        how many poses it reaches, the ranges of the inputs, and the least measures.
+        For a few poses it has a row for each configuration. For many poses it has a row for
+        each working mode (way to assemble the legs at a pose): how many poses it reaches,
+        the ranges of the inputs, and the smallest measures of singularities.
         """
         solutions = self.solutions
         if not np.any(solutions.solved):
             return None
         pairs = self.mechanism.input_pairs
         least_type_1 = np.min(solutions.type_1, axis=1)
-        # Working modes with the same cells share a row, with all their names.
+        # Working modes with the same texts in all cells share a row.
         modes_by_cells: dict[tuple[str, ...], list[str]] = {}
         if self._has_few_poses:
             several = len(np.unique(solutions.pose)) > 1
@@ -354,8 +355,10 @@ class InverseSolutions:
     def _describe_rows_out_of_reach(self) -> list[str]:
         """Return a sentence for each row out of reach, if there are only a few poses.
 
-        The sentence has the nearest reachable pose. Modes with the same sentence are listed
-        together. Rows without a nearest pose have no sentence.
+        A row is a pose in one working mode (way to assemble the legs).
+
+        The sentence states the nearest reachable pose. Without such a pose there is no
+        sentence. Modes with the same sentence are listed together.
         """
         solutions = self.solutions
         if not self._has_few_poses:
@@ -385,10 +388,10 @@ class InverseSolutions:
         return ", ".join(f"{pair} = {format_degrees(q)} deg" for pair, q in inputs)
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return two pages: solutions of the poses, and nearness to singularities.
+        """Return two pages for the recording: solutions of the poses, and singularities.
 
         The first page shows the poses on the sphere, coloured by their number of solutions,
-        and the mechanism in each solution. The second one shows the poses coloured by the
+        and the mechanism in each solution. The second page shows the poses coloured by the
         angle to a singularity. It is left out if no pose has a solution.
         """
         solutions = self.solutions
@@ -400,16 +403,16 @@ class InverseSolutions:
         parts = (solution_map, *self._draw_solutions(drawn_rows), legend)
         solution_axis = Axis("solution", "", np.arange(float(len(drawn_rows))))
 
-        # A row of the solutions is one pose in one working mode. It has a measure of type I
-        # for each input (rows, inputs), and one measure of type II (rows,). Each is the
-        # sine of an angle and 0 at a singularity, so the smallest one counts.
+        # Each row of the solutions (one pose in one working mode) has a measure of type I
+        # for each input, and one of type II. Each measure is the sine of the angle to a
+        # singularity. The smallest one counts.
         type_1 = np.min(solutions.type_1, axis=1)
         # `fmin` ignores a measure that is NaN if the other is a number.
         row_measure = np.fmin(type_1, solutions.type_2)
-        # A pose without a solution has NaN, which counts as 0: it has no angle left.
+        # The measure NaN of a pose without a solution becomes 0.
         row_measure = np.nan_to_num(row_measure)
-        # The measure of a pose is that of its best mode. This call changes `pose_measure`
-        # in place.
+        # The measure of a pose is that of its best mode. The call changes `pose_measure` in
+        # place.
         pose_measure = np.zeros(len(self.poses))
         np.maximum.at(pose_measure, solutions.pose, row_measure)
         angle = np.arcsin(np.minimum(pose_measure, 1.0))
@@ -431,8 +434,8 @@ class InverseSolutions:
     def _draw_solutions(self, rows: NDArray[np.intp]) -> list[Primitive]:
         """Return drawings of the mechanism in some solutions, and a text that lists them.
 
-        An arrow shows the direction of the given pose. If the pose is an orientation, it
-        shows the z axis of the output link.
+        An arrow shows the direction of the requested pose. If the pose is an orientation,
+        the arrow shows the z axis of the output link.
 
         Parameters
         ----------
@@ -459,7 +462,7 @@ class InverseSolutions:
                 "pose asked for",
                 # From axes of the reference link to ground axes.
                 np.matvec(reference, directions),
-                # `primary` marks the axes of pairs, which are drawn thinner.
+                # True is for the axes of pairs, which are drawn thinner.
                 primary=False,
                 # Successive samples are separate solutions, not points of one motion.
                 path_shown=False,
@@ -470,11 +473,10 @@ class InverseSolutions:
     def _legend(self) -> Text:
         """Return a text in Markdown: how many poses have how many solutions.
 
-        The text also explains the signs of working modes (ways to assemble the legs at a
-        pose): the texts `solver.legs`, such as "dyad of A, B, C", name the legs in the
-        order of the signs. The measure of a pose in a mode is
-        the smaller of its angles to the two types of singularity. The best mode has the
-        largest one.
+        The text also explains two terms. A working mode (way to assemble the legs at a
+        pose) is a sign for each leg, in the order of `solver.legs`. The measure of a pose
+        in a mode is the smaller of its angles to the two types of singularity. The best
+        mode has the largest measure.
         """
         table_rows = [
             f"| {solutions} | {poses} |\n"

@@ -45,14 +45,14 @@ MAX_LISTED_FAULTS = 5
 
 @dataclass(frozen=True)
 class PoseList:
-    """Poses of an output, or inputs whose poses are wanted.
+    """A list of poses of an output, or a list of inputs for which poses are computed.
 
     Attributes
     ----------
     poses
-        (n, 3) directions or (n, 3, 3) rotations; None if inputs are given.
+        (n, 3) directions or (n, 3, 3) rotations; None if inputs are listed.
     inputs
-        (n, inputs) inputs (rad); None if poses are given.
+        (n, inputs) inputs (rad); None if poses are listed.
     grid_shape
         Number of values along each axis if the poses are a grid; None for other lists.
     """
@@ -64,7 +64,7 @@ class PoseList:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """Numbers that describe n poses, as they are given, before their conversion.
+    """Numbers that describe n poses, as the user wrote them, before their conversion.
 
     Attributes
     ----------
@@ -181,12 +181,13 @@ def _read_list(
 ) -> NumberTable:
     """Return the numbers of poses from texts ``name=number``.
 
-    All poses must have the same names of numbers, which decide the form of the poses.
+    All poses must have the same names. These decide in which form poses are described, for
+    example by azimuth and tilt.
 
     Parameters
     ----------
     solver
-        The inverse kinematics of the output, which decides how a pose can be given.
+        The inverse kinematics of the output. It decides which forms are possible.
     where
         Name of the parameter with the list, for error messages.
     poses
@@ -280,12 +281,13 @@ def _read_file(
 def _read_window(
     solver: OutputKinematics, where: str, window: Sequence[str], angle_unit: AngleUnit
 ) -> NumberTable:
-    """Return the numbers of all poses of a grid.
+    """Return the numbers of all poses of a regular grid.
 
     Parameters
     ----------
     solver
-        The inverse kinematics of the output, which decides how a pose can be given.
+        The inverse kinematics of the output. It decides by which numbers a pose is
+        described.
     where
         Name of the parameter, for error messages.
     window
@@ -301,7 +303,8 @@ def _read_window(
             *ends, count_text = numbers
             count = float(count_text)
             if is_angle(name, solver.mechanism.input_pairs):
-                # The values are computed in the unit of the file and converted together.
+                # The ends stay in the unit of the file. The caller converts all values of
+                # the grid.
                 ends_in_unit = [
                     read_quantity(end, ANGLE, angle_unit, target=angle_unit) for end in ends
                 ]
@@ -335,15 +338,15 @@ def _convert_rows(
     locations: Sequence[str],
     where: str,
 ) -> Floats:
-    """Return poses from rows of numbers, after checking that each row is a pose.
+    """Convert rows of numbers to poses, and check that each row describes a pose.
 
     Parameters
     ----------
     solver
         The inverse kinematics of the output.
     form
-        Names of the numbers in the k columns, such as azimuth and tilt. They decide how
-        the numbers describe a pose.
+        Names of the numbers in the k columns, such as azimuth and tilt. They decide how the
+        numbers describe a pose.
     rows
         (n, k) numbers, angles in rad.
     locations, where
@@ -357,9 +360,10 @@ def _convert_rows(
     Raises
     ------
     AnalysisError
-        If rows are no poses. The message lists these rows.
+        If some rows do not describe a pose. The message lists these rows.
     """
-    # Each form has its own fault, in words. Rows that are no poses become NaN.
+    # Rows that do not describe a pose become NaN. The message about them depends on the
+    # form.
     if form == MATRIX_TERMS:
         poses = _read_rotation_matrices(rows)
         fault = "is not a rotation matrix"
@@ -412,10 +416,11 @@ def _check_pose_count(count: int, where: str) -> None:
 
 
 def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
-    """Return the forms in which poses of an output can be given, the inputs last.
+    """Return the forms in which poses of an output can be described, the inputs last.
 
-    Each form is the names of its numbers. An output without working modes (`labels`) cannot
-    be solved for poses, so only inputs can be given.
+    A form is a tuple of the names of its numbers, such as azimuth and tilt. If the solver
+    has no working modes (`labels`), inputs cannot be computed from poses. Then poses can
+    only be described by inputs.
     """
     forms: list[tuple[str, ...]] = []
     # If the solver has `points`, poses are directions; otherwise they are rotations.
@@ -423,7 +428,7 @@ def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
         forms = [AZIMUTH_TILT_TERMS, DIRECTION_TERMS]
     elif solver.labels:
         forms = [TILT_TORSION_TERMS, QUATERNION_TERMS, ROTATION_VECTOR_TERMS, MATRIX_TERMS]
-    # `solver.form` is the mid-plane symmetric architecture, if the mechanism has one.
+    # In a mid-plane symmetric architecture (`form`), base and output mirror each other.
     if solver.form is not None:
         forms.append(MID_PLANE_TERMS)
     return [*forms, solver.mechanism.input_pairs]
@@ -432,14 +437,16 @@ def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
 def _match_form(
     forms: Sequence[tuple[str, ...]], names: tuple[str, ...], where: str
 ) -> tuple[str, ...]:
-    """Return the form of poses that has the given names of numbers.
+    """Return the form of poses that has certain names of numbers.
+
+    A form is a tuple of the names of its numbers, such as azimuth and tilt.
 
     Parameters
     ----------
     forms
-        The possible forms, each the names of its numbers in their order.
+        The possible forms.
     names
-        The given names, in any order.
+        The names that the user wrote, in any order.
     where
         The source of the names, for error messages.
 

@@ -272,11 +272,11 @@ def _find_working_modes(
 ) -> NDArray[np.str_]:
     """Return the working mode of each of n solutions, and one empty text at the end.
 
-    A working mode is one of the ways to assemble the legs at a given pose. It is named by a
-    sign for each leg, such as "+-+". If the output has a closed form, the inverse
-    kinematics of the pose gives one configuration for each working mode. The one that
-    equals the configuration of the solution tells its working mode. Otherwise the text is
-    empty. The text at the end, at index -1, is for rows of a table that have no solution.
+    A working mode is one of the ways to assemble the legs at a pose. Its name is a sign for
+    each leg, such as "+-+". If the inverse kinematics has a closed form, it gives one
+    configuration of the pose for each working mode. The working mode of a solution is the
+    one with the same configuration. Without such a mode the text is empty. The last text,
+    with index -1, is for rows of a table that have no solution.
 
     Parameters
     ----------
@@ -289,8 +289,8 @@ def _find_working_modes(
     """
     modes = np.full(len(poses) + 1, "", dtype=object)
     if isinstance(solver, ClosedKinematics):
-        # One row for each pose and working mode. `rows.pose` is the number of the pose.
-        # The variables of all pairs are computed, to be compared with those in `values`.
+        # One row for each pose (`rows.pose`) and working mode, with the variables of all
+        # pairs.
         all_pairs = range(len(mechanism.pairs))
         rows = solver.inverse(poses, solver.labels, all_pairs)
         solution_values = values[rows.pose]
@@ -301,11 +301,11 @@ def _find_working_modes(
 
 
 def all_pose_columns(solver: OutputKinematics, poses: Floats) -> Columns:
-    """Return the columns of poses in all descriptions.
+    """Return the columns of poses, with all numbers that describe them.
 
     A direction has x, y, z, azimuth and tilt. A rotation has a quaternion, azimuth, tilt
     and torsion (the angle about the tilted axis). If base and output mirror each other in a
-    mid-plane, directions also have the angles phi and gamma of this plane.
+    plane (mid-plane), directions also have the angles phi and gamma of this plane.
 
     Parameters
     ----------
@@ -334,8 +334,9 @@ def mid_plane_rate_columns(
 ) -> Columns:
     """Return the columns of the derivatives of phi and gamma by the inputs.
 
-    Base and output mirror each other in the mid-plane. Its unit normal (x, y, z) has the
-    angles phi = -2 arcsin(x) and gamma = 2 arcsin(y), as defined by Chen et al. 2021.
+    In the mechanism, base and output mirror each other in a plane (mid-plane). Its unit
+    normal (x, y, z) is described by the angles phi = -2 arcsin(x) and gamma = 2 arcsin(y)
+    (Chen et al. 2021).
 
     Parameters
     ----------

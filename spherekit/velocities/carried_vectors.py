@@ -30,16 +30,18 @@ from spherekit.velocities.pose_expressions import LinkOrientation, place_link
 class SlideChangeBound:
     """Upper bound of the length of the derivative of `CarriedVector.slide`.
 
-    The derivative is by the variable, seen from the link. It is a sum of vectors. Some of
-    them have the length ``|k''|``, the second derivative of the curvature k of a profile.
-    There is no expression of k'', so its largest value along the profile is used.
+    The slide is the derivative of a vector by a pair variable, seen from a link. This
+    bounds the next derivative by the same variable, for error bounds. It is a sum of terms.
+    Some terms have the length ``|k''|``, the second derivative of the curvature k of a
+    profile by its arc length. There is no expression of k'', so its largest value along the
+    profile is used.
 
     Attributes
     ----------
     other_terms
         Bound of the length of the sum of all terms without a k''.
     profiles
-        The profiles whose k'' occurs in a term.
+        The profiles with a k'' in a term.
     """
 
     other_terms: Expr = 0.0
@@ -55,11 +57,12 @@ class SlideChangeBound:
 
 @dataclass(frozen=True)
 class CarriedVector:
-    """A vector that turns with a link and slides on it as a variable changes.
+    """The vector of a pair variable, with the way it changes as the variable grows.
 
-    It is the vector of a pair variable: the relative angular velocity of the two links of
-    the pair, per unit rate of the variable. The axis of an R pair is fixed in its links.
-    The vector of a contact slides as the contact moves along a profile.
+    The vector is the relative angular velocity of the two links of the pair (joint), per
+    unit rate of the variable. The axis of an R pair (revolute joint) is fixed in its links.
+    The vector of a contact turns with a link, too, and slides on it as the contact moves
+    along a profile.
 
     Attributes
     ----------
@@ -68,12 +71,12 @@ class CarriedVector:
     link
         Number of the link that carries the vector.
     length
-        Length of `vector`, exactly.
+        Exact length of `vector`.
     slide
-        (3,) derivative of the vector with respect to the variable, seen from the link, in
-        ground axes. None if the vector is fixed in the link.
+        (3,) derivative of the vector with respect to the variable, as seen from the link,
+        in ground axes. None if the vector is fixed in the link.
     slide_length
-        Length of `slide`, exactly.
+        Exact length of `slide`.
     slide_change_bound
         Bound of the length of the derivative of `slide` by the variable. It bounds the
         error of `slide` at a computed configuration.
@@ -201,17 +204,19 @@ def _axis_of_r_pair(
     axes: tuple[Entries, Entries],
     placed: Sequence[LinkOrientation],
 ) -> CarriedVector:
-    """Return the axis of an R pair, carried by the link with the shorter expressions.
+    """Return the axis of an R pair (revolute joint), in ground axes.
+
+    The axis is fixed in both links of the pair, so either link can carry it. The link that
+    is placed earlier has the shorter expressions.
 
     Parameters
     ----------
     links
-        Numbers of the two links. The one that is placed first (`LinkOrientation.depth`)
-        has the shorter expressions.
+        Numbers of the two links.
     axes
-        (3,) the axis in the axes of either link.
+        The axis (3,) in the axes of the first link, and in those of the second.
     placed
-        Orientations of all links.
+        Orientations of all links. The `depth` of a link grows with its place in the order.
     """
     first_link, second_link = links
     first_axis, second_axis = axes
@@ -225,7 +230,8 @@ def _contact_line(
 ) -> CarriedVector:
     """Return the direction p to a contact point, which slides along a profile of a link.
 
-    The derivative of p by the arc length is the tangent t of the profile.
+    A profile is a curve on the unit sphere, fixed in the link. The derivative of p by the
+    arc length of the profile is its unit tangent.
 
     Parameters
     ----------
@@ -234,7 +240,7 @@ def _contact_line(
     link, placed
         Number and orientation of its link.
     variables
-        Expressions of all variables.
+        Expressions of all pair variables.
     """
     tangent, _, point = _contact_frame(side, placed, variables)
     return CarriedVector(
@@ -270,15 +276,16 @@ def _rolling_vector(
     """Return the vector (k1 - k2) p of a rolling contact, with its derivatives.
 
     The vector is the angular velocity of the second link relative to the first, per unit of
-    arc length s. k1 and k2 are the curvatures of both profiles, p is the contact point. One
-    of the two links carries the vector, and primes are derivatives by s as seen from this
-    link. With the tangent t, p' = t, so
+    arc length s. k1 and k2 are the curvatures of the profiles of both links, and p is the
+    contact point. One of the links carries the vector. Primes are derivatives by s as seen
+    from this link. The tangent is t = p'. Then
 
         first derivative:  (k1 - k2) t + (k1 - k2)' p
         second derivative: (k1 - k2) t' + 2 (k1 - k2)' t + (k1 - k2)'' p
 
-    The first is the slide of the vector, which is needed for accelerations. The length of
-    the second is bounded by the sum of the lengths of its terms, for error bounds.
+    The first derivative is the slide of the vector, which is needed for accelerations. The
+    length of the second derivative is at most the sum of the lengths of its terms. This
+    bound is needed for error bounds.
 
     Parameters
     ----------
@@ -317,11 +324,11 @@ def _vector_along_profile(
     placed: LinkOrientation,
     variables: Sequence[Expr],
 ) -> CarriedVector:
-    """Return the vector of a contact that moves along one of its profiles.
+    """Return the vector of a contact that moves along one of its two profiles.
 
     It is the angular velocity of the second link relative to the first, per unit of arc
-    length along this profile. With the normal n, the curvature k and the contact point p of
-    the profile it is n + k p, with the sign -1 for the profile of the second link.
+    length along this profile. It is n + k p, with the normal n, the curvature k and the
+    contact point p of the profile. Along the profile of the second link it is -(n + k p).
 
     Parameters
     ----------
@@ -334,8 +341,9 @@ def _vector_along_profile(
     placed
         Orientation of this link.
     variables
-        Expressions of all variables. The arc length along the profile is one of them.
+        Expressions of all pair variables, among them the arc length along the profile.
     """
+    # The vector of a circle is fixed in the link, which gives shorter expressions.
     if side.circle is not None:
         return _vector_along_circle(sign, side.circle, link, placed)
     contact_frame = _contact_frame(side, placed, variables)
@@ -347,13 +355,14 @@ def _vector_along_circle(
 ) -> CarriedVector:
     """Return the vector of a contact that moves along a circle, per unit of arc length.
 
-    The contact turns about the centre of the circle, which is fixed in the link. The length
-    of the vector is the angle about the centre per unit of arc length.
+    The vector is the angular velocity of the second link relative to the first. The contact
+    turns about the centre of the circle, an axis that is fixed in the link. The length of
+    the vector is the angle about this axis per unit of arc length.
 
     Parameters
     ----------
     sign
-        1.0 for the profile of the first link of the contact, -1.0 for that of the second.
+        1.0 if the first link of the contact carries the circle, -1.0 if the second does.
     circle
         The profile.
     link, placed
@@ -368,20 +377,21 @@ def _vector_along_curve(
 ) -> CarriedVector:
     """Return the vector of a contact that moves along a profile, per unit of arc length.
 
-    With the tangent t, normal n, point p and curvature k of the profile, the vector is
-    n + k p. Primes are derivatives by the arc length, as seen from the link. Because
-    n' = -k t and p' = t,
+    The vector is the angular velocity of the second link relative to the first. It is n + k
+    p, with the normal n, point p and curvature k of the profile at the contact. Let t be
+    the tangent, and primes derivatives by the arc length, as seen from the link. Because n'
+    = -k t and p' = t,
 
         first derivative:  k' p
         second derivative: k' t + k'' p
 
-    The first is the slide of the vector, which is needed for accelerations. The length of
-    the second is bounded by ``|k'| + |k''|``, for error bounds.
+    The first derivative is the slide of the vector, which is needed for accelerations. The
+    length of the second derivative is at most ``|k'| + |k''|``, for error bounds.
 
     Parameters
     ----------
     sign
-        1.0 for the profile of the first link of the contact, -1.0 for that of the second.
+        1.0 if the first link of the contact carries the profile, -1.0 if the second does.
         It is a factor of the vector and of its derivatives.
     side
         The profile.

@@ -29,16 +29,16 @@ from spherekit.velocities.velocity_equations import VelocityEquations, rotation_
 
 @dataclass(frozen=True)
 class MotionRates:
-    """Rates of a mechanism whose inputs move at given rates.
+    """Rates of a mechanism as expressions, for the present rates of all its inputs.
 
     Attributes
     ----------
     scaled_speeds
-        The rate of each input, divided by the determinant D of the velocity equations.
-        They are factors of the homogeneous rates `CoordinateRates.tau`, which are D times
-        the rates of all variables per unit rate of each input.
+        The rate of each input, divided by the determinant D of the velocity equations. The
+        homogeneous rates `CoordinateRates.tau` are D times the rates per unit rate of each
+        input. Their product with `scaled_speeds` is a rate of the motion.
     variable_rates
-        The rate of each pair variable.
+        The rate of each pair (joint) variable.
     w
         (3,) angular velocity of each link in ground axes.
     """
@@ -63,7 +63,7 @@ class CoordinateRates(VelocityEquations):
         variables: Sequence[Expr],
         placed: Sequence[LinkOrientation] = (),
     ) -> None:
-        """Form symbolic expressions of the vectors of all variables.
+        """Form symbolic expressions of the vectors of all pair (joint) variables.
 
         The vector of a variable is the relative angular velocity of the links of its pair
         per unit rate of the variable.
@@ -71,19 +71,20 @@ class CoordinateRates(VelocityEquations):
         Parameters
         ----------
         structure
-            The mechanism with its inputs, and its groups of links that are placed together.
+            The mechanism with its inputs. Its links are placed group by group.
         variables
             Expressions (rad) of all variables: angles of R pairs, and arc lengths along
-            profiles, on which contact points depend. If orientations of links are given,
-            the angles are not used.
+            profiles, which locate contact points. If `placed` is passed, the angles are not
+            used.
         placed
             Orientations of all links. By default they follow from the variables.
         """
         self.structure = structure
         mechanism = structure.mechanism
         placed = placed or place_by_variables(mechanism, structure.pairs, variables)
-        # The vector of two circles that roll on each other is the sum of two rotations
-        # about their centres. An expression by the contact point would be longer.
+        # If two circles roll on each other, the relative rotation is the sum of two
+        # rotations about their centres. This is shorter than an expression by the contact
+        # point.
         super().__init__(mechanism, structure.pairs, placed, variables, about_centres=True)
 
     def _solve_groups(
@@ -91,21 +92,22 @@ class CoordinateRates(VelocityEquations):
     ) -> tuple[list[Expr], Expr]:
         """Return the rates of all variables times a scale, and this scale.
 
-        Groups are sets of bodies whose loops are closed together, one group after another.
-        The equations of each group are solved by Cramer's rule without its division, so the
-        rates are multiplied by the determinant. The scale is the product of the
-        determinants of all groups.
+        The loops of the mechanism are closed group by group. A group is a set of links that
+        are placed together. The equations of each group are solved by Cramer's rule without
+        its division, so nothing is divided by a determinant that may be zero. The rates are
+        then multiplied by the determinant. The scale is the product of all these
+        determinants.
 
         Parameters
         ----------
         driven_rates
-            The rate of each driven pair, by the number of the pair.
+            The rate of each driven pair (joint), by the number of the pair.
         offsets
-            Vectors (3,) by the number of a pair, such as the bias of accelerations or the
-            rates of closure residuals. In the loop equations the angular velocity of this
-            pair is reduced by its offset. None for zero.
+            By the number of a pair, a vector (3,) that is subtracted from its angular
+            velocity in the loop equations. For accelerations it contains the terms that do
+            not depend on the unknowns. Pairs without an offset have zero.
         """
-        # The (only) variable of each driven pair.
+        # Each driven pair has a single variable.
         rate_by_variable = {
             self.pair_variables[pair][0]: rate for pair, rate in driven_rates.items()
         }
@@ -131,19 +133,20 @@ class CoordinateRates(VelocityEquations):
         offsets: Mapping[int, Exprs],
         scale: Expr,
     ) -> list[Exprs]:
-        """Return the known part (3,) of the relative angular velocity of each pair.
+        """Return the known part (3,) of the relative angular velocity of each pair (joint).
 
-        It is the sum over the variables whose rates are known, minus the offset of the
-        pair. The variables of later groups do not contribute to it.
+        Groups of links are solved one after another. The known part is the sum over the
+        variables with known rates, minus the offset of the pair. Variables of later groups
+        count as zero.
 
         Parameters
         ----------
         rate_by_variable
             The known rates, by variable, multiplied by `scale`.
         offsets
-            Offset vectors (3,) by the number of the pair. They are not multiplied yet.
+            Offset vectors (3,) by the number of the pair, not multiplied by `scale`.
         scale
-            Factor of the rates, which the result has too.
+            Common factor of the rates and of the result, which avoids divisions.
         """
         rates = [rate_by_variable.get(v, 0.0) for v in range(len(self.vectors))]
         velocities = self.pair_velocities(rates)
@@ -179,13 +182,13 @@ class CoordinateRates(VelocityEquations):
         return [sum_along_paths(self.tree, self.pair_velocities(tau)) for tau in self.tau]
 
     def closure_residual_rates(self, size: ExpressionNode) -> dict[int, Exprs]:
-        """Return the derivatives (3,) of `closure_residuals` by a size of the mechanism.
+        """Return the derivatives (3,) of the opening of each loop by a size.
 
-        Each loop is cut at one pair, the closing pair, which is the key of the result. The
-        closure residual is the rotation vector from the frame `by_pair` to the frame
-        `by_second_link` (`ClosingFrames`), which coincide at a closed configuration. Its
-        derivative is therefore the angular velocity of the latter minus that of the former,
-        while the size grows and the variables are constant.
+        Each loop is cut at one pair (joint), the key of the result. The opening (closure
+        residual) is the rotation vector between two frames at the cut, which coincide in a
+        closed loop. One frame follows from the pair, the other from its second link. The
+        derivative of the opening is the difference of the angular velocities of both
+        frames. Here the size grows while the variables stay constant.
         """
         residual_rates: dict[int, Exprs] = {}
         for pair, frames in self._closing_frames.items():
@@ -204,12 +207,12 @@ class CoordinateRates(VelocityEquations):
         """Return the homogeneous angular velocity of a link in axes fixed in the link.
 
         A homogeneous velocity is the velocity while one input has the rate 1 and the others
-        rest, multiplied by the determinant of the velocity equations. It is regular even if
-        the determinant vanishes.
+        rest, times the determinant of the velocity equations. It stays finite where this
+        determinant is zero.
 
-        The axes are not those in which the file describes the link (link axes), but the
-        columns of `LinkOrientation.basis`, three unit vectors that are fixed in the link,
-        too. Expressions are shorter along them.
+        The components are along the columns of `LinkOrientation.basis`, three unit vectors
+        that are fixed in the link. They are not the axes in which the file describes the
+        link. Along the basis the expressions are shorter.
 
         Parameters
         ----------
@@ -224,9 +227,8 @@ class CoordinateRates(VelocityEquations):
         """
         orientation = self.placed[link]
         homogeneous_rates = self.tau[input_index]  # the rates of all variables
-        # Each variable on the path from the ground to the link adds its vector (such as the
-        # axis of an R pair) times its rate. The sense is 1 or -1, or 0 if the path does not
-        # contain the variable.
+        # The angular velocities along the path of pairs from the ground to the link add up.
+        # The sense is 1 or -1, and 0 for a variable that is not on the path.
         parts: list[Exprs] = []
         for variable, sense in enumerate(self.tree.paths[link]):
             if not sense:
@@ -238,10 +240,11 @@ class CoordinateRates(VelocityEquations):
     def _components_along_basis(
         self, variable: int, link: int, orientation: LinkOrientation
     ) -> Exprs:
-        """Return the components of the vector of a variable along the basis of a link.
+        """Return the vector of a pair variable in components along the basis of a link.
 
-        The basis is fixed in the link. A vector that is fixed in the link, too, has
-        constant components along it. The components of other vectors are expressions.
+        The vector is the relative angular velocity of the two links of the pair (joint),
+        per unit rate of its variable. The basis consists of three unit vectors fixed in the
+        link. If the vector is also fixed in the link, its components are constant.
 
         Parameters
         ----------
@@ -256,8 +259,8 @@ class CoordinateRates(VelocityEquations):
         -------
         (3,) components.
         """
-        # By link the vector in link axes, for each link in which the vector is fixed. The
-        # axis of an R pair is fixed in the two links of the pair.
+        # The vector in link axes, for each link in which it is fixed. For example, the axis
+        # of an R pair is fixed in both links of the pair.
         vector_in_link_axes = self.structure.fixed_vectors(variable)
         if link in vector_in_link_axes:
             return orientation.fixed_components(vector_in_link_axes[link])
@@ -265,11 +268,11 @@ class CoordinateRates(VelocityEquations):
         return orientation.components(vector_in_ground_axes)
 
     def motion_rates(self, speeds: Sequence[Expr]) -> MotionRates:
-        """Return the rates of all variables and links at given rates of the inputs.
+        """Return the rates of all variables and links for some rates of the inputs.
 
-        They are sums over the inputs. `tau` and `w` are the rates and angular velocities by
-        each input, times the scale D (the determinant of the velocity equations). The rates
-        of the inputs are therefore divided by D.
+        `tau` and `w` are the rates of variables and links per unit rate of each input,
+        times the determinant D of the velocity equations. The rates of the inputs are
+        therefore divided by D. The contributions of all inputs add up.
         """
         scaled_speeds = [speed * (1.0 / self.scale) for speed in speeds]
         return MotionRates(

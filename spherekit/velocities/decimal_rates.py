@@ -75,23 +75,24 @@ class DecimalRates:
 
     @staticmethod
     def from_motion(motion: Motion, driven: int) -> "DecimalRates | None":
-        """Compute the rates of all rows of a motion while one input moves.
+        """Compute the rates of all rows of a motion in quad precision (33 digits).
 
-        Near a dead centre the rates change so fast that sizes rounded to float64 determine
-        no digit of them. The sizes are decimal numbers in the file. Here they are used in
-        quad precision (33 digits), first for the configurations and then for the rates.
+        Near a dead centre, rounding the sizes to float64 can change every digit of the
+        rates. The file has the sizes as decimal numbers. Here these are used with 33
+        digits, first for the configurations and then for the rates.
 
         Parameters
         ----------
         motion
-            The n rows: inputs, configurations in float64, and assembly modes.
+            n rows, each one configuration: inputs, pair variables in float64, and the
+            assembly mode (way to assemble the links).
         driven
             Number of the input pair that moves at unit rate. Other inputs are locked.
 
         Returns
         -------
-        The rates, or None if the mechanism has contacts or redundant equations, or if an
-        assembly mode of the rows is not among those of the motion.
+        The rates. None if the mechanism has contacts or redundant equations, or if a row
+        has an assembly mode that `motion.assembly_modes` does not list.
         """
         quad_assembly = QuadAssembly(motion.mechanism, motion.assembly)
         modes = {mode.number: mode for mode in motion.assembly_modes}
@@ -99,15 +100,15 @@ class DecimalRates:
         if not quad_assembly.is_supported or not numbers <= modes.keys():
             return None
         n = len(motion)
-        # The links with the pairs that join them, and the loops of these.
+        # The tree of links and pairs, and the loops that they form.
         tree = motion.linearisation.tree
         # (n, links, 3, 3) rotations from link axes to ground axes, in quad precision.
         rotations: Array | None = None
         is_known = np.zeros(n, dtype=bool)
         for mode, rows in _rows_of_modes(motion, [modes[k] for k in sorted(numbers)]):
-            # The signs select the assembly mode. A dyad (two links and three pairs) closes
-            # in two ways, which its sign distinguishes. For any other group of links it is
-            # the sign of the determinant of its closure equations.
+            # The signs of the assembly mode choose between solutions. A dyad (two links
+            # joined by a pair) has two solutions. For other groups of links, the sign is
+            # that of the determinant of their closure equations.
             placed = quad_assembly.place(
                 mode.signs, mode.group_signs, motion.inputs[rows], motion.values[rows]
             )
@@ -274,12 +275,12 @@ class DecimalRates:
 def _rows_of_modes(
     motion: Motion, modes: Sequence[AssemblyMode]
 ) -> Iterator[tuple[AssemblyMode, Indices]]:
-    """Yield each assembly mode with the rows (k,) of the motion that belong to it.
+    """Yield each assembly mode with the numbers of its rows (k,) in a motion.
 
-    A mode is a way to assemble the links. Some modes follow a smooth curve of
-    configurations across points at which modes meet. Such a mode has `pieces`: ranges of
-    the input, each with the ordinary mode to which the curve belongs in this range. It is
-    replaced by these modes, each with the rows in its range.
+    A mode is a way to assemble the links, with signs that identify its solution. Some modes
+    consist of `pieces`, because they continue smoothly through points at which modes meet.
+    Each piece is a range of the input with the ordinary mode there. In place of such a
+    mode, these ordinary modes are yielded, each with the rows in its range.
     """
     for mode in modes:
         rows = np.flatnonzero(motion.assembly_mode == mode.number)
@@ -377,9 +378,9 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
 
 
 def _solve_linear_systems(matrices: Array, right_sides: Array) -> Array:
-    """Return solutions x (n, m) of matrices (n, m, m) x = right_sides (n, m).
+    """Return the solutions x (n, m) of n systems matrices (n, m, m) x = right_sides.
 
-    numpy.linalg has no quad precision. This is Gauss-Jordan elimination with partial
+    numpy.linalg has no quad precision. So this is Gauss-Jordan elimination with partial
     pivoting, for all n systems at once. The solution of an exactly singular system is not
     finite.
     """
@@ -388,9 +389,9 @@ def _solve_linear_systems(matrices: Array, right_sides: Array) -> Array:
     augmented = np.concatenate([matrices, right_sides[:, :, None]], axis=2)
     systems = np.arange(n)
     for k in range(m):
-        # In each system the row with the largest entry in column k is exchanged with row k.
-        # This row is divided by the entry, and a multiple of it is subtracted from all
-        # other rows, so that their entries in column k vanish.
+        # In each system the row with the largest entry in column k is exchanged with row k
+        # and divided by this entry. Multiples of it are subtracted from all other rows, so
+        # that column k becomes zero there.
         pivot = k + np.argmax(np.abs(augmented[:, k:, k]).astype(float), axis=1)
         pivot_rows = augmented[systems, pivot].copy()
         augmented[systems, pivot] = augmented[:, k]

@@ -230,12 +230,12 @@ class DesignExpressions:
     def differentiate_by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
         """Return the derivatives of expressions by each size, while the loops stay closed.
 
-        A size is a number of the mechanism that varies, such as an arc of a link, a mass or
-        a number of a load. The inputs are held constant. If a size grows, the pair
-        variables have to change, so that the loops stay closed.
+        A size is a number of the mechanism that varies between designs, such as an arc of a
+        link, a mass or a number of a load. The inputs are constant. If a size grows, the
+        pair variables have to change, so that the loops stay closed.
 
-        Profiles other than circles are described by symbols, the profile columns: tangent,
-        point, curvature and its derivative by the arc length at the contact. They are
+        A profile that is not a circle is described by symbols at its contact, the profile
+        columns: tangent, point, curvature, and the derivative of the curvature. They are
         treated like further sizes.
 
         Parameters
@@ -245,23 +245,23 @@ class DesignExpressions:
 
         Returns
         -------
-        For each size, then for each profile column, the derivative of each expression.
-        There are no profile columns if the pair variables have a closed form, as in
-        mechanisms of dyads.
+        For each size, then for each profile column, the derivative of each expression. If
+        there are formulas for all pair variables (a closed form), there are no profile
+        columns.
 
         Raises
         ------
         EngineError
-            If an expression contains the second derivative of the curvature of a profile,
-            as the expressions of linearised motions do.
+            If an expression contains the second derivative of the curvature of a profile.
+            Linearised motions contain it.
         """
-        # With a closed form the expressions contain inputs and sizes in place of the pair
-        # variables, so that the loops are closed for all sizes.
+        # In closed form, the pair variables are formulas of inputs and sizes. The loops
+        # then stay closed by themselves.
         if self.has_closed_form:
             return [differentiate(items, {size: 1.0}) for size in self.size_symbols]
         self._refuse_second_curvature_derivative(items)
-        # The partial derivatives by each pair variable, with which the changes of the pair
-        # variables are taken into account.
+        # Partial derivatives by each pair variable. They are needed because the pair
+        # variables change with the sizes.
         by_variable = [
             self._differentiate_by_variable(items, v)
             for v in range(len(self.configuration_symbols))
@@ -279,10 +279,10 @@ class DesignExpressions:
     def _refuse_second_curvature_derivative(self, items: Sequence[Expr]) -> None:
         """Raise `EngineError` if expressions cannot be differentiated by sizes.
 
-        A profile that is no circle has symbols for its curvature k at the contact and for
-        two derivatives of k by the arc length s. An expression with the second one,
-        d2k/ds2, occurs in linearised motions. Its derivative by a size that moves the
-        contact would need d3k/ds3, for which there is no symbol.
+        A profile that is not a circle has symbols for its curvature k at the contact and
+        for dk/ds and d2k/ds2, with the arc length s. A size can move the contact. The
+        derivative of d2k/ds2 would then contain d3k/ds3, for which there is no symbol. Only
+        linearised motions contain d2k/ds2.
         """
         symbols_in_items = set(iterate_nodes(items))
         sides = self.structure.pairs.sides_with_symbols
@@ -299,22 +299,22 @@ class DesignExpressions:
     ) -> list[Expr]:
         """Return the total derivatives of expressions by a symbol, with inputs at rest.
 
-        If the symbol grows, the pair variables have to change, so that the loops stay
+        If the symbol grows, the pair variables v have to change, so that the loops stay
         closed. The total derivative is the partial derivative by the symbol, plus the sum
-        over the variables of their derivative by the symbol times the partial derivative by
-        the variable.
+        over all v of (dv / dsymbol) times the partial derivative by v.
 
         Parameters
         ----------
         items
             The expressions.
         symbol
-            A size, or a column of a profile.
+            A size of the mechanism, or a symbol that describes a profile at its contact.
         by_variable
-            For each variable the partial derivatives of the expressions.
+            For each pair variable, the partial derivatives of all expressions.
         """
         rates = self.coordinate_rates
-        # The derivatives of the variables that undo the opening of the loops.
+        # The growing symbol opens the loops at these rates. The variables have to close
+        # them.
         variable_derivatives = rates.solve_loops(rates.closure_residual_rates(symbol))
         total = differentiate(items, {symbol: 1.0})
         for variable_derivative, partial in zip(
@@ -349,7 +349,9 @@ class DesignExpressions:
         return InputMoments(self.coordinate_rates, tensors)
 
     def quantity(self, name: str) -> Expr:
-        """Return a quantity by its name, one of `row_quantities`.
+        """Return the expression of a quantity by its name, one of `row_quantities`.
+
+        Quantities are results for one configuration, such as velocities and torques.
 
         Raises
         ------
@@ -362,9 +364,9 @@ class DesignExpressions:
                 f'{self.mechanism.name}: there is no quantity "{name}"'
                 f"{nearest(name, table) or '.'} Quantities: {listing(table)}"
             )
-        # The table has the name and the arguments of the method of this class that returns
-        # the quantity, and the index of a component if that is a vector. The method of an
-        # ambiguous name is `refuse_ambiguous_name`.
+        # The table states which method of this class returns the quantity, and with which
+        # arguments. If the method returns a vector, the table has the index of a component.
+        # The method of an ambiguous name is `refuse_ambiguous_name`, which raises an error.
         row_quantity = table[name]
         value = getattr(self, row_quantity.method)(*row_quantity.arguments)
         if row_quantity.component is None:
@@ -379,17 +381,18 @@ class DesignExpressions:
     def refuse_ambiguous_name(self, name: str, *arguments: Sequence[Any]) -> Expr:
         """Raise `EngineError` because two quantities have the same name.
 
-        Names of links and pairs can contain underscores, which also join them in the names
-        of quantities. The table of quantities has this method for such a name, in place of
-        one that returns an expression. It therefore has the same return type.
+        Names of quantities are names of links or pairs joined by underscores, which may
+        also occur in the names themselves. For an ambiguous name, the table of quantities
+        refers to this method. It never returns, but has the return type of the other
+        methods.
 
         Parameters
         ----------
         name
             The name of both quantities.
         arguments
-            Two sequences: for each of the quantities, the arguments of the method that
-            computes it. The texts among them are names of links and pairs.
+            For each of the two quantities the arguments of the method that would compute
+            it. The texts among them are names of links and pairs.
         """
         first_arguments, second_arguments = arguments
         first = listing([x for x in first_arguments if isinstance(x, str)])
@@ -450,10 +453,12 @@ class DesignExpressions:
     def angular_velocity(self, kind: str, link: str, moving: int) -> Exprs:
         """Return the angular velocity (3,) of a link in ground axes, or its derivative.
 
+        One input moves, the others rest.
+
         Parameters
         ----------
         kind
-            Empty for the angular velocity per unit rate of the moving input, "_dq" for its
+            "" for the angular velocity per unit rate of the moving input, "_dq" for its
             derivative with respect to this input.
         link
             Name of the link.
@@ -545,12 +550,12 @@ class DesignExpressions:
         return 2.0 * self._moments.inertia_torque(0, [1.0], [0.0])
 
     def relative_loop_residual(self) -> Expr:
-        """Return the residual of the loop equations at the computed rates.
+        """Return by how much the computed rates violate the loop equations.
 
-        If equations are redundant, the rates are computed from some that are independent at
-        one configuration. At another configuration these can depend on each other. The
-        computed rates then do not satisfy the remaining equations, which the residual
-        shows. Otherwise the residual is zero up to rounding.
+        If equations are redundant, the rates are computed from some of them, which are
+        independent at one configuration. At another configuration, these can depend on each
+        other. Then the computed rates violate the remaining equations. Otherwise the result
+        is zero up to rounding.
 
         Returns
         -------
@@ -560,13 +565,13 @@ class DesignExpressions:
         rates = self.coordinate_rates
         total: Expr = 0.0
         # For each input: the rates tau of all variables and the angular velocities w of all
-        # links. Both are multiplied by the determinant of the velocity equations, which
-        # cancels in the ratio below.
+        # links. Both contain a factor (a determinant), which cancels in the ratio below.
         for tau, w in zip(rates.tau, rates.w, strict=True):
             pair_velocities = rates.pair_velocities(tau)
             residual_square: Expr = 0.0
-            # A chord is the pair that closes a loop. The velocities of its links, reached
-            # along the two sides of the loop, must differ by the velocity of the pair.
+            # A chord is the pair at which a loop is cut. Its two links get their velocities
+            # along the two sides of the loop. These must differ by the velocity of the
+            # pair.
             for chord in rates.tree.chords:
                 first, second = rates.tree.ends[chord]
                 residual = w[first] - w[second] + pair_velocities[chord]
@@ -592,16 +597,16 @@ class DesignExpressions:
     def coefficient(self, link_name: str, other_name: str, kind: str, moving: int) -> Expr:
         """Return a velocity or acceleration coefficient of two links.
 
-        The velocity coefficient is the relative angular velocity of the links per unit rate
-        of the moving input, as a component along the axis of their relative rotation. If a
-        pair joins the links, this component is the rate of the pair's variable. Otherwise
-        it is the size of the relative angular velocity. The acceleration coefficient is the
-        derivative of the velocity coefficient with respect to the moving input.
+        The velocity coefficient is their relative angular velocity per unit rate of the
+        moving input. If a pair (joint) joins the links, it is the rate of the pair's
+        variable, with a sign. Otherwise it is the length of the vector. The acceleration
+        coefficient is the derivative of the velocity coefficient with respect to the moving
+        input.
 
         Parameters
         ----------
         link_name
-            Name of the link whose motion is meant.
+            Name of the moving link.
         other_name
             Name of the link relative to which it moves.
         kind
@@ -611,26 +616,25 @@ class DesignExpressions:
         """
         link = self.mechanism.link(link_name)
         other = self.mechanism.link(other_name)
-        # The variable of the R pair that joins the links; None if no R pair joins them.
+        # None if no R pair joins the links.
         variable = self.mechanism.angle_between(link, other)
         w = self._link_velocities[moving]
         relative_velocity = w[link] - w[other]
         if kind == "velocity":
             if variable is None:
                 return function("sqrt", dot(relative_velocity, relative_velocity))
-            # The variable counts the rotation of the pair's second link relative to its
-            # first. The sign changes if the links are asked for in the opposite order.
+            # The variable is the rotation of the pair's second link relative to its first.
+            # The opposite order of the links reverses the sign.
             first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
             sense = 1.0 if first == other else -1.0
             return self._variable_rates[moving][variable] * sense
-        # Links that rest relative to each other have no direction of relative rotation: the
-        # division by their velocity coefficient, 0, is avoided.
+        # Two links without relative motion have the velocity coefficient 0, by which the
+        # direction below would be divided.
         if self._rest_together(link_name, other_name, moving):
             return 0.0
-        # The relative angular velocity is the coefficient times a unit vector: the axis of
-        # a pair, or the direction of the velocity itself. The derivative of a unit vector
-        # is perpendicular to it. So the component of the derivative of the velocity along
-        # the unit vector is the derivative of the coefficient.
+        # The relative angular velocity is the coefficient c times a unit vector u, so its
+        # derivative is c' u + c u'. Because u' is perpendicular to u, the component along u
+        # is c'.
         dw = self._link_velocity_derivatives[moving]
         direction = self._relative_direction(link_name, other_name, moving)
         return dot(dw[link] - dw[other], direction)
@@ -640,9 +644,9 @@ class DesignExpressions:
 
         The pole axis is the axis of the relative rotation of the links. The unit vector
         times the velocity coefficient is the angular velocity of the first link relative to
-        the second one, per unit rate of the moving input. It is NaN if the locked inputs
-        hold the links together. It is also NaN in configurations in which they happen to be
-        at rest relative to each other, unless a pair joins them.
+        the second, per unit rate of the moving input. The result is NaN if the links have
+        no relative motion, because all other inputs are locked. Where they rest only in
+        some configurations, it is NaN there, unless a pair (joint) joins the links.
 
         Parameters
         ----------
@@ -658,19 +662,18 @@ class DesignExpressions:
         other = self.mechanism.link(other_name)
         has_common_pair = self.mechanism.angle_between(link, other) is not None
         if has_common_pair:
-            # The axis of a pair is defined even if the pair rests.
+            # The axis of a pair is also defined where the pair rests.
             return direction
         return direction * self._one_or_nan_at_rest(link, other, moving)
 
     def _one_or_nan_at_rest(self, link: int, other: int, moving: int) -> Expr:
         """Return 1, or NaN in configurations in which two links are at relative rest.
 
-        The relative velocity of links at rest is a rounding error, which has a direction,
-        too. Multiplied by the result, this direction becomes NaN. Links count as at rest if
-        their relative velocity is less than `NO_MOTION` times a reference: the velocity of
-        one of the links, at least 1. The link with the larger number is used, as in the
-        numerical analysis of a run. So these expressions and a run give NaN in the same
-        rows.
+        The computed relative velocity of resting links is a rounding error, which also has
+        a direction. The product of this direction and the result is NaN. Links rest if
+        their relative velocity is less than `NO_MOTION` times a reference. The reference is
+        1 or the velocity of the link with the larger number, if that is larger. Runs use
+        the same rule, so both give NaN in the same rows.
 
         Parameters
         ----------
@@ -686,7 +689,8 @@ class DesignExpressions:
             "maximum", 1.0, dot(reference_velocity, reference_velocity)
         )
         square = dot(relative_velocity, relative_velocity)
-        # The sign is -1 for links at rest, and its root is then NaN. Otherwise both are 1.
+        # For resting links the sign is -1, and its root is NaN. Otherwise the sign and its
+        # root are 1.
         return function("sqrt", sign_of(square - square_limit))
 
     def _relative_direction(self, link_name: str, other_name: str, moving: int) -> Exprs:
@@ -740,33 +744,32 @@ class DesignExpressions:
         return -1.0 * dot(self._inverse_inertia[index], torques)
 
     def linearised(self, kind: str, index: int, other: int) -> Expr:
-        """Return a derivative of an input's acceleration, linearised about the sample.
+        """Return a derivative of an input's acceleration, for linearised equations.
 
-        Torques that are not varied are held constant, and all loops stay closed. With the
-        inertia matrix M, the accelerations a of the inputs and the torques T that the
-        motion needs, a change of the applied torques or of the motion changes the
-        accelerations by da = M^-1 (dT_applied - dT). Here dT is the change of T at constant
-        accelerations.
+        The motion is linearised about the present sample. Let M be the inertia matrix, a
+        the accelerations of the inputs, and T the torques that the motion needs. Small
+        changes of the applied torques or of the motion change the accelerations by da =
+        M^-1 (dT_applied - dT). Here dT is the change of T at constant accelerations. The
+        loops stay closed.
 
         Parameters
         ----------
         kind
-            "A_q", "A_dq" or "B_torque": the derivative with respect to the angle, the rate
-            or the torque of another input.
+            The derivative with respect to the angle ("A_q"), the rate ("A_dq") or the
+            torque ("B_torque") of an input.
         index
             Index of the input that accelerates.
         other
-            Index of the input with respect to whose angle, rate or torque the derivative is
-            taken.
+            Index of the input with the angle, rate or torque.
         """
         if kind == "B_torque":
             return self._inverse_inertia[index][other]
         input_count = len(self.inputs)
         torques = [self.torque(k) for k in range(input_count)]
-        # The rates at which the symbols in the torques change.
+        # The rates at which the symbols in the torques change, to differentiate along them.
         if kind == "A_dq":
-            # Only the rate of the other input changes. The symbols of the rates follow
-            # those of the angles of all inputs.
+            # Only the rate of the other input changes. `sample_symbols` has the angles of
+            # all inputs, then their rates.
             rate_symbol = self.sample_symbols[input_count + other]
             rates: dict[ExpressionNode, Expr] = {rate_symbol: 1.0}
         else:
@@ -776,18 +779,20 @@ class DesignExpressions:
         return -1.0 * dot(self._inverse_inertia[index], changes)
 
     def _symbol_rates(self, moving: int) -> dict[ExpressionNode, Expr]:
-        """Return the rates of all symbols that change as one input moves.
+        """Return the rates of all symbols that change as one input moves at unit rate.
 
         These symbols are:
 
         - the angle of the input;
-        - the pair variables. In closed form they are no symbols: expressions contain the
-          inputs and constant signs instead;
-        - the profile columns: tangent, point and curvature of each profile (other than
-          circles) at the contact, as functions of the arc length. Mechanisms with a closed
-          form have none.
+        - the pair (joint) variables, if there are no formulas for them (closed form);
+        - the profile columns: tangent, point and curvature of each profile at the contact.
+          They are functions of the arc length. Circles and mechanisms with a closed form
+          have none.
 
-        Rates are per unit rate of the moving input.
+        Parameters
+        ----------
+        moving
+            Index of the input.
         """
         # The first symbols of a sample are the angles of the inputs.
         rates: dict[ExpressionNode, Expr] = {self.sample_symbols[moving]: 1.0}
@@ -808,7 +813,7 @@ class DesignExpressions:
     def generalized_force(self, moving: int) -> Expr:
         """Return the generalised force of all loads on an input (N m).
 
-        It is the power of the loads per unit rate of this input while the others rest.
+        It is the power of the loads while this input has the rate 1 and the others rest.
 
         Parameters
         ----------
@@ -818,14 +823,14 @@ class DesignExpressions:
         Raises
         ------
         ModelError
-            If friction of loads follows from reactions.
+            If the friction of a load depends on reactions, which are not computed here.
         """
         self._refuse_reaction_friction(moving)
         rates = self.coordinate_rates
         load_state = self._load_state()
-        # `tau` and `w` are the rates of variables and links at the rate 1 of each input,
-        # times the determinant of the velocity equations (`scale`). Thus they contain no
-        # division. The forces have the same factor, so their sum is divided by it once.
+        # The rates in `rates` are multiplied by the determinant of the velocity equations
+        # (`scale`), to avoid divisions. So are the forces, and their sum is divided by it
+        # once.
         forces = (
             component_forces(components, load_state)[moving]
             for components in self._load_components
@@ -833,11 +838,11 @@ class DesignExpressions:
         return sum(forces, 0.0) / rates.scale
 
     def _load_state(self) -> LoadState:
-        """Return the motion on which loads depend, as expressions."""
+        """Return the motion as expressions: everything on which loads can depend."""
         rates = self.coordinate_rates
-        # Angles of passive pairs are computed without whole revolutions, on which loads
-        # such as springs depend. `revolution_symbols` has the angle of the whole
-        # revolutions (rad) of each of these pairs. `LoadState` needs their number.
+        # Angles of passive pairs are computed without whole revolutions. Loads such as
+        # springs depend on these, too. `revolution_symbols` has them as angles (rad),
+        # `LoadState` needs the number of revolutions.
         angles = self._angles()
         revolutions = {
             self._variable(pair): angle * (1.0 / TURN)
@@ -854,20 +859,20 @@ class DesignExpressions:
             rates=rates.motion_rates(self._speeds).variable_rates,
             # The last symbol of a sample.
             time=self.sample_symbols[-1],
-            # Some loads have a jump or a kink where an expression is zero. This function
-            # returns the sign of such an expression.
+            # Some loads jump or have a kink where an expression (a condition) is zero. They
+            # depend on its sign.
             sign_of_condition=sign_of,
             # A torque given by a table is a symbol.
             table_torque=self.table_symbols.__getitem__,
         )
 
     def _refuse_reaction_friction(self, moving: int) -> None:
-        """Raise `ModelError` if friction of loads follows from reactions of pairs.
+        """Raise `ModelError` if friction of loads follows from reactions of pairs (joints).
 
-        Reactions are not computed here, but the runs of designs compute them. The message
-        therefore names the column of a run that has the torque at the input number
-        `moving`. Its sentence is "... its friction depends on the reaction of pair 3, which
-        a kernel of designs does not solve for; runs do: --reduce ...".
+        Reactions are not computed here, but in runs of designs. The message therefore names
+        the column of a run that has the torque at the input with the index `moving`. For
+        example: "... its friction depends on the reaction of pair 3, which a kernel of
+        designs does not solve for; runs do: --reduce ...".
         """
         if len(self.inputs) == 1:
             column = "eksergian.eksergian: abs(tau)"
@@ -904,11 +909,11 @@ class DesignExpressions:
         return pair_angle(self.structure, pair_number, self._placed)
 
     def transmission_angle(self, pair: str) -> Expr:
-        """Return the transmission angle (rad) of a dyad.
+        """Return the transmission angle (rad) of a dyad, a measure of how well it moves.
 
-        A dyad is two links joined by the middle one of three pairs. The transmission angle
-        is the acute angle between the planes of the arcs of its links, which meet in the
-        axis of the middle pair.
+        A dyad is two links that are joined by the middle one of three pairs (joints). Each
+        link is an arc on the sphere. The transmission angle is the acute angle between the
+        planes of the two arcs, which meet in the axis of the middle pair.
 
         Parameters
         ----------
@@ -917,7 +922,7 @@ class DesignExpressions:
         """
         number = self.mechanism.pair_number[pair]
         dyads = (group for group in self.structure.assembly.groups if group.is_dyad)
-        # A pair is the middle one of a single dyad.
+        # Each pair is the middle one of at most one dyad.
         (group,) = (dyad for dyad in dyads if dyad.middle == number)
         # Unit vectors (3,) of the three axes of the dyad, in ground axes.
         dyad_axes = (

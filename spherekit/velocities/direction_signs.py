@@ -44,16 +44,18 @@ all or (k,)."""
 
 @dataclass(frozen=True, eq=False)
 class ComparedRows:
-    """Rows of one assembly mode at which directions are compared with the row before.
+    """Rows of one assembly mode at which directions are compared with an earlier row.
 
-    All rows between two of them have the sign of the first one, because no direction can
-    reverse there.
+    A pole is the axis of the relative rotation of two links. Its direction is known up to
+    its sign. The sign changes only where the relative rotation reverses. Rows between two
+    compared rows have the sign of the first of the two, because no direction reverses
+    there.
 
     Attributes
     ----------
     rows
-        (k,) numbers of the rows in the block, rising. The first and the last row of the
-        mode are among them.
+        (k,) numbers of the compared rows in their block of rows, rising. The first and the
+        last row of the assembly mode (way to assemble the links) are among them.
     may_reverse
         (k - 1,) whether a direction may reverse between a compared row and the next one.
     """
@@ -64,7 +66,9 @@ class ComparedRows:
 
 @dataclass(frozen=True, eq=False)
 class VelocityPath:
-    """The relative angular velocity v of the links of a pole at k samples along a path.
+    """The relative angular velocity v of two links at k samples along a path of the inputs.
+
+    The sign of the pole direction (axis of v) is continued along this path.
 
     Attributes
     ----------
@@ -105,28 +109,31 @@ class VelocityPath:
 
 @dataclass(frozen=True, eq=False)
 class LastSample:
-    """The last sample of a block at which the links of a pole move, and the sign there.
+    """The last sample of a block at which the two links of a pole have relative motion.
+
+    A pole is the axis of this relative rotation. The next block of samples continues the
+    sign of its direction.
 
     Attributes
     ----------
     path
-        The relative angular velocity at this sample (k = 1).
+        The relative angular velocity at this sample, as a path of one sample.
     sign
-        +1.0 or -1.0, the sign of the direction of the pole at this sample.
+        The sign of the direction at this sample, +1.0 or -1.0.
     """
 
     path: VelocityPath
     sign: float
 
     def numbers(self) -> list[Any]:
-        """Return the sample as a list of eight numbers, and the sign."""
+        """Return eight numbers (coordinate, sense, v, dv), and the sign, for a file."""
         path = self.path
         columns = [path.coordinate, path.sense, *path.v, *path.dv]
         return [[float(column[0]) for column in columns], self.sign]
 
     @staticmethod
     def from_numbers(numbers: Sequence[float], sign: float) -> "LastSample":
-        """Return the sample whose `numbers` these are."""
+        """Return the sample from the eight numbers and the sign that `numbers` returns."""
         coordinate, sense, *components = (np.array([number]) for number in numbers)
         path = VelocityPath(
             coordinate, sense, v=np.array(components[:3]), dv=np.array(components[3:])
@@ -137,18 +144,18 @@ class LastSample:
 class SignContinuation:
     """The signs of pole directions at the end of a block of samples of one motion.
 
-    The direction of a pole (axis of the relative rotation of two links) is determined up to
+    A pole is the axis of the relative rotation of two links. Its direction is known up to
     its sign. A run computes samples in blocks, and the next block continues the signs.
 
     Attributes
     ----------
     last
-        The last sample of each pole in each assembly mode. The keys are three numbers: the
-        number of the assembly mode, and the numbers of the two links of the pole.
+        The last sample of each pole in each assembly mode (way to assemble the links). A
+        key has three numbers: of the mode and of the two links of the pole.
     first_axis_sums
         By the number of the assembly mode, the sum (3,) of the axes and contact points of
-        all pairs at the first sample of the mode. There, directions of poles are chosen
-        such that their scalar product with this vector is not negative.
+        all pairs (joints) at the first sample of the mode. At this sample, the sign of each
+        direction is chosen so that its scalar product with the sum is not negative.
     """
 
     def __init__(self) -> None:
@@ -157,9 +164,9 @@ class SignContinuation:
         self.first_axis_sums: dict[int, Floats] = {}
 
     def state(self) -> dict[str, Any]:
-        """Return the state as plain lists, from which JSON restores every bit."""
+        """Return the signs as plain lists for a JSON file, without loss of digits."""
         return {
-            # Files of interrupted runs have this key.
+            # "home" is the key of `first_axis_sums` in files of interrupted runs.
             "home": [
                 [mode, axis_sum.tolist()] for mode, axis_sum in self.first_axis_sums.items()
             ],
@@ -168,7 +175,7 @@ class SignContinuation:
 
     @classmethod
     def restored(cls, state: Mapping[str, Any]) -> "SignContinuation":
-        """Return the object whose `state` this is."""
+        """Return the object from the lists that `state` returns."""
         sign_continuation = cls()
         for mode, axis_sum in state["home"]:
             sign_continuation.first_axis_sums[mode] = np.array(axis_sum)
@@ -259,26 +266,25 @@ def apply_signs(field: PoleField, pole: Pole, signs: Floats) -> None:
 
 
 def signs_by_axis_sums(axis_sums: Floats) -> SignFunction:
-    """Return a function of the signs that make pole directions agree with given vectors.
+    """Return a function that gives pole directions a sign by comparison with fixed vectors.
 
     The direction of a pole (the axis about which two links turn relative to each other) is
-    determined up to its sign. A direction that makes an obtuse angle with the vector of its
-    assembly mode gets the sign -1, any other 1. So the sign depends on the direction alone,
-    not on other rows. It jumps where the direction passes the plane at right angles to the
-    vector.
+    known up to its sign. If the angle between the direction and the vector of its assembly
+    mode is obtuse, the sign is -1, otherwise 1. So the sign does not depend on other rows.
+    It jumps where the direction is at right angles to the vector.
 
     Parameters
     ----------
     axis_sums
-        (modes, 3) a constant vector for each assembly mode, usually the sum of all pair
-        axes in one configuration.
+        (modes, 3) a vector for each assembly mode (way to assemble the links), usually the
+        sum of all pair axes in one configuration.
     """
 
     def find_signs(directions: Floats, rows: Any, modes: Any) -> Floats:
         """Return the signs (poles, k) of directions (3, poles, k) at k rows.
 
-        `modes` is the index of the assembly mode, one for all rows or (k,). `rows` has no
-        effect here. Other functions of the type `SignFunction` need it.
+        `modes` is the index of the assembly mode, one for all rows or (k,). `rows` is not
+        used; other functions of the type `SignFunction` need it.
         """
         x, y, z = np.atleast_2d(axis_sums[modes]).T
         is_opposite = x * directions[0] + y * directions[1] + z * directions[2] < 0.0
@@ -292,25 +298,25 @@ def signs_by_first_axis_sums(
 ) -> SignFunction:
     """Return a function of signs that depend only on the first row of each assembly mode.
 
-    The direction of a pole is determined up to its sign. If rows are no path, the sign
-    cannot be continued from row to row. Each assembly mode then has one constant vector for
-    all poles and rows: the sum of all pair axes at its first row. Signs are such that the
-    scalar products of directions with this vector are not negative. So the sign of a row
-    does not depend on the order of the rows.
+    The direction of a pole (axis of the relative rotation of two links) is known up to its
+    sign. If the rows are no path, the sign cannot be continued from row to row. Instead,
+    each assembly mode (way to assemble the links) has one constant vector, the sum of all
+    pair axes at its first row. The sign is such that the scalar product of a direction with
+    this vector is not negative.
 
     Parameters
     ----------
     motion
         Rows of all assembly modes.
     has_configuration
-        (modes, samples) which rows have a configuration.
+        (modes, samples) whether a row has a configuration. Others failed.
     sign_continuation
-        The vectors of modes that have rows in earlier blocks. The vectors of other modes
-        are added in place.
+        The vectors of modes from earlier blocks of rows. Vectors of new modes are added in
+        place.
     """
     axis_sums = np.zeros((len(motion.assembly_modes), 3))
-    # A motion can also be a selection of rows. It still lists all modes, but
-    # `has_configuration` then has one row for all of them. `strict=False` allows this.
+    # A motion that is a selection of rows lists all modes, but has only one row of
+    # `has_configuration`. `strict=False` allows this.
     for mode_index, (mode, is_valid) in enumerate(
         zip(motion.assembly_modes, has_configuration, strict=False)
     ):
@@ -440,11 +446,11 @@ def _add_signs_at_rest(
     moving_signs: Floats,
     resting: Indices,
 ) -> Floats:
-    """Return the signs (k,) of a pole at rows, of which some have no relative velocity.
+    """Return the signs (k,) of a pole direction at k rows, including rows at rest.
 
-    Where the links of the pole rest relative to each other, the direction is known, but
-    cannot follow the velocity. It gets the sign that makes it agree with the direction at
-    the nearest row that has a velocity.
+    The sign normally follows the relative angular velocity of the two links. Where they
+    rest, the direction may still be known, as the axis of a pair (joint) is. It then gets
+    the sign that agrees with the direction at the nearest moving row.
 
     Parameters
     ----------
@@ -453,11 +459,11 @@ def _add_signs_at_rest(
     directions
         (3, k) directions without their signs.
     moving, moving_signs
-        Indices (m,) of the rows that have a velocity, and their signs (m,).
+        Indices (m,) of the rows in which the links move, and their signs (m,).
     resting
         Indices of the rows that have a direction, but no velocity.
     """
-    # Rows without a direction have the sign of the last moving row before them, or 1.
+    # First each row gets the sign of the last moving row before it, or 1.
     signs = np.ones(len(rows))
     rows_until_next_moving = np.diff(np.append(moving, len(rows)))
     signs[moving[0] :] = np.repeat(moving_signs, rows_until_next_moving)
@@ -477,10 +483,10 @@ def _continue_along_path(
 ) -> Floats:
     """Return the continuous signs (k,) of a pole direction along a path of samples.
 
-    The direction is along the relative angular velocity v of the links of its pole. Where v
-    passes through zero and reverses between two samples, the sign changes. Long motions are
-    computed in blocks of samples. The first sign of a block follows in the same way from
-    the last sample of the previous block, which is stored.
+    A pole is the axis of the relative rotation of two links. Its sign changes where the
+    relative angular velocity v passes through zero and reverses. Long motions are computed
+    in blocks of samples. The first sign of a block follows in the same way from the last
+    sample of the previous block.
 
     Parameters
     ----------
@@ -493,8 +499,7 @@ def _continue_along_path(
     path
         The velocity v at k samples.
     may_reverse
-        (k - 1,) whether the gap between a sample and the next one has to be examined. The
-        caller knows already that v does not reverse in the other gaps.
+        (k - 1,) whether v may reverse between a sample and the next one.
     """
     first_sign = start_sign
     last_sample = sign_continuation.last.get(key)
@@ -515,10 +520,10 @@ def _continue_along_path(
 def _sign_changes(path: VelocityPath) -> Floats:
     """Return whether a velocity reverses between successive samples, as factors -1 and +1.
 
-    The velocity v is the relative angular velocity of the links of a pole. If the scalar
-    product of v at two samples is not negative, v counts as not reversed between them.
-    Otherwise it may have reversed, or have turned by more than a right angle without
-    becoming zero. To decide this, v is interpolated, and its reversals are counted.
+    The velocity v is the relative angular velocity of two links. If the scalar product of v
+    at two samples is negative, v may have reversed by passing through zero. It may also
+    have turned by more than a right angle without becoming zero. To decide this, v is
+    interpolated, and its reversals are counted.
 
     Parameters
     ----------
@@ -541,17 +546,18 @@ def _sign_changes(path: VelocityPath) -> Floats:
 
 
 def _interpolate_in_gaps(path: VelocityPath, gaps: Indices) -> Floats:
-    """Return the velocity v at positions between samples by cubic Hermite polynomials.
+    """Return a velocity v at positions between samples, by cubic Hermite polynomials.
 
-    If the sense of the input changes between two samples, derivatives by the coordinate
-    cannot be used. v is then interpolated by a straight line.
+    The polynomials use v and its derivative by the coordinate of the path. If the input
+    changes its sense between two samples, the derivatives cannot be used. v is then
+    interpolated by a straight line.
 
     Parameters
     ----------
     path
         The velocity at k samples.
     gaps
-        (m,) gap g is between the samples g and g + 1.
+        (m,) numbers of gaps. Gap g is between the samples g and g + 1.
 
     Returns
     -------
@@ -560,7 +566,7 @@ def _interpolate_in_gaps(path: VelocityPath, gaps: Indices) -> Floats:
     """
     start = path.selection(gaps)
     stop = path.selection(gaps + 1)
-    # With a length of zero, the derivatives at both ends have no effect.
+    # With a length of zero, the derivatives have no effect, and v follows a straight line.
     has_same_sense = start.sense == stop.sense
     lengths = np.where(has_same_sense, stop.coordinate - start.coordinate, 0.0)
     fractions = np.linspace(0.0, 1.0, HERMITE_SUBSTEPS + 1)
@@ -572,8 +578,8 @@ def _interpolate_in_gaps(path: VelocityPath, gaps: Indices) -> Floats:
         length=lengths,
         fraction=fractions[:, None],
     )
-    # At both ends v is known without the rounding errors of the interpolation. If it is
-    # nearly zero there, these errors could reverse it.
+    # At both ends v is known exactly. If v is nearly zero there, rounding errors of the
+    # interpolation could reverse it.
     interpolated[:, 0] = start.v
     interpolated[:, -1] = stop.v
     return interpolated

@@ -37,9 +37,9 @@ of these are found out of reach. Smaller: axes with larger errors are trusted.
 
 @dataclass(frozen=True)
 class DyadPlacement:
-    """Orientations of all links in closed form.
+    """Orientations of all links as formulas, for mechanisms that consist of dyads.
 
-    A dyad is two links in series between two other links, joined by three pairs.
+    A dyad is two links in series between two other links, joined by three pairs (joints).
 
     Attributes
     ----------
@@ -47,7 +47,8 @@ class DyadPlacement:
         The orientation of each link.
     triple_squares
         For each dyad the square of the triple product u_1 . (u_2 x u_3) of the axes of its
-        pairs, computed from its arcs. It is negative if the arcs do not reach each other.
+        pairs, computed from its arcs. It is negative if the arcs are too short or too long
+        to close the dyad.
     """
 
     orientations: list[LinkOrientation]
@@ -56,7 +57,7 @@ class DyadPlacement:
 
 @dataclass(frozen=True)
 class BodyAxis:
-    """The axis of a pair, fixed in one of the two links that the pair joins.
+    """The axis of a pair (joint), as fixed in one of the two links that the pair joins.
 
     Attributes
     ----------
@@ -238,19 +239,18 @@ def _axis_frame(a: Exprs, b: Exprs) -> Exprs:
 def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
     """Return the inverse (3, 3) of the matrix with the columns a + b, a - b and a x b.
 
-    The unit vectors a and b (3,) are two axes of a body. The rotation that leads them to
-    new directions a' and b' is the matrix with the columns a' + b', a' - b' and a' x b',
-    times this inverse. Sums and differences are used instead of a and b, because they keep
-    their digits if a and b nearly coincide or are nearly opposite.
+    The unit vectors a and b (3,) are two axes of a body. A rotation leads them to new
+    directions a' and b'. Its matrix is [a' + b', a' - b', a' x b'] times this inverse. Sums
+    and differences are used instead of a and b. They keep their digits if a and b are
+    nearly equal or nearly opposite.
 
     With s = a + b, d = a - b and n = a x b, the rows of the inverse are
 
         s / |s|^2 - tilt d,   d / |d|^2 - tilt s,   n / |n|^2,
 
-    where tilt = s . d / (|s|^2 |d|^2). In exact numbers s . d = |a|^2 - |b|^2 is zero, and
-    so is the tilt. But rounding makes s . d a small number, which matters if s or d is
-    short. The terms with the tilt are the inverse of [[|s|^2, s . d], [s . d, |d|^2]] to
-    first order in s . d.
+    where tilt = s . d / (|s|^2 |d|^2). In exact numbers s . d = |a|^2 - |b|^2 is zero.
+    Rounding makes s . d a small number, which matters if s or d is short. The terms with
+    the tilt correct this error to first order.
     """
     axis_sum = a + b
     axis_difference = a - b
@@ -271,16 +271,16 @@ def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
 def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
     """Return the arc between two axes of one body, as sine and cosine of half the arc.
 
-    A body is a set of links that do not move relative to each other. Both axes may be in
-    the same link, or in two links of the body. For unit vectors a and b, sine and cosine
-    are |a - b| / 2 and |a + b| / 2. These formulas keep all digits for small arcs.
+    A body is a set of links that do not move relative to each other. The two axes may be in
+    the same link or in different links of the body. For unit vectors a and b, the sine and
+    cosine are |a - b| / 2 and |a + b| / 2. These formulas are accurate for small arcs, too.
     """
     if first.orientation is second.orientation:
-        # One link: its own axes give components that are numbers, and so is the arc.
+        # Both axes are in one link. In link axes they are numbers, and so is the arc.
         a = constants(first.axis)
         b = constants(second.axis)
     else:
-        # Two links: components in common axes, which are expressions.
+        # The axes are in two links. In common axes they are expressions.
         a = first.direction
         b = second.direction
     axis_sum = a + b
@@ -292,19 +292,20 @@ def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """All variables of a mechanism as expressions of its inputs.
+    """Formulas of all pair (joint) variables of a mechanism as functions of its inputs.
 
     Attributes
     ----------
     arguments
-        Symbols of the inputs (rad), then of the signs of the dyads. A dyad, two links in
-        series, can be closed in two ways, between which its sign (+1 or -1) chooses.
+        Symbols of the inputs (rad), then of the signs of the dyads. A dyad (two links
+        joined by a pair) can be closed in two ways. Its sign, +1 or -1, chooses one of
+        them.
     variables
         Expressions (rad) of all pair variables. Variables of pairs that are not inputs are
         in (-pi, pi].
     triple_squares
         For each dyad the square of the triple product of its three axes, computed from its
-        arcs. It is negative if the dyad does not close.
+        arcs. It is negative if the dyad cannot be closed.
     """
 
     arguments: list[ExpressionNode]
@@ -313,12 +314,12 @@ class ClosedForm:
 
 
 def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
-    """Return the closed form of all variables as functions of inputs and signs.
+    """Return formulas of all pair (joint) variables as functions of inputs and signs.
 
-    A dyad is two links in series between two other links. It can be closed in two ways,
-    between which its sign chooses. It does not close if its links are too short or too
-    long. The square of the triple product of its three axes, computed from the inputs and
-    arcs, is then negative.
+    A dyad is two links in series between two other links. It can be closed in two ways, and
+    a sign chooses one of them. It cannot be closed if its links are too short or too long.
+    Then the square of the triple product of its three axes, computed from its arcs, is
+    negative.
 
     Parameters
     ----------
@@ -337,7 +338,7 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
         return None
     inputs = symbols(f"q_{k + 1}" for k in range(len(assembly.inputs)))
     signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
-    # Rates are not computed, so the structure needs no equations of groups.
+    # The empty tuple: equations of groups are only needed for rates.
     structure = KinematicStructure(mechanism, assembly, pair_rotations(mechanism), ())
     placement = place_by_inputs(structure, inputs, signs)
     input_by_pair = dict(zip(assembly.inputs, inputs, strict=True))
@@ -353,7 +354,8 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
 def write_arguments(q: Floats, signs: Integers, out: Floats) -> Floats:
     """Write inputs and signs into an array, in the order of `ClosedForm.arguments`.
 
-    The array is returned.
+    The signs choose how the dyads (two links joined by a pair) are closed. The array is
+    also returned.
 
     Parameters
     ----------
@@ -370,13 +372,12 @@ def write_arguments(q: Floats, signs: Integers, out: Floats) -> Floats:
 
 
 def find_out_of_reach(triple_squares: Floats) -> Bools:
-    """Return (n,) the configurations in which a dyad certainly does not close.
+    """Return (n,) in which configurations a dyad certainly cannot be closed.
 
-    A dyad (two links in series, each an arc between two axes) does not close if its arcs do
-    not reach each other. The square of the triple product of its axes, which is computed
-    from the arcs, is then negative. A small square means that the dyad is nearly stretched
-    or folded, so the axes of later dyads, which depend on it, have large errors. These
-    dyads are then not judged.
+    A dyad (two links joined by a pair) cannot be closed if its links are too short or too
+    long. The square of the triple product of its axes, computed from its arcs, is then
+    negative. A small square means that the dyad is nearly stretched or folded. The axes of
+    later dyads then have large errors, so later dyads are not judged.
 
     Parameters
     ----------
@@ -396,7 +397,7 @@ def find_out_of_reach(triple_squares: Floats) -> Bools:
 def pair_angle(
     structure: KinematicStructure, pair: int, orientations: Sequence[LinkOrientation]
 ) -> Expr:
-    """Return the variable (rad, in (-pi, pi]) of an R pair between placed links.
+    """Return the angle of an R pair (revolute joint), rad in (-pi, pi].
 
     It is the angle about the axis, from the zero direction of the pair in its first link to
     the zero direction in its second link.
@@ -408,15 +409,14 @@ def pair_angle(
     orientations
         Orientations of all links.
     """
-    # The rotation from the second link to the first is the product of a constant matrix, a
-    # rotation by the angle, and another constant matrix. These are the frame of the pair in
-    # the first link and the transposed frame in the second. The columns of a frame are the
-    # zero direction, the direction 90 degrees ahead, and the axis.
+    # The constants are the frame of the pair in the first link, and its transposed frame in
+    # the second. The columns of a frame are the zero direction, the direction 90 degrees
+    # ahead, and the axis.
     first_frame, transposed_second_frame = structure.pairs.chains[pair].constants
     first_link, second_link = structure.mechanism.ends[pair]
     first = orientations[first_link]
     zero = first.direction(first_frame[:, 0])
     quarter = first.direction(first_frame[:, 1])
-    # The zero direction in the second link points to the angle.
+    # The zero direction in the second link has the components cos and sin of the angle.
     pointer = orientations[second_link].direction(transposed_second_frame[0])
     return function("atan2", dot(quarter, pointer), dot(zero, pointer))

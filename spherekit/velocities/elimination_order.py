@@ -55,14 +55,17 @@ MAX_CONFIGURATIONS_PER_ORDER = 32
 
 
 class PivotCandidate(NamedTuple):
-    """A pivot that is possible in a step of the elimination.
+    """A possible pivot: variables for which the equations of one loop can be solved.
+
+    The velocity equations of a mechanism are solved loop by loop. In the equations, each
+    variable has its axis as coefficients.
 
     Attributes
     ----------
     loop
         Number of the loop.
     variables
-        Numbers of the variables for which the equations of the loop would be solved.
+        Numbers of the variables.
     independence
         How far the axes of the variables are from linearly dependent: 1 for axes at right
         angles, 0 for dependent axes. The least value of all configurations counts.
@@ -220,7 +223,7 @@ def _judge_candidates(
 ) -> list[PivotCandidate]:
     """Return the sets of variables for which the equations of one loop can be solved.
 
-    A loop has three equations, of which some may follow from others. A set has as many
+    A loop has three equations, of which some may follow from other loops. A set has as many
     variables as there are independent equations.
 
     Parameters
@@ -228,19 +231,20 @@ def _judge_candidates(
     loop
         Number of the loop.
     rows
-        (k, 3, variables) equations of the loop at k configurations. Variables for which
-        other loops were solved before are replaced by their solutions.
+        (k, 3, variables) equations of the loop at k configurations. Variables that were
+        solved from other loops have been replaced by their solutions.
     loop_variables
         Numbers of the variables that these equations contain.
 
     Returns
     -------
-    The possible pivots. The list is empty if the loop has no independent equation.
+    The possible pivots (a loop with such a set). The list is empty if the loop has no
+    independent equation.
     """
     if not loop_variables:
         return []
-    # The number of independent equations: of singular values that are not rounding errors
-    # at some configuration.
+    # The number of independent equations: singular values above rounding errors, counted at
+    # the configuration where they are largest.
     sizes = np.linalg.svd(rows[:, :, loop_variables], compute_uv=False)
     rank = int(np.sum(np.max(sizes, axis=0) > REDUNDANT_SINGULAR_VALUE))
     if not rank:
@@ -268,7 +272,7 @@ def _axes_independence(axes: Floats) -> Floats:
     """
     volume = np.prod(np.linalg.svd(axes, compute_uv=False), axis=-1)
     lengths_product = np.prod(np.linalg.norm(axes, axis=-2), axis=-1)
-    # The limit prevents a division by zero.
+    # The limit prevents a division by zero if an axis is the zero vector.
     return np.asarray(volume / np.maximum(lengths_product, 1e-300))
 
 
@@ -278,11 +282,12 @@ def _choose_pivot(
     columns: Sequence[int],
     contains_variable: Bools,
 ) -> Pivot | None:
-    """Choose the next pivot of an elimination: a loop and the variables that it gives.
+    """Choose the next pivot of an elimination: a loop and the variables solved from it.
 
-    Two aims compete: axes that are far from linearly dependent, so that few digits are
-    lost, and few products. Among the pivots that are at least `MIN_INDEPENDENCE_RATIO`
-    times as independent as the best one, the pivot with the lowest cost is chosen.
+    Two aims compete: few lost digits and few products. Digits are lost if the axes of the
+    variables are nearly linearly dependent. A pivot qualifies if its independence is at
+    least `MIN_INDEPENDENCE_RATIO` times that of the best pivot. Among these, the one with
+    the lowest cost is chosen.
 
     Parameters
     ----------
@@ -298,7 +303,7 @@ def _choose_pivot(
 
     Returns
     -------
-    The pivot, or None if no loop gives any of the variables.
+    The pivot, or None if no loop can be solved for a variable.
     """
     best_independence = max(
         (candidate.independence for loop in loops for candidate in candidates[loop]),
@@ -311,7 +316,7 @@ def _choose_pivot(
     for loop, loop_contains in zip(loops, contains_variable, strict=True):
         loop_variables = [c for c in columns if loop_contains[c]]
         for candidate in candidates[loop]:
-            # Written with "not", so that NaN is left out, too.
+            # The comparison with "not" also leaves out NaN.
             if not candidate.independence >= MIN_INDEPENDENCE_RATIO * best_independence:
                 continue
             cost = _elimination_cost(candidate, loop_variables, contains_variable)
@@ -326,17 +331,18 @@ def _choose_pivot(
 def _elimination_cost(
     candidate: PivotCandidate, loop_variables: Sequence[int], contains_variable: Bools
 ) -> int:
-    """Return about how many products the elimination of the variables of a pivot costs.
+    """Return the approximate number of products to eliminate the variables of a pivot.
 
-    The variables are expressed by the other variables of their loop, and inserted into the
-    other loops that contain one of them.
+    A pivot is a loop with the variables for which its equations are solved. The solution
+    contains the other variables of the loop. It is inserted into all other loops that
+    contain a variable of the pivot.
 
     Parameters
     ----------
     candidate
         The pivot.
     loop_variables
-        Numbers of the variables that its loop contains, without those eliminated before.
+        Numbers of the variables in its loop that are not eliminated yet.
     contains_variable
         (loops, variables) whether the equations of a loop contain a variable. The loop of
         the pivot is one of them.
@@ -347,7 +353,7 @@ def _elimination_cost(
     # One product per other variable and one for the right side, for each of these loops
     # except the loop of the pivot itself.
     products = (len(loops_with_pivot) - 1) * (1 + len(other_variables))
-    # Zero entries that become nonzero cost products in later steps.
+    # Coefficients of zero that become nonzero cost products in later steps.
     filled = int(np.sum(~loops_with_pivot[:, other_variables]))
     return FILL_COST * filled + products
 
@@ -365,29 +371,30 @@ def inverse_sizes(matrices: Floats) -> Floats:
 
 
 def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floats:
-    """Return the Frobenius norms of the left inverses that an elimination order gives.
+    """Return the Frobenius norms of the inverses that an elimination order yields.
 
-    An order with a much larger inverse than the smallest possible one amplifies rounding
-    errors and is not used.
+    The velocity equations of all loops are solved in a fixed order of pivots. A pivot is a
+    loop with the variables for which it is solved. If the inverse is much larger than
+    necessary, the order amplifies rounding errors and is not used.
 
     Parameters
     ----------
     jacobians
-        (n, 3 * loops, variables) closure Jacobians of n configurations.
+        (n, 3 * loops, variables) coefficients of the velocity equations at n
+        configurations.
     order
-        The pivots that give all passive variables.
+        The pivots for all variables that are not inputs (passive).
 
     Returns
     -------
-    (n,) norms of the inverses, which map right-hand sides of the equations to passive
-    variables. Infinite if a pivot is singular, so that the result is no inverse.
+    (n,) norms of the left inverses. An inverse multiplies the right-hand sides of the
+    equations and yields the passive variables. The norm is infinite if a pivot is singular.
     """
     with np.errstate(all="ignore"):
         inverses = _eliminated_inverses(jacobians, order)
         variables = [variable for _, chosen in order for variable in chosen]
-        # A pivot matrix whose elements are only rounding errors gives huge factors, which
-        # can cancel by chance. The result then has an ordinary size without being an
-        # inverse.
+        # A singular pivot matrix consists of rounding errors and gives huge factors. These
+        # can cancel by chance, so the size alone does not show the fault.
         errors = np.abs(inverses @ jacobians[:, :, variables] - np.eye(len(variables)))
         is_inverse = np.max(errors, axis=(1, 2)) <= MAX_LEFT_INVERSE_ERROR
         sizes = np.linalg.norm(inverses, axis=(1, 2))
@@ -395,21 +402,24 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
 
 
 def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
-    """Return the left inverses by Gauss-Jordan elimination in a given order.
+    """Return left inverses of closure Jacobians by elimination in a fixed order.
 
-    `spherekit.velocities.loop_inverse.loop_inverse` does the same with expressions.
+    `spherekit.velocities.loop_inverse.loop_inverse` does the same with expressions. Here
+    numbers are used to test an order.
 
     Parameters
     ----------
     jacobians
-        (n, 3 * loops, variables) closure Jacobians of n configurations.
+        (n, 3 * loops, variables) coefficients of the velocity equations at n
+        configurations.
     order
-        The pivots that give all passive variables.
+        The pivots: loops with the variables for which they are solved. Together these are
+        all variables that are not inputs (passive).
 
     Returns
     -------
     (n, passive variables, 3 * loops) inverses, with the variables in the order of the
-    pivots. Not an inverse, or not finite, if a pivot is singular.
+    pivots. The result is wrong or not finite if a pivot is singular.
     """
     n, equation_count, variable_count = jacobians.shape
     # The identity matrix beside the equations becomes the inverse.
@@ -419,8 +429,8 @@ def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
     rows_by_loop = np.split(equations, equation_count // 3, axis=1)
     for loop, chosen in order:
         axes = rows_by_loop[loop][:, :, chosen]
-        # The equations of this loop are solved for the variables of the pivot. One row for
-        # each of these variables replaces them.
+        # The equations of this loop are solved for the variables of the pivot. The
+        # solution, one row per variable, replaces the equations.
         solved_rows = _solving_matrix(axes) @ rows_by_loop[loop]
         rows_by_loop[loop] = solved_rows
         # The solution is inserted into all other loops.
@@ -432,7 +442,11 @@ def _eliminated_inverses(jacobians: Floats, order: EliminationOrder) -> Floats:
 
 
 def _solving_matrix(axes: Floats) -> Floats:
-    """Return the matrices that solve the equations of a loop for the variables of a pivot.
+    """Return the matrices that solve the equations of a loop for some of its variables.
+
+    With three variables this is the inverse. With fewer variables, some of the three
+    equations follow from other loops. They are then solved by least squares (normal
+    equations).
 
     Parameters
     ----------
@@ -441,8 +455,7 @@ def _solving_matrix(axes: Floats) -> Floats:
 
     Returns
     -------
-    (n, m, 3) left inverses. With fewer than three variables, some of the equations follow
-    from those of other loops, and they are solved by least squares (normal equations).
+    (n, m, 3) left inverses.
     """
     if axes.shape[2] == 3:
         return left_inverse(axes)

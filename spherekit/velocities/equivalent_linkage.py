@@ -97,10 +97,12 @@ class EquivalentLinkage:
     def values(self, contact_values: Floats) -> Floats:
         """Return the variables of the linkage from those of the mechanism with contacts.
 
+        The linkage has R pairs (revolute joints) only and moves in the same way.
+
         Parameters
         ----------
         contact_values
-            (n, w) variables of the mechanism with contacts (rad, arc lengths).
+            (n, w) variables of the mechanism with contacts at n configurations (rad).
 
         Returns
         -------
@@ -117,14 +119,16 @@ class EquivalentLinkage:
     def pairs(self, symbol_by_index: Mapping[int, Expr]) -> PairRotations:
         """Return the rotations of the pairs of the linkage, with symbols for some numbers.
 
-        A linkage of R pairs replaces a mechanism with contacts of circles. In place of a
-        sliding contact it has a link between the centres of the circles, with an R pair at
-        each centre. Rolling contacts are left out. Instead, the pairs that wheels drive
-        (followers) get angles that are linear functions of the input angles.
+        The linkage has R pairs (revolute joints) only. It replaces a mechanism with
+        contacts of circles. A sliding contact becomes a link between the centres of the
+        circles, with an R pair at each centre. Rolling contacts are left out. The pairs
+        that wheels drive (followers) have angles that are linear functions of the input
+        angles.
 
-        The property `numbers` has the Euler angles of all constant rotations, from link
-        axes to the frames of pairs, and then the factors of the followers. Some numbers may
-        be symbols, of which the results are then functions.
+        All numbers of the linkage are in the property `numbers`. They are the Euler angles
+        of all constant rotations, from link axes to the frames of pairs, then the factors
+        of the followers. Results for other sizes follow from symbols in place of some
+        numbers.
 
         Parameters
         ----------
@@ -136,11 +140,14 @@ class EquivalentLinkage:
         euler_angle_count = 3 * rotation_count
         transforms = self._pair_transforms(numbers[:euler_angle_count])
         followers = self._follower_factors(numbers[euler_angle_count:])
-        # A linkage of R pairs has no profiles of contacts (`sides`).
+        # `sides` are the profiles of contacts. The linkage has no contacts.
         return PairRotations(tuple(transforms), sides={}, followers=followers)
 
     def _pair_transforms(self, euler_angles: Sequence[Expr]) -> list[JointTransform]:
-        """Return the rotation from the first to the second link of each R pair.
+        """Return the rotation from the first to the second link of each R pair (hinge).
+
+        Each such rotation is a constant rotation, the rotation by the variable of the pair,
+        and another constant rotation.
 
         Parameters
         ----------
@@ -150,21 +157,22 @@ class EquivalentLinkage:
         transforms: list[JointTransform] = []
 
         def add_r_pair(before_turn: Entries, after_turn: Entries) -> None:
-            """Add an R pair with the rotations before and after that by its variable."""
+            """Add an R pair with the constant rotations before and after its variable."""
             variable = len(transforms)  # each R pair has one variable, of the same number
             transforms.append(
                 JointTransform((before_turn, after_turn), (AxisRotation(variable),))
             )
 
         start = 0
+        # Two constant rotations for an R pair, three for a sliding contact.
         for index, constant_rotations in enumerate(self.constant_rotations):
             rotations: list[Exprs] = []
             for _ in constant_rotations:
                 rotations.append(_rotation_from_euler(*euler_angles[start : start + 3]))
                 start += 3
             if index in self.sliding:
-                # Two R pairs at the centres of the circles replace a sliding contact. The
-                # link between them has the axes of the frame of the first pair.
+                # A sliding contact becomes two R pairs at the centres of the circles, with
+                # a link between them. The axes of this link are those of the first pair.
                 first_link_to_centre, between_centres, centre_to_second_link = rotations
                 add_r_pair(first_link_to_centre, np.eye(3))
                 add_r_pair(between_centres, centre_to_second_link)

@@ -57,16 +57,20 @@ The direction is the normal of two axes, which is short if these are nearly para
 
 
 class EquationChoice(NamedTuple):
-    """Says which component of the vector equation of a loop is one of the equations solved.
+    """Identifies one scalar component of the velocity equation of a loop.
+
+    The velocity equation of a loop is a vector equation: the angular velocities of its
+    pairs (joints) add up to zero. The components chosen for all loops are the equations to
+    solve.
 
     Attributes
     ----------
     loop_index
         Index of the loop.
     variable
-        Number of the variable of the loop along whose vector the component is taken. None
-        if it is perpendicular to the vectors of the two private variables of the loop,
-        which occur in no other loop. The equation then does not contain them.
+        Number of a variable of the loop. The component is along the vector of this
+        variable. None stands for the direction perpendicular to the vectors of two private
+        variables, which occur in no other loop. This component does not contain them.
     """
 
     loop_index: int
@@ -77,19 +81,19 @@ class EquationChoice(NamedTuple):
 class LoopVectorEquation:
     """The velocity equation of a loop: sum of a_v x_v + c = 0, which has three components.
 
-    The angular velocities of the pairs of a loop add up to zero. x_v are the unknown rates
-    of the variables v.
+    It says that the angular velocities of the pairs (joints) around the loop add up to
+    zero. x_v are the unknown rates of the variables v.
 
     Attributes
     ----------
     vectors
         (3,) vector a_v of each unknown variable v: the relative angular velocity of the
-        links of its pair at unit rate. It has the sign +1 if the loop passes the pair from
-        its first link to its second, and -1 in the opposite sense.
+        links of its pair at unit rate. If the loop passes the pair from its second link to
+        its first, the vector has the opposite sign.
     known_part
         (3,) the vector c, the sum over all pairs with known rates.
     private
-        The two private variables of the loop, which occur in no other loop, or none.
+        Two variables that occur in no other loop and can be eliminated, or none.
     """
 
     vectors: dict[int, Exprs]
@@ -108,6 +112,9 @@ class LoopVectorEquation:
 @dataclass(frozen=True)
 class ScalarEquation:
     """One component of the velocity equation of a loop: direction . (sum a_v x_v + c) = 0.
+
+    a_v are the vectors of the variables v, x_v their unknown rates, and c is the known
+    part.
 
     Attributes
     ----------
@@ -223,10 +230,10 @@ class GroupEquations:
         return self.mechanism.variables_of(pair)
 
     def _choose_equations(self, vectors: Floats) -> list[EquationChoice]:
-        """Return independent scalar equations, one for each unknown.
+        """Choose independent scalar velocity equations, one for each unknown rate.
 
-        They are the pivots of a QR decomposition, at one configuration, of all equations
-        that can be chosen.
+        Some equations of a mechanism can follow from others. A QR decomposition with
+        pivoting finds independent ones, at one configuration.
 
         Parameters
         ----------
@@ -237,7 +244,7 @@ class GroupEquations:
         Raises
         ------
         EngineError
-            If fewer equations are independent than there are unknowns.
+            If there are fewer independent equations than unknowns.
         """
         from scipy.linalg import qr
 
@@ -258,18 +265,21 @@ class GroupEquations:
         return [equations[k] for k in order[:count]]
 
     def _equation_rows(self, vectors: Floats) -> dict[EquationChoice, Floats]:
-        """Return the coefficients of the unknowns in all equations that can be chosen.
+        """Return the coefficients of the unknown rates in all scalar velocity equations.
+
+        Independent equations are chosen from these.
 
         Parameters
         ----------
         vectors
-            (variables, 3) vectors of all variables at a closed configuration.
+            (variables, 3) vectors of all variables at a closed configuration: relative
+            angular velocities of the links of their pairs (joints) per unit rate.
 
         Returns
         -------
-        For each equation the coefficients (unknowns,), divided by the norm of the
-        coefficients of all variables. Equations whose coefficients are rounding errors are
-        left out.
+        For each equation its coefficients (unknowns,). They are divided by the norm of the
+        coefficients of all variables. Equations with nothing but rounding errors are left
+        out.
         """
         row_by_equation: dict[EquationChoice, Floats] = {}
         for loop_index, loop in enumerate(self.loops):
@@ -277,7 +287,8 @@ class GroupEquations:
             senses = np.zeros(len(vectors))
             for pair, sense in loop:
                 senses[list(self._variables_of(pair))] += sense
-            # The vector equation of the loop: the sum of these vectors times rates is zero.
+            # The velocity equation of the loop: the sum of these vectors times rates is
+            # zero.
             loop_vectors = senses[:, None] * vectors
             directions = self._equation_directions(loop_index, senses, vectors)
             for equation, direction in directions.items():
@@ -291,13 +302,13 @@ class GroupEquations:
     def _equation_directions(
         self, loop_index: int, senses: Floats, vectors: Floats
     ) -> dict[EquationChoice, Floats]:
-        """Return the directions (3,) of the components of a loop's equation.
+        """Return the directions (3,) of the components of a loop's velocity equation.
 
-        Two variables of a loop can be private: they occur in no other loop. Then there is
-        one direction, perpendicular to the vectors of both, so that the equation does not
-        contain them. Otherwise there are the directions of the vectors of all variables of
-        the loop. They span the equation, and do not depend on the choice of the ground
-        axes.
+        The equation is a sum of vectors times rates. If two variables of the loop occur in
+        no other loop (private variables), there is one direction, perpendicular to their
+        vectors. The component along it does not contain them. Otherwise there is one
+        direction along the vector of each variable. Unlike ground axes, these directions
+        turn with the mechanism.
 
         Parameters
         ----------
@@ -306,7 +317,8 @@ class GroupEquations:
         senses
             (variables,) +1 or -1 if the loop passes the pair of a variable, otherwise 0.
         vectors
-            (variables, 3) vectors of all variables.
+            (variables, 3) vectors of all variables: relative angular velocities of the
+            links of their pairs per unit rate.
         """
         private = self.private_variables[loop_index]
         if private:
@@ -321,22 +333,23 @@ class GroupEquations:
         }
 
     def has_independent_equations(self, vectors: Floats) -> bool:
-        """Return whether the equations that are solved determine the rates.
+        """Return whether the chosen equations determine the rates at a configuration.
 
-        If equations of the group are redundant, independent ones were chosen at one
-        configuration. In other assembly modes the chosen equations can depend on each
-        other.
+        If equations are redundant, independent ones were chosen at another configuration.
+        In other assembly modes (ways to assemble the links) the chosen ones can depend on
+        each other.
 
         Parameters
         ----------
         vectors
-            (variables, 3) vectors of all variables at another closed configuration.
+            (variables, 3) vectors of all variables at the configuration: relative angular
+            velocities of the links of their pairs per unit rate.
         """
         if self.chosen_equations is None:
             return True
         row_by_equation = self._equation_rows(vectors)
-        # An equation has no row if all its coefficients vanish in this configuration. It
-        # then determines nothing.
+        # An equation without a row has only zero coefficients here, so it determines
+        # nothing.
         if any(equation not in row_by_equation for equation in self.chosen_equations):
             return False
         rows = np.array([row_by_equation[equation] for equation in self.chosen_equations])
@@ -346,19 +359,20 @@ class GroupEquations:
     def solve_rates(
         self, vectors: Sequence[Exprs], known_velocities: Sequence[Exprs]
     ) -> tuple[dict[int, Expr], Expr]:
-        """Return the rates of the variables of the group times a determinant.
+        """Return the rates of the variables of a group of links, times a determinant.
 
-        The equation of each loop is sum of a_v x_v + c = 0, with the vectors a_v and the
-        rates x_v of its unknown variables and a known vector c. Cramer's rule solves these
-        equations without a division: with the determinant D, it gives D x_v.
+        The equation of each loop is sum of a_v x_v + c = 0. a_v are the vectors and x_v the
+        rates of its unknown variables, and c is a known vector. Cramer's rule gives D x_v
+        with the determinant D, without a division. So the result is finite where D is zero.
 
         Parameters
         ----------
         vectors
-            (3,) vectors of all variables of the mechanism.
+            (3,) vector of each variable of the mechanism: the relative angular velocity of
+            the links of its pair per unit rate.
         known_velocities
-            (3,) for each pair of the mechanism the part of its relative angular velocity
-            that does not depend on the unknown rates.
+            (3,) for each pair (joint) of the mechanism the part of its relative angular
+            velocity that does not depend on the unknown rates.
 
         Returns
         -------
@@ -377,7 +391,9 @@ class GroupEquations:
         for k, variable in enumerate(self.unknowns):
             column = [row[k] for row in matrix_cofactors]
             rates[variable] = -1.0 * dot(known_terms, column)
-        # A dyad has one loop with three unknown variables, of which two are private.
+        # Each loop can have two private variables, which occur in no other loop. They were
+        # eliminated, and follow from the other rates. A dyad (two links joined by a pair)
+        # has one loop with three unknowns, of which two are private.
         is_dyad = len(loops) == 1 and len(self.unknowns) == 1
         for loop in loops:
             if loop.private:
@@ -391,7 +407,11 @@ class GroupEquations:
     def _loop_equations(
         self, vectors: Sequence[Exprs], known_velocities: Sequence[Exprs]
     ) -> list[LoopVectorEquation]:
-        """Return the vector equation of each loop. Parameters as in `solve_rates`."""
+        """Return the velocity equation of each loop: sum of a_v x_v + c = 0.
+
+        The pairs (joints) of this group have unknown rates x_v with the vectors a_v. The
+        known vector c contains the pairs of earlier groups. Parameters as in `solve_rates`.
+        """
         equations: list[LoopVectorEquation] = []
         for loop, private in zip(self.loops, self.private_variables, strict=True):
             vector_by_variable: dict[int, Exprs] = {}
@@ -408,18 +428,22 @@ class GroupEquations:
     def _scalar_equations(
         self, vectors: Sequence[Exprs], loops: Sequence[LoopVectorEquation]
     ) -> list[ScalarEquation]:
-        """Return the scalar equations for the unknowns, components of those of the loops.
+        """Return the scalar equations for the unknown rates.
 
-        - A loop with private variables gives one equation, which is free of them.
-        - A loop without them gives three equations, along the ground axes.
-        - If some equations repeat others, the constructor has chosen independent ones
-          (`EquationChoice`), and only these are returned.
+        The vector equation of a loop says that the angular velocities of its pairs add up
+        to zero.
+
+        - If a loop has two private variables (in no other loop), it gives one equation
+          without them.
+        - Any other loop gives three equations, along the ground axes.
+        - If some equations follow from others, the constructor has chosen independent ones
+          (`EquationChoice`). Only these are returned.
 
         Parameters
         ----------
         vectors
-            (3,) vectors of all variables of the mechanism: the relative angular velocity of
-            the links of a pair at unit rate.
+            (3,) vector of each variable of the mechanism: the relative angular velocity of
+            the links of its pair at unit rate.
         loops
             The vector equations of all loops.
         """
@@ -444,15 +468,15 @@ class GroupEquations:
 def _is_rounding_error(coefficients: Floats, direction: Floats) -> bool:
     """Return whether all coefficients of a scalar velocity equation are rounding errors.
 
-    The equation then determines nothing. This is so if the direction is perpendicular to
-    two parallel axes, or if it is normal to the plane of all axes of the loop.
+    Such an equation determines nothing. An example is a component along the normal of a
+    plane in which all axes of the loop lie.
 
     Parameters
     ----------
     coefficients
-        (variables,) components of the vectors of the variables along the direction.
+        (variables,) components, along the direction, of the vectors of the variables.
     direction
-        (3,) direction of the component of the loop's vector equation, of any length.
+        (3,) direction of this component of the loop's vector equation, of any length.
     """
     row_size = float(np.linalg.norm(coefficients))
     direction_size = float(np.linalg.norm(direction))
@@ -465,25 +489,24 @@ def _solve_private_rates(
 ) -> dict[int, Expr]:
     """Return the rates of the private variables of a loop, times the determinant D.
 
-    The other rates of the loop are known, times D. The equation of the loop is therefore
-    multiplied by D, which gives
+    Private variables occur in no other loop, so they were eliminated. The other rates are
+    known, times D. Let x and y be D times the two private rates, and a and b their vectors.
+    The velocity equation of the loop, times D, is
 
         x a + y b + s = 0.
 
-    x and y are D times the private rates, with their vectors a and b. The known vector is
-    s = D c + the sum of a_v (D x_v) over the other variables v. It is in the plane of a and
-    b, because the component along n = a x b was one of the equations for the other rates.
-    The scalar products with n x b, which is perpendicular to b, and with a x n, which is
-    perpendicular to a, give
+    The known vector s is D c plus the sum of a_v (D x_v) over the other variables v. It is
+    in the plane of a and b, because its component along n = a x b is zero by another
+    equation. The scalar products of the equation with n x b and with a x n give
 
         x = (n x b) . s / |n|^2,   y = (a x n) . s / |n|^2.
 
     Parameters
     ----------
     loop
-        The equation of the loop.
+        The velocity equation of the loop.
     scale
-        The determinant D.
+        The determinant D of the equations for the other rates.
     rates
         Rates times D of the other variables, by variable.
 
@@ -500,9 +523,8 @@ def _solve_private_rates(
             s = s + vector * rates[variable]
     n = cross(a, b)
     inverse_square = 1.0 / dot(n, n)
-    # The quotients with vectors are formed before the products with s, since they depend on
-    # a and b alone. This function is called again with another s for each input and for
-    # accelerations. All calls then share the expressions of the quotients.
+    # This function is called for each input and for accelerations, with other vectors s.
+    # With the division first, all calls share the expressions of the quotients.
     return {
         first: dot(cross(n, b) * inverse_square, s),
         second: dot(cross(a, n) * inverse_square, s),
@@ -512,19 +534,20 @@ def _solve_private_rates(
 def _solve_private_rates_of_dyad(loop: LoopVectorEquation, third: int) -> dict[int, Expr]:
     """Return the rates of the private variables of a dyad, times its determinant D.
 
-    A dyad has one loop with three unknown rates: x a + y b + z d + c = 0. Its component
-    along a x b is the equation (a x b) . d z + (a x b) . c = 0, whose determinant is
-    D = (a x b) . d. By Cramer's rule
+    A dyad (two links joined by a pair) has one loop with three unknown rates x, y and z: x
+    a + y b + z d + c = 0. Here a, b and d are the vectors of the variables, and c is known.
+    The private variables, with x and y, were eliminated first. The component along a x b
+    gives z and the determinant D = (a x b) . d. By Cramer's rule
 
         D x = b . (c x d),   D y = -a . (c x d).
 
-    These formulas do not need the rate z. They keep all digits, whereas digits may cancel
-    in the sum z d + c.
+    These formulas do not need z. They are more accurate than a solution by the sum z d + c,
+    in which digits may cancel.
 
     Parameters
     ----------
     loop
-        The equation of the loop.
+        The velocity equation of the loop.
     third
         The variable that is not private, with the vector d.
 

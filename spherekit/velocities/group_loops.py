@@ -81,30 +81,28 @@ def find_group_loops(
 
 
 def _find_leaves(group: Group) -> dict[int, list[int]]:
-    """Return the leaves of a group, each with its two pairs.
+    """Return the leaves of a group, each with its two pairs (joints).
 
-    A group is a set of bodies whose loops are closed together. A leaf is a body with two
-    pairs, which join it to two different bodies. The independent loops of the group can be
-    chosen such that only one of them passes through a leaf. The rates of both pairs can
-    then be eliminated from the equations of this loop, and the equations of the group
-    become fewer.
+    A group is a set of bodies that are closed together. A leaf is a body with two pairs,
+    which join it to two different bodies. If only one loop passes through a leaf, the rates
+    of its two pairs can be eliminated from the equations of this loop. The group then has
+    fewer equations.
 
-    The loop leads from one neighbour of the leaf to the other through bodies that are no
-    leaves. Leaves are therefore chosen such that no two of them are neighbours and the
-    other bodies stay connected. Bodies and pairs are given by their indices in the group.
+    This loop leads from one neighbour of the leaf to the other, through bodies that are no
+    leaves. So two neighbours must not both be leaves, and the other bodies must stay
+    connected. Bodies and pairs are numbered by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}
     body_count = len(group.bodies)
-    # Bodies are tried from the last one on. Of two neighbours only the one that is tried
-    # first can become a leaf.
+    # Bodies are tried from the last to the first. The first of two neighbours that
+    # qualifies becomes a leaf, and the other does not.
     for body in reversed(range(body_count)):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         neighbours = {end for k in body_pairs for end in group.ends[k]} - {body}
         joins_two_bodies = len(body_pairs) == len(neighbours) == 2
         if not joins_two_bodies or neighbours & leaves.keys():
             continue
-        # The other bodies are still connected if their spanning tree has one pair less than
-        # there are bodies.
+        # A spanning tree that reaches all other bodies has one pair less than bodies.
         left_out = {*leaves, body}
         inner_pairs = [k for k, ends in enumerate(group.ends) if not left_out & set(ends)]
         inner_bodies = [k for k in range(body_count) if k not in left_out]
@@ -118,7 +116,7 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
 def _find_path(
     ends: Sequence[tuple[int, int]], pairs: Sequence[int], start: int, end: int
 ) -> LoopPath:
-    """Return a path from one link to another: pairs with the senses in which it passes.
+    """Return a path from one link to another along pairs (joints).
 
     Parameters
     ----------
@@ -128,6 +126,11 @@ def _find_path(
         Numbers of the pairs that the path can use.
     start, end
         Numbers of the first and the last link. The pairs must connect them.
+
+    Returns
+    -------
+    The pairs of the path, each with a sense: 1 from the first link of the pair to the
+    second, otherwise -1.
     """
     # The path from the start to each link, along a spanning tree.
     paths: dict[int, LoopPath] = {start: ()}

@@ -53,11 +53,11 @@ FIELD_PARTS = (*(x.name for x in POLE_QUANTITIES), *POLE_ERRORS, "w", "dw")
 
 @dataclass(frozen=True)
 class ColumnList:
-    """Expressions that become the output columns of a kernel.
+    """Expressions that become the output columns of a compiled function (kernel).
 
-    A kernel is a function that evaluates all columns for many configurations at once. Equal
-    expressions share one column. Columns whose values are changed later, such as those that
-    get another sign, are not shared, since a change must not reach other quantities.
+    The kernel evaluates all columns for many configurations at once. Equal expressions
+    share one column, which saves time. The sign of some columns is changed after the
+    evaluation. These are not shared, so that the change does not affect other quantities.
 
     Attributes
     ----------
@@ -89,15 +89,16 @@ class ColumnList:
 
 @dataclass(frozen=True)
 class RelativeMotion:
-    """The motion of a link relative to another one, as expressions.
+    """The motion of a link relative to another one, as expressions with error bounds.
 
     Attributes
     ----------
-    v, dv
-        (3,) relative angular velocity per unit rate of the input, and its derivative with
-        respect to the input.
+    v
+        (3,) relative angular velocity per unit rate of the input.
+    dv
+        (3,) derivative of v with respect to the input.
     v_error, dv_error
-        Bounds of the errors of the components of v and dv along any axis.
+        Bounds of the rounding errors of the components of v and dv along any axis.
     dv_bound
         Bound of the length of dv.
     """
@@ -137,30 +138,31 @@ class InputColumns:
     """
 
     def __init__(self, rows: RowExpressions, request: Request, columns: ColumnList) -> None:
-        """Write the expressions and add them to `columns`.
+        """Write the expressions of velocities and poles while one input moves.
 
         Parameters
         ----------
         rows
-            Expressions of a row that do not depend on the moving input.
+            Expressions that do not depend on the moving input, for one configuration (row).
         request
-            The moving input, and the poles and links to compute.
+            The moving input, and the poles (axes of relative rotations) and links to
+            compute.
         columns
-            The output columns of the kernel, which are extended in place.
+            The output columns of the compiled function (kernel), to which new ones are
+            added.
         """
         self._rows = rows
         self._request = request
         tree = rows.tree
         moving_variable = rows.pair_variables[request.plan.input][0]
-        # The velocity equation of a loop is: moving input + passive pairs = 0. Here the
-        # angular velocity of the input at unit rate is known. `solve_loops` solves
-        # passive pairs = offset, so the offset is minus this angular velocity. The rate of
-        # the input, 1, is entered afterwards.
+        # In the velocity equation of a loop, the angular velocities of the passive pairs
+        # add up to minus that of the input, here at unit rate. `solve_loops` expects this
+        # right-hand side. The rate of the input, 1, is entered afterwards.
         input_velocity = rows.vectors[moving_variable]
         self._rates = rows.solve_loops({request.plan.input: -1.0 * input_velocity})
         self._rates[moving_variable] = 1.0
-        # Velocities of pairs are summed along the spanning tree of the links, from the
-        # ground on. Then follow the accelerations, with the input at constant rate.
+        # The vectors of pairs add up along the tree of links, from the ground on.
+        # Accelerations are those with the input at constant rate.
         pair_velocities = rows.pair_velocities(self._rates)
         self._w = sum_along_paths(tree, pair_velocities)
         self._accelerations, pair_accelerations = rows.solve_accelerations(
@@ -180,8 +182,9 @@ class InputColumns:
     ) -> Expr:
         """Return the norm of the residual of the equations of all loops.
 
-        In each loop, the vectors of the two links of the closing pair (the chord) must
-        differ by the vector of this pair.
+        A chord is the pair (joint) that closes a loop. Its two links get their vectors
+        along the two sides of the loop. These vectors must differ by the vector of the
+        chord. The residual shows the rounding errors of the solution.
 
         Parameters
         ----------
@@ -283,12 +286,12 @@ class InputColumns:
         axis_error: Expr,
         slide_error: Expr,
     ) -> Expr:
-        """Return a bound of the error of the derivative of a carried vector.
+        """Return a bound of the error of the derivative of a variable's vector.
 
-        A carried vector belongs to a variable. It turns with a link and may slide on it.
-        Its derivative is w x a + r s, with the angular velocity w of the link, the vector
-        a, its slide s (derivative with respect to the variable, seen from the link) and the
-        rate r of the variable. Products of two errors are neglected.
+        The vector a of a variable (such as the axis of a pair) turns with a link and may
+        slide on it. Its derivative is w x a + r s. Here w is the angular velocity of the
+        link, r the rate of the variable, and s the slide: the derivative of a by the
+        variable, as seen from the link. Products of two errors are neglected.
 
         Parameters
         ----------
@@ -302,7 +305,7 @@ class InputColumns:
         # w x a has an error of at most |a| (error of w) + |w| (error of a).
         w_bound = self._w_bounds[carried.link]
         error = carried.length * self._w_errors[carried.link] + w_bound * axis_error
-        # r s has one of at most |s| (error of r) + |r| (error of s).
+        # r s has an error of at most |s| (error of r) + |r| (error of s).
         return error + carried.slide_length * rate_error + speed * slide_error
 
     def _solution_errors(
@@ -310,10 +313,10 @@ class InputColumns:
     ) -> tuple[list[Expr], list[Expr]]:
         """Return error bounds of the solution of the velocity or acceleration equations.
 
-        The equation of each loop says that a sum of terms is zero. There is one term for
-        each variable: its vector times its rate. If terms have errors, the sum has an
-        error, which changes the solution. The angular velocity of a link is the sum of the
-        terms on the path from the ground to the link. The same applies to the derivatives.
+        In the equation of each loop, the terms of all variables add up to zero. A term is
+        the vector of a variable times its rate. Errors of terms change the solution. The
+        angular velocity of a link is the sum of the terms on the path from the ground to
+        the link. The same applies to derivatives.
 
         Parameters
         ----------
@@ -330,33 +333,33 @@ class InputColumns:
             Error bound of the solution for each variable, the rate or its derivative.
         """
         rows = self._rows
-        # A bound of the error of the equations of all loops. The term of a variable is in
-        # `loop_counts` loops.
+        # A bound of the error in the equations of all loops. `loop_counts` is the number of
+        # loops that contain a variable.
         equation_error = residual + dot(rows.loop_counts, term_errors)
         # An error of 1 in the equations changes the vector of a link by at most
-        # `link_turns`. The terms on the path to the link have errors themselves.
+        # `link_turns`. In addition, the terms on the path to the link have errors.
         link_errors = [
             turn * equation_error + path_error
             for turn, path_error in zip(
                 rows.link_turns, rows.sum_along_paths(term_errors), strict=True
             )
         ]
-        # It changes the solution for a variable by at most `variable_shifts`.
+        # An error of 1 in the equations changes the solution by at most `variable_shifts`.
         variable_errors = [shift * equation_error for shift in rows.variable_shifts]
         return link_errors, variable_errors
 
     def _add_columns(self, columns: ColumnList) -> None:
-        """Add the columns of all poles and links to the output columns of the kernel.
+        """Add the columns of all poles and links to the output of the compiled function.
 
-        The attributes `column_indices`, `reversible_poles` and `velocity_components` are
-        set.
+        A pole is the axis of the relative rotation of two links. The method sets the
+        attributes `column_indices`, `reversible_poles` and `velocity_components`.
         """
         shared_parts, reversible_parts = self._collect_parts()
         self.column_indices: dict[str, dict[Any, list[int]]] = {
             name: {} for name in FIELD_PARTS
         }
         self._add_reversible_columns(columns, reversible_parts)
-        # The other columns follow, each distinct expression once.
+        # All other columns. Equal expressions share one column.
         for (name, key), items in shared_parts.items():
             self.column_indices[name][key] = columns.add_shared(items)
 
@@ -371,24 +374,26 @@ class InputColumns:
     ) -> tuple[dict[tuple[str, Any], Iterable[Expr]], dict[Pole, list[Expr]]]:
         """Return the expressions of all requested poles and links.
 
-        A pole is the axis about which two links turn relative to each other.
+        A pole is the axis about which two links turn relative to each other. Its direction
+        is known up to its sign, unless it is the axis of a pair (joint).
 
         Returns
         -------
         shared_parts
-            Expressions of each quantity of a pole or a link. The key is the pair of the
-            name of the quantity and the pole or link. They do not depend on the sense of
-            poles.
+            Expressions that do not depend on the sign of a direction. The key is the name
+            of the quantity with the pole or link.
         reversible_parts
             By pole, the expressions that change their sign if the direction of the pole is
             reversed, in the order of `SIGNED_COMPONENTS`. Poles that are the axis of a pair
-            are not included, because their direction is fixed.
+            are not included.
         """
         plan = self._request.plan
         pairs = axis_pairs(plan)
         shared_parts: dict[tuple[str, Any], Iterable[Expr]] = {}
         reversible_parts: dict[Pole, list[Expr]] = {}
         for pole in self._request.poles:
+            # The pole of the two bodies (sets of links that move together) to which the
+            # links belong.
             body_pole = plan.pole(*pole)
             if body_pole in pairs:
                 parts = self._pair_axis_parts(pole, pairs[body_pole])
@@ -410,14 +415,16 @@ class InputColumns:
     ) -> None:
         """Add the columns that change their sign with the direction of a pole.
 
-        They are successive: the first component of all poles, then the second of all poles,
-        and so on. A change of sign must not reach other columns, so none of these columns
-        is shared with an equal expression.
+        A pole is the axis of the relative rotation of two links. The sign of its direction
+        is chosen after the columns were evaluated. The columns follow each other, so that
+        all signs can be applied at once: the first component of all poles, then the second
+        of all poles, and so on. Other quantities must not change, so these columns are not
+        shared.
 
         Parameters
         ----------
         columns
-            The output columns of the kernel, which are extended in place.
+            The output columns of the compiled function, to which new ones are added.
         parts
             By pole, the expressions of the components in the order of `SIGNED_COMPONENTS`.
         """
@@ -429,7 +436,7 @@ class InputColumns:
         self._reversible_slice = slice(first, len(columns.expressions))
         # (2, poles) numbers of the first and of the second link of each of these poles.
         self._pole_ends = np.array(self.reversible_poles, dtype=np.intp).reshape(-1, 2).T
-        # The components of one pole are `pole_count` columns apart.
+        # Successive components of one pole are `pole_count` columns apart.
         for k, pole in enumerate(parts):
             index = first + k
             for name, size in SIGNED_COMPONENTS.items():
@@ -442,10 +449,10 @@ class InputColumns:
     ) -> Floats:
         """Return the relative angular velocities v of the two links of poles.
 
-        A pole is the axis about which its second link turns relative to its first. v is
-        therefore the angular velocity w of the second link minus the angular velocity of
-        the first, per unit rate of the moving input. Poles that are the axis of a pair are
-        left out. Their direction is that of the pair, which is known without v.
+        A pole is the axis about which its second link turns relative to its first. v is the
+        angular velocity w of the second link minus that of the first, per unit rate of the
+        moving input. Poles that are the axis of a pair (joint) are left out, because their
+        direction is known without v.
 
         Parameters
         ----------
@@ -453,16 +460,16 @@ class InputColumns:
             (k, ...) values of the `velocity_components`: the distinct components of w of
             all links.
         first_components
-            (k, ...) values from which w of the first link of each pole is taken, by default
-            `components`. With lower bounds in `components` and upper bounds here, the
-            result is a lower bound of v; the other way round it is an upper bound.
+            (k, ...) values for the first link of each pole, by default `components`. With
+            lower bounds in `components` and upper bounds here, the result is a lower bound
+            of v.
 
         Returns
         -------
         (poles, 3, ...) v of the `reversible_poles`, in their order.
         """
-        # (poles,) numbers of the links. `_component_indices` (links, 3) has the place of
-        # the x, y and z component of w of each link in `components`.
+        # (poles,) numbers of the links. For the x, y and z component of w of each link,
+        # `_component_indices` (links, 3) has its row in `components`.
         first, second = self._pole_ends
         if first_components is None:
             first_components = components
@@ -474,14 +481,15 @@ class InputColumns:
     def reversible_columns(self, columns: Floats) -> Floats:
         """Return the columns that change their sign if a pole direction is reversed.
 
-        The axis of a pole has two opposite directions. For the `reversible_poles`, one of
-        them is chosen after the columns have been evaluated. The caller then multiplies the
-        result by the signs. It is a view, so this changes `columns` itself.
+        A pole is the axis of the relative rotation of two links, with two opposite
+        directions. For the `reversible_poles`, the sign is chosen after the columns were
+        evaluated. The caller multiplies the result by the signs. The result is a view, so
+        this changes `columns`.
 
         Parameters
         ----------
         columns
-            (columns, n) all output columns of the kernel, at n configurations.
+            (columns, n) all output columns of the compiled function, at n configurations.
 
         Returns
         -------
@@ -495,17 +503,17 @@ class InputColumns:
         )
 
     def reversible_quantities(self, columns: Floats) -> dict[str, Floats]:
-        """Return directions and coefficients of the poles whose direction may be reversed.
+        """Return directions and coefficients of the poles that have no fixed direction.
 
-        The axis of a pole has two opposite directions. Its direction, its velocity
-        coefficient and the derivatives of both change their sign if the other one is
-        chosen. Poles that are the axis of a pair are not included: their direction is
-        fixed.
+        A pole is the axis of the relative rotation of two links, with two opposite
+        directions. If the other direction is chosen, all these quantities change their
+        sign. Poles that are the axis of a pair (joint) are not included, because their
+        direction is fixed.
 
         Parameters
         ----------
         columns
-            (columns, n) all output columns of the kernel, at n configurations.
+            (columns, n) all output columns of the compiled function, at n configurations.
 
         Returns
         -------

@@ -26,10 +26,9 @@ from spherekit.velocities.pose_expressions import LinkOrientation
 class MovingLink:
     """Angular velocities and momenta of one link, while each input moves alone.
 
-    Vectors have components along the basis of the link (`LinkOrientation`), along which
-    vectors that are fixed in the link are constant. Velocities are multiplied by the
-    determinant D of the velocity equations. They then need no division, and stay finite
-    where D is zero and the inputs do not determine the motion.
+    Vectors have components along three unit vectors fixed in the link (its basis, see
+    `LinkOrientation`). Velocities are multiplied by the determinant D of the velocity
+    equations. So they need no division, and stay finite where D is zero.
 
     Attributes
     ----------
@@ -38,12 +37,12 @@ class MovingLink:
     orientation
         Orientation of the link.
     velocities
-        (3,) for each input i the homogeneous angular velocity y_i = D w_ji: the angular
-        velocity w_ji of the link per unit rate of this input, times D.
+        (3,) for each input i the vector y_i = D w_ji. Here w_ji is the angular velocity of
+        the link while input i moves at the rate 1 and the others rest.
     momenta
         (3,) for each input the angular momentum I y_i. The inertia tensor I of the link is
-        divided by a unit of inertia (`InputMoments.unit`), so that its numbers have sizes
-        near one.
+        divided by a unit of inertia (`InputMoments.unit`), so that its numbers are near
+        one.
     """
 
     link: int
@@ -90,18 +89,16 @@ class InputMoments:
         tensors: Mapping[int, Entries],
         unit: float = 0.0,
     ) -> None:
-        """Derive expressions of the velocities and momenta of the links.
+        """Derive expressions of the velocities and momenta of all links, for each input.
 
-        For each link and input these are the angular velocity and the angular momentum of
-        the link while this input moves alone. Velocities are those per unit rate of the
-        input, times the determinant of the velocity equations, so that they need no
-        division. Components are along the basis of the link (`LinkOrientation`), three unit
-        vectors that are fixed in the link.
+        Only one input moves, at unit rate. The velocities are multiplied by the determinant
+        of the velocity equations, so that they need no division. Components are along three
+        unit vectors fixed in the link (its basis, see `LinkOrientation`).
 
         Parameters
         ----------
         coordinate_rates
-            Rates by each input.
+            Rates of variables and links by each input.
         tensors
             (3, 3) by number of the link, the inertia tensor in link axes, kg m2.
         unit
@@ -109,9 +106,8 @@ class InputMoments:
             With 0 it is the largest number in the tensors.
         """
         self._coordinate_rates = coordinate_rates
-        # Numbers in expressions that are nearly zero are taken for rounding errors and made
-        # exact zeros (`constants`). Tensors are therefore divided by a unit, so that small
-        # masses do not vanish. The unit is 1 if all numbers in the tensors are zero.
+        # `constants` replaces numbers that are nearly zero by exact zeros. Tensors are
+        # divided by a unit first, so that small masses do not vanish.
         entries = (x for tensor in tensors.values() for x in tensor.flat)
         sizes = (abs(float(x)) for x in entries if not isinstance(x, ExpressionNode))
         largest_size = max(sizes, default=0.0)
@@ -120,7 +116,7 @@ class InputMoments:
         input_count = len(coordinate_rates.tau)
         self._links: list[MovingLink] = []
         for link, tensor in tensors.items():
-            # The ground does not move.
+            # Link 0 is the ground, which does not move.
             if not link or not np.any(tensor):
                 continue
             orientation = coordinate_rates.placed[link]
@@ -134,15 +130,12 @@ class InputMoments:
 
     @property
     def matrix(self) -> list[list[Expr]]:
-        """The homogeneous inertia matrix: sum of y_i . I y_k over all links.
+        """The inertia matrix at the inputs, times D^2 / `unit`, as expressions.
 
-        The homogeneous velocity of link j is y_i = D w_ji. Here w_ji is the angular
-        velocity of the link per unit rate of input i, and D is the determinant of the
-        velocity equations. The factor D avoids divisions.
-
-        I is the inertia tensor of a link, divided by `unit`, so that the numbers of light
-        links are not taken for rounding errors. The inertia matrix of the inputs is `unit`
-        / D^2 times this matrix.
+        D is the determinant of the velocity equations. The factor D^2 avoids divisions.
+        Entry (i, k) is the sum of y_i . I y_k over all links. Here y_i is D times the
+        angular velocity of a link while input i moves at unit rate. I is the inertia tensor
+        of the link divided by `unit`.
         """
         # `tau` has one entry for each input.
         input_count = len(self._coordinate_rates.tau)
@@ -150,7 +143,7 @@ class InputMoments:
         for i in range(input_count):
             row: list[Expr] = []
             for k in range(input_count):
-                # Both entries of a symmetric pair get the same expression.
+                # With sorted indices, entries (i, k) and (k, i) get the same expression.
                 larger = max(i, k)
                 smaller = min(i, k)
                 entry: Expr = 0.0
@@ -163,26 +156,28 @@ class InputMoments:
     def velocity_moments(
         self, bias_accelerations: Sequence[Exprs], scaled_speeds: Sequence[Expr]
     ) -> list[Expr]:
-        """Return the inertia moments, times D, at inputs that move without accelerating.
+        """Return D times the moments that inertia needs at constant rates of the inputs.
 
-        Each link adds two parts to the moment at input i:
+        D is the determinant of the velocity equations. For each link, let I be its inertia
+        tensor and y_i be D times its angular velocity while input i moves at unit rate. The
+        link adds two parts to the moment at input i:
 
-        1. y_i . I b, which its angular acceleration b requires,
+        1. y_i . I b, for its angular acceleration b,
         2. y_i . (w x h), the gyroscopic moment of its angular momentum h = I w.
 
-        y_i is the velocity of the link by input i, times the determinant D of the velocity
-        equations (`MovingLink`). Its velocity while all inputs move is w = sum of s_k y_k,
-        where s_k are the rates of the inputs divided by D. The second part is therefore the
-        sum of s_k g_ik over k, with the products
+        While all inputs move, its angular velocity is w = sum of s_k y_k, where s_k are the
+        rates of the inputs divided by D. The second part is therefore the sum of s_k g_ik
+        over k, with
 
             g_ik = h . (y_i x y_k) = -g_ki.
 
-        So each pair of inputs needs one product.
+        So each pair of inputs needs only one such product.
 
         Parameters
         ----------
         bias_accelerations
-            (3,) angular acceleration b of each link of the mechanism in ground axes.
+            (3,) for each link, its angular acceleration b at constant rates of the inputs,
+            in ground axes.
         scaled_speeds
             s_i of each input.
         """
@@ -208,24 +203,24 @@ class InputMoments:
     def inertia_torque(
         self, input_index: int, speeds: Sequence[Expr], accelerations: Sequence[Expr]
     ) -> Expr:
-        """Return the moment (N m) at an input for given rates and accelerations of inputs.
+        """Return the moment (N m) at an input that the inertia of the links requires.
 
-        It is the moment that the inertia of the links requires, without loads:
+        Loads are not included. The moment at input i is
 
-            moment_i = sum over k of M_ik q''_k + h_i.
+            moment_i = sum over k of M_ik q''_k + h_i,
 
-        M is the inertia matrix, q'' are the accelerations of the inputs, and h_i is the
-        moment at constant rates of the inputs.
+        with the inertia matrix M, the accelerations q'' of the inputs, and the moment h_i
+        at constant rates of the inputs.
 
         Parameters
         ----------
         input_index
-            The input i whose moment is returned.
+            The input i.
         speeds, accelerations
             Rates and accelerations of all inputs.
         """
-        # D is the determinant of the velocity equations. Everything is computed in terms
-        # without a division by D, and divided at the end:
+        # D is the determinant of the velocity equations. The matrix is computed as D^2 M_ik
+        # and the second part as D h_i, so that the only division comes last:
         # moment_i = (sum over k of (D^2 M_ik) (q''_k / D) + D h_i) / D.
         velocity_moment_times_d = self._velocity_moments_at(speeds)[input_index]
         inverse_determinant = 1.0 / self._coordinate_rates.scale

@@ -176,15 +176,14 @@ class KinematicStructure:
     def _refuse_coincident_axes(self) -> None:
         """Raise `EngineError` if two private variables of a loop have the same axis.
 
-        The equation of a loop is a vector equation: a sum of axes times rates is zero. Two
-        variables that occur in no other loop, the private ones, can be eliminated at once:
-        the component of the equation along the normal of both axes does not contain them.
-        If both axes coincide in a link, and so at all configurations, there is no normal.
-        Only the sum or the difference of both rates then follows from the equations.
+        The velocity equation of a loop is a vector equation: a sum of axes times rates is
+        zero. Two private variables (in no other loop) are eliminated by the component along
+        the normal of both axes. If the axes coincide in a link, there is no normal. Then
+        the equations determine only the sum or the difference of both rates.
         """
         for group in self.groups:
             for private_variables in group.private_variables:
-                # Variables are eliminated from a loop in pairs, or not at all.
+                # A loop has two private variables or none.
                 if not private_variables:
                     continue
                 first, second = private_variables
@@ -215,18 +214,20 @@ class KinematicStructure:
     def fixed_vectors(self, variable: int) -> dict[int, Entries]:
         """Return the vector (3,) of a variable in each link in which it is fixed.
 
-        The vector of a variable is the relative angular velocity of the links of its pair,
-        per unit rate of the variable. There are three cases:
+        The vector of a variable is the relative angular velocity of the links of its pair
+        (joint), per unit rate of the variable. In link axes it is then constant, which
+        gives shorter expressions. There are three cases:
 
-        - R pair: the vector is the axis of the pair. It is fixed in both links.
-        - Sliding contact: one variable for each profile, the arc length of the contact
-          point along it. The vector is fixed in the link of the profile if the profile is a
-          circle, and in no link otherwise.
-        - Rolling contact: one variable. Its vector is fixed in no link.
+        - R pair (revolute joint): the vector is the axis, which is fixed in both links.
+        - Sliding contact: there is one variable for each of the two profiles, the arc
+          length to the contact point. Its vector is fixed in the link of the profile if
+          that is a circle.
+        - Rolling contact: there is one variable. Its vector is fixed in no link.
 
         Returns
         -------
-        By the number of the link, the vector in the axes of this link.
+        By the number of the link, the vector in the axes of this link. Empty if there is
+        none.
         """
         pair = self.mechanism.variable_owners[variable]
         first_link, second_link = self.mechanism.ends[pair]
@@ -244,12 +245,11 @@ class KinematicStructure:
 
 
 def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int, Entries]:
-    """Return the vector of the arc length along one profile of a sliding contact.
+    """Return the vector of the arc length along one circular profile of a sliding contact.
 
-    The frame (tangent, normal, point) at the contact rotates about the centre of a circular
-    profile. The vector of the pair is the angular velocity of its second link relative to
-    its first. It is that of the contact frame relative to the first link, minus that of the
-    contact frame relative to the second link.
+    The vector is the angular velocity of the second link relative to the first per unit of
+    arc length. As the arc length grows, the tangent and the normal at the contact turn
+    about the centre of the circle. So the vector is along this axis.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def _vector_about_circle(side: ProfileSide, link: int, sign: float) -> dict[int,
     Returns
     -------
     The vector (3,) in link axes, by the number of the link. Empty if the profile is not
-    written as a circle, because the vector is then fixed in no link.
+    written as a circle.
     """
     circle = side.circle
     if circle is None:
@@ -285,17 +285,17 @@ def _find_closed_configuration(
 ) -> Floats:
     """Return the variables (rad) of a closed configuration within the input range.
 
-    A few evenly spaced inputs are tried in all assembly modes (ways to assemble the
-    mechanism). If closure equations repeat each other, independent ones are chosen at the
-    configuration.
+    At this configuration, independent equations are chosen if closure equations are
+    redundant. A few evenly spaced inputs are tried in all assembly modes (ways to assemble
+    the mechanism).
 
     Raises
     ------
     EngineError
-        If none is found.
+        If the mechanism closes at none of these inputs.
     """
     position_analysis = position_analysis_of(driven_at(mechanism, input_pairs))
-    # The modes at this number of samples, evenly spread over the range.
+    # All modes at some evenly spaced inputs.
     motion = position_analysis.sparse(CLOSED_CONFIGURATION_SAMPLES)
     if all(motion.failed):
         raise EngineError(

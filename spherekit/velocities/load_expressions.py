@@ -69,17 +69,19 @@ class LoadState:
     table_torque: Callable[[str], Expr]
 
     def named_value(self, name: str) -> tuple[Expr, Expr]:
-        """Return the value of a name in the expression of a load, and its reduced value.
+        """Return the value of a name in the expression of a load, in two forms.
 
         Parameters
         ----------
         name
-            "t", "theta_PAIR" or "dtheta_PAIR".
+            "t" (time), "theta_PAIR" (angle of a pair) or "dtheta_PAIR" (rate of this
+            angle).
 
         Returns
         -------
-        The full value, and the value reduced by whole revolutions. They differ for angles
-        only. Sines of the reduced value keep their digits after many revolutions.
+        The full value, and the value without whole revolutions. They differ only for
+        angles. Sines are computed from the second value, which is more accurate after many
+        revolutions.
         """
         kind, _, pair = name.partition("_")
         if kind == "t":
@@ -105,30 +107,28 @@ def generalised_forces(load: Load, load_state: LoadState) -> list[Expr]:
 def component_forces(
     components: Sequence[LoadComponent], load_state: LoadState
 ) -> list[Expr]:
-    """Return the generalised forces of load components, one for each coordinate.
+    """Return the generalised forces of load components, one for each input.
 
-    A generalised force is the power per unit rate of a coordinate. The coordinates are the
-    inputs. Velocities per unit rate of an input are quotients of a homogeneous rate and the
-    determinant of the velocity equations. Here the homogeneous rates are used, which have
-    no division. The results are therefore the generalised forces times the determinant.
+    A generalised force is the power of a load per unit rate of an input. The velocities in
+    `load_state` are multiplied by the determinant of the velocity equations, to avoid
+    divisions. The results are therefore the generalised forces times the determinant.
 
-    A component of a load has a magnitude. It acts on the variable of a pair, or on links.
-    The list `moments` has its actions on links, each a moment or a force. A force has an
-    `arm`: the point at which it acts. Its moment about the centre is the cross product of
-    the arm and the force. For a moment `arm` is None. The vector `direction` has components
-    along ground or link axes (`axes`).
+    A component of a load has a magnitude. It acts on the variable of a pair (joint), or on
+    links. Its `moments` are its actions on links, each a moment or a force. A force has an
+    `arm`, the point at which it acts. For a moment `arm` is None. The vector `direction`
+    has components along ground or link axes (`axes`).
 
     Parameters
     ----------
     components
-        Components of one load or of several.
+        Components of one or more loads.
     load_state
-        Positions and velocities of the mechanism as expressions: for each input the
-        homogeneous rates of all variables (`tau`) and angular velocities of all links
-        (`w`), and the orientations of all links (`placed`).
+        Positions and velocities of the mechanism. For each input, `tau` has the rates of
+        all variables and `w` the angular velocities of all links, times the determinant.
     """
     forces: list[Expr] = [0.0] * len(load_state.tau)
-    # Moments on one link in the same axes, and forces at the same point, are added.
+    # Moments on one link in the same axes are added, and so are forces at the same point.
+    # Their power is then computed once.
     moment_sums: dict[tuple[str, str, Vector | None], Exprs] = {}
     for component in components:
         law = component.magnitude
@@ -178,35 +178,33 @@ def _ground_moment(
 ) -> Exprs:
     """Return the moment (3,) of a load on a link about the centre, in ground axes.
 
+    The moment of a force is the cross product of its arm and the force.
+
     Parameters
     ----------
     orientation
         Orientation of the link.
     axes
-        Axes along which `components` are given: ground axes for "ground", otherwise link
-        axes.
+        Axes of `components`: "ground" for ground axes, otherwise link axes.
     arm
-        (3,) the point of the link, in link axes, at which a force acts (m). None for a
-        moment.
+        (3,) point of the link, in link axes, at which a force acts (m). None for a moment.
     components
         (3,) the force or the moment.
     """
-    # The moment of a force is the cross product of its arm and the force. The rotation from
-    # link axes to ground axes is the product of `basis` (expressions of the variables) and
-    # `basis_from_link` (constant).
+    # Link axes rotate to ground axes by the product of `basis` (expressions of the
+    # variables) and `basis_from_link` (constant).
     if axes != "ground":
-        # Arm and components are in link axes. Their product is rotated.
+        # Arm and components are in link axes, and the result is rotated to ground axes.
         moment = components if arm is None else cross(vector(list(arm)), components)
         return orientation.basis @ (constants(orientation.basis_from_link) @ moment)
     if arm is None:
         return components
-    # The components are in ground axes, so the arm is rotated (`direction`). If a size of
-    # the arm varies, its entries are expressions instead of numbers.
+    # The components are in ground axes, so the arm is rotated (`direction`). The arm
+    # contains expressions if its sizes vary between designs.
     if not all(isinstance(entry, float) for entry in arm):
         return cross(orientation.direction(vector(list(arm))), components)
-    # Components of the rotated arm that are 0 or 1 up to rounding become exactly 0 or 1 in
-    # the method `direction`, so that products with them are left out. This only makes sense
-    # for a unit vector, so the arm is divided by its length before, and multiplied after.
+    # `direction` replaces components that are 0 or 1 up to rounding by exact values, which
+    # shortens products. This needs a unit vector, so the length is applied afterwards.
     length = float(np.linalg.norm(arm))
     return cross(orientation.direction(np.array(arm) / length) * length, components)
 

@@ -38,9 +38,10 @@ def masses_and_loads(mechanism: Mechanism) -> MassesAndLoads:
 def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
     """Return masses and loads, or a part of them, with other numbers.
 
-    The nested data (tuples and dataclasses) are visited recursively. Texts of expressions
-    are removed, because they contain the old numbers. So if all numbers are replaced by 0,
-    the results are equal for mechanisms that differ in these numbers only.
+    The nested data (tuples and dataclasses) are visited recursively. With all numbers
+    replaced by symbols, one function applies to many designs. With all numbers replaced by
+    0, the results show whether two mechanisms differ in numbers only. The original texts of
+    expressions contain the old numbers, so they are removed.
 
     Parameters
     ----------
@@ -56,13 +57,12 @@ def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
         return replace_number(part)
     if isinstance(part, int | float):
         return replace_number(float(part))
-    # Dataclasses: the fields that contain numbers. All other parts, such as names of links,
-    # and functions and tables of torques, stay as they are. (Masses are not dataclasses
-    # here, but tuples of a link and its inertia tensor.)
+    # Only these dataclasses contain numbers. Other parts, such as names, functions and
+    # tables of torques, stay the same. A mass is a tuple of a link and its inertia tensor.
     fields_with_numbers: dict[str, Any] = {}
     if isinstance(part, LoadComponent):
         fields_with_numbers = {"magnitude": part.magnitude, "moments": part.moments}
-        # `bearing_friction` refers to the load of the file, which has the old numbers.
+        # `bearing_friction` refers to the load in the file, which has the old numbers.
         part = replace(part, bearing_friction=None)
     elif isinstance(part, LinkMoment):
         fields_with_numbers = {"direction": part.direction, "arm": part.arm}

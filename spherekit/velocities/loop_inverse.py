@@ -16,20 +16,20 @@ from spherekit.velocities.elimination_order import Pivot
 
 
 def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
-    """Return a left inverse of the loop equations by Gauss-Jordan elimination.
+    """Return a left inverse of the velocity equations by Gauss-Jordan elimination.
 
     Each loop has three equations: the sum of the variables' vectors times their rates is 0.
-    A pivot is a loop with the variables for which its equations are solved. These are three
-    variables, or fewer if some of the equations follow from those of other loops. The
-    solution is then inserted into all other loops.
+    A pivot is a loop with the variables for which its equations are solved. These are
+    three, or fewer if some of the equations follow from other loops. The solution is then
+    inserted into all other loops. Entries are symbolic expressions.
 
     Parameters
     ----------
     equations
         (loops, 3, variables) coefficients of the rates of all variables.
     pivots
-        The loop and the variables of each pivot, in the order of elimination. The caller
-        has chosen them such that the vectors of the variables are linearly independent.
+        The loop and the variables of each pivot, in the order of elimination. The vectors
+        of the variables of a pivot are linearly independent.
 
     Returns
     -------
@@ -45,13 +45,13 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     for loop, variables in pivots:
         # (m, 3) the vectors of the m variables of the pivot.
         axes = rows[loop][:, variables].T
-        # The columns of these variables become a unit matrix, which is not needed any more.
-        # They are set to zero before the product.
+        # The columns of these variables are not needed any more. With zeros, the products
+        # below are shorter.
         rows[loop][:, variables] = 0.0
-        # `_axes_inverse` (m, 3) gives the components of a vector along these m axes. Its
-        # product with the three equations of the loop gives m rows, one for the rate of
-        # each variable of the pivot.
+        # The product with `_axes_inverse` (m, 3) solves the equations: one row for the rate
+        # of each variable of the pivot.
         rows[loop] = _axes_inverse(axes) @ rows[loop]
+        # The solution is inserted into the equations of the other loops.
         for other_loop in range(loops):
             if other_loop != loop:
                 factors = rows[other_loop][:, variables]
@@ -66,12 +66,14 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
 def _axes_inverse(axes: Exprs) -> Exprs:
     """Return the matrix (m, 3) that gives the components of a vector along m axes.
 
-    For three axes a, b, c the rows are b x c, c x a and a x b, divided by a . (b x c).
+    It is the inverse of the matrix with the axes as columns. For three axes a, b, c its
+    rows are b x c, c x a and a x b, divided by a . (b x c).
 
     Parameters
     ----------
     axes
-        (m, 3) with m = 1, 2 or 3 independent axes. The vector has to be in their span.
+        (m, 3) with m = 1, 2 or 3 independent axes. With fewer than three axes, the vector
+        has to be a sum of multiples of the axes.
     """
     if len(axes) == 1:
         return axes * (1.0 / dot(axes[0], axes[0]))

@@ -49,9 +49,9 @@ def evaluate(
 ) -> PoleField:
     """Return the requested poles and coefficients at every row of a motion.
 
-    A pole is the axis about which two links turn relative to each other. Its velocity
-    coefficient is their relative angular velocity per unit rate of the moving input. The
-    directions of poles have signs that are continuous along the motion.
+    A row is one configuration. A pole is the axis about which two links turn relative to
+    each other. Its velocity coefficient is their relative angular velocity per unit rate of
+    the moving input. The sign of the direction of a pole is continuous along the motion.
 
     Parameters
     ----------
@@ -63,11 +63,11 @@ def evaluate(
         Signs at the end of the previous block of the same motion, which are continued. It
         is updated in place. By default the signs of this motion start anew.
     route
-        How the poles are computed. "best" and "equations" solve the velocity equations of
-        the whole mechanism, "best" in more digits where float64 is doubtful. "first" and
-        "conditioned" follow the plan, which gives each pole as the intersection of two
-        great circles. "first" takes the first two of the plan, "conditioned" those whose
-        intersection is best conditioned.
+        How the poles are computed. "equations" solves the velocity equations of the whole
+        mechanism. "best" does the same, with more digits where float64 is doubtful. "first"
+        and "conditioned" follow a plan in which each pole is the intersection of two great
+        circles. "first" uses the first two circles of the plan. "conditioned" uses the two
+        with the best conditioned intersection.
     engine
         "numpy", "compiled" (by heyoka), or "extended": quad precision for all rows.
 
@@ -77,7 +77,7 @@ def evaluate(
         If there is no such route.
     """
     if route not in ROUTES:
-        # `nearest` returns a suggestion that begins with a semicolon, or an empty text.
+        # `nearest` returns '; did you mean ...' or an empty text.
         raise SolveError(
             f'{motion.mechanism.name}: "{route}" is not a route'
             f"{nearest(str(route), ROUTES) or '.'} Routes: {listing(ROUTES)}"
@@ -87,9 +87,8 @@ def evaluate(
         apply_continuous_signs(
             field, motion, request, sign_continuation or SignContinuation()
         )
-    # A run reports the number of rows with this flag as rows that were computed from the
-    # velocity equations. On the route "best" these are rows in quad precision. On the route
-    # "equations" they are all rows, whatever their precision is.
+    # A run reports how many rows have this flag. On the route "best" these are the rows in
+    # quad precision. On the route "equations" the count is of all rows.
     if route == "equations":
         field.is_quad_precision[:] = True
     return field
@@ -349,10 +348,11 @@ def _take_planned_direction(
 def make_certified_field(
     input_columns: InputColumns, columns: Floats, motion: Motion, request: Request
 ) -> PoleField:
-    """Return the poles of rows whose float64 results a kernel certifies as accurate.
+    """Return the poles of rows for which the float64 results are certified as accurate.
 
-    The kernel has computed all quantities in one array. Here they are sorted into the
-    fields of a `PoleField`, which are mappings from a pole or link to its values.
+    A pole is the axis of the relative rotation of two links. A compiled function (kernel)
+    has computed all quantities in one array. Here they are sorted into the fields of a
+    `PoleField`, which map a pole or link to its values.
 
     Parameters
     ----------
@@ -361,10 +361,10 @@ def make_certified_field(
         ``column_indices["direction"][0, 4]`` lists the columns with the three components of
         the direction of pole (0, 4).
     columns
-        (columns, n) the results of the kernel, in which a column is a row of the array. The
-        signs of pole directions have been made continuous along the motion before.
+        (columns, n) the results of the kernel. The signs of pole directions have been made
+        continuous along the motion before.
     motion, request
-        The n rows, and the requested poles.
+        The n configurations (rows), and the requested poles.
     """
     n = len(motion)
     computed_poles = input_columns.column_indices["direction"].keys()
@@ -373,8 +373,8 @@ def make_certified_field(
         pole_status=dict.fromkeys(computed_poles, motion.status),
         is_quad_precision=np.zeros(n, dtype=bool),
         is_certified=np.ones(n, dtype=bool),
-        # Rows near a dead centre can be computed from the decimal numbers of the file
-        # instead of float64 numbers. Certified rows are not among these.
+        # Rows near a dead centre can be computed from the decimal numbers of the file. Rows
+        # that are certified do not need this.
         is_decimal=np.zeros(n, dtype=bool),
         # The bound is not computed for certified rows, whose errors are below fixed limits.
         relative_error_bound=np.zeros(n),
@@ -385,7 +385,7 @@ def make_certified_field(
             values = columns[indices]
             # Vectors become (n, 3), single numbers (n,).
             values_by_key[pole_or_link] = values.T if len(indices) > 1 else values[0]
-    # A requested pole without columns is that of two links which the locked inputs join.
+    # A requested pole without columns belongs to two links that the locked inputs join.
     for pole in set(request.poles) - computed_poles:
         add_locked_pole(field, motion, pole)
     return field
@@ -394,10 +394,9 @@ def make_certified_field(
 def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that cannot move relative to each other.
 
-    The locked inputs join them to one body, so there is no axis of relative rotation.
-    Velocity and acceleration coefficient and their error bounds are 0. Directions, their
-    error bounds and the conditioning are NaN. In rows whose status is not OK, all
-    quantities are NaN.
+    With the locked inputs they are one body, so there is no axis of relative rotation. The
+    velocity and acceleration coefficients and their error bounds are 0. Directions and
+    other quantities are NaN. In rows that failed, all quantities are NaN.
 
     Parameters
     ----------

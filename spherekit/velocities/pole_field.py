@@ -33,7 +33,9 @@ BASIC_NEEDS: tuple[NeededPoles, ...] = ("directions", "rates", "planes")
 
 @dataclass(frozen=True)
 class PoleQuantity:
-    """A quantity of a pole, such as its direction or its velocity coefficient.
+    """Declaration of a quantity of a pole, such as its direction.
+
+    A pole is the axis of the relative rotation of two links.
 
     Attributes
     ----------
@@ -45,19 +47,18 @@ class PoleQuantity:
     changes_sign
         Whether it changes its sign if the direction of the pole is reversed.
     sufficient_needs
-        Names of sets of poles. Each analysis lists the poles that it reads, in the sets of
-        its `Needs`. The quantity is computed for the poles that an analysis has listed in
-        at least one of the sets named here.
+        Names of lists of poles. Each analysis states in its `Needs` several lists of the
+        poles that it reads. The quantity is computed for a pole in at least one of the
+        lists named here.
     is_derivative
-        Whether it is a derivative by the input, so that `Needs` has to have
+        Whether it is a derivative by the input. Then `Needs` must have
         ``derivatives=True``.
     error
-        "none" if there is no bound of its error, "bounded" if there is one, and "reported"
-        if a run also reports the largest one of all rows.
+        "none" if its error has no bound, "bounded" if it has one, and "reported" if a run
+        also reports the largest bound of all rows.
     locked_value
-        Value of the quantity for two links that the locked inputs hold together. These
-        links have no relative motion and no pole. The value is 0, which is exact and has
-        the error bound 0, or NaN, with the bound NaN.
+        Value for two links that cannot move relative to each other, because the other
+        inputs are locked. It is 0, which is exact, or NaN if the quantity is not defined.
     """
 
     name: str

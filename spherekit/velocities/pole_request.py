@@ -26,9 +26,9 @@ of the poles. They return a status for poles that are ill-conditioned on this ro
 class Request:
     """The poles to compute while one input moves, and the plan that gives them.
 
-    A pole is the axis about which two links turn relative to each other. A body of the plan
-    is a set of links that do not move relative to each other while the other inputs are
-    locked. The plan says from which other poles each pole of two bodies follows.
+    A pole is the axis about which two links turn relative to each other. The plan treats
+    links that do not move relative to each other, while the other inputs are locked, as one
+    body. It says from which other poles each pole of two bodies follows.
 
     Attributes
     ----------
@@ -37,15 +37,15 @@ class Request:
     poles
         The poles to compute, as pairs of link numbers.
     bodies
-        Bodies of the plan whose angular velocity is computed. The ground and the two bodies
-        of the input are among them.
+        Bodies of the plan for which the angular velocity is computed. The ground and the
+        two bodies of the input are among them.
     derivatives
         Whether the derivatives of the velocity coefficients are requested.
     planes
-        Poles for which two great circles that meet in the pole are requested as well, for
+        Poles for which two great circles through the pole are requested as well, for
         drawings.
     links
-        Links whose angular velocities are requested.
+        Links with requested angular velocities.
     """
 
     plan: Plan
@@ -57,10 +57,10 @@ class Request:
 
 
 class MechanismKey:
-    """A mechanism as the key of a cache, compared by identity.
+    """A mechanism as the key of a cache, compared by identity (the same object in memory).
 
-    Comparing mechanisms by their contents would take longer. Two equal mechanisms that are
-    different objects therefore have different keys.
+    This is faster than a comparison of the contents. Two equal mechanisms that are
+    different objects have different keys.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:

@@ -86,21 +86,21 @@ class PlannedPoles:
     ) -> None:
         """Compute the directions and errors of all poles, step by step.
 
-        A step of the plan gives a pole as the axis of a pair, as the intersection of two
-        great circles through known poles, or all poles of a part of the mechanism from its
-        velocity equations.
+        A pole is the axis about which two links turn relative to each other. A step of the
+        plan gives a pole as the axis of a pair (joint), or as the intersection of two great
+        circles through known poles. Some parts of the mechanism need their velocity
+        equations; such a step gives all poles of the part.
 
         Parameters
         ----------
         plan, motion
             The plan, and the configurations.
         route
-            "first" takes the first two great circles of each pole. All other routes take
-            those with the smallest errors at each row.
+            "first" uses the first two great circles of each pole. All other routes use
+            those with the smallest errors at each row (configuration).
         axis_separations
-            (n,) by pole, an additional error (rad) of a pole that is the axis of a pair. It
-            is given for poles that are the axis of several pairs at once, if the rounded
-            axes of these pairs differ.
+            (n,) by pole, an additional error (rad) for a pole that is the common axis of
+            several pairs. It is positive if the rounded axes of these pairs differ.
         """
         self.plan = plan
         self.motion = motion
@@ -117,7 +117,7 @@ class PlannedPoles:
                 elif isinstance(step, LinePole):
                     self._add_intersection(step)
                 else:
-                    # A part of the mechanism whose poles do not follow one by one.
+                    # A part of the mechanism with poles that do not follow one by one.
                     self._solve_block(step)
 
     def _add_pair_axis(self, step: PrimaryPole, separation: Floats) -> None:
@@ -214,18 +214,18 @@ class PlannedPoles:
         )
 
     def _solve_block(self, step: BlockPoles) -> None:
-        """Add the poles of an irreducible part, from the null vector of its equations.
+        """Add the poles of a part of the mechanism that great circles alone do not give.
 
-        The poles of such a part of the mechanism do not follow from great circles alone.
-        The part has one degree of freedom, so its velocity equations determine the rates of
-        all its pairs up to a factor, and with them the direction of each pole.
+        The part has one degree of freedom. Its velocity equations therefore determine the
+        rates of all its pairs (joints) up to a factor. From these follows the direction of
+        each pole (axis of the relative rotation of two links).
 
         Parameters
         ----------
         step
             The links and pairs of the part, and its poles.
         """
-        # Bodies and pairs of the part are counted from 0 in its tree.
+        # The tree below numbers the links and pairs of the part from 0.
         body_index = {link: k for k, link in enumerate(step.links)}
         ends = [self.plan.ends[pair] for pair in step.pairs]
         # The variables of the part: their numbers in the mechanism, and the pair of each.
@@ -244,17 +244,17 @@ class PlannedPoles:
         null_motion = solve_null_motion(tree, vectors)
         # (n, bodies, 3) angular velocities, up to a common factor.
         w = tree.body_rates(vectors, null_motion.rates)
-        # The rates are the unit null vector of the velocity equations. A further row, the
-        # rates themselves, makes their matrix regular. Rounding changes the equations by
-        # about `EPS`, and the rates by the inverse of this matrix times the change. So
-        # their errors are up to `EPS` times the norm of the inverse.
+        # The rates have unit length and satisfy the velocity equations J r = 0. With the
+        # row r added to J, the matrix has an inverse. Rounding changes J by about `EPS`. So
+        # the rates change by up to `EPS` times the norm of the inverse.
         error_growth = np.linalg.norm(null_motion.inverse, axis=(1, 2))
         for pole in step.poles:
             i, j = (body_index[link] for link in pole)
             v = (w[:, j] - w[:, i]).T
-            # The error of v, relative to its length, is an angle. The second `EPS` avoids a
-            # division by zero if the bodies rest relative to each other. The direction is
-            # unknown then, and its error is the upper limit.
+            # The error of v divided by its length is the angle of the direction error. The
+            # second `EPS` avoids a division by zero if the bodies do not move relative to
+            # each other. The error is then the upper limit, because the direction is
+            # unknown.
             error = EPS * error_growth / np.maximum(norm_columns(v), EPS)
             self.directions[pole] = _unit_vectors(v)
             self.errors[pole] = np.minimum(error, MAX_DIRECTION_ERROR_RAD)
@@ -262,7 +262,8 @@ class PlannedPoles:
     def link_rates(self, bodies: tuple[int, ...]) -> tuple[dict[int, Floats], Floats]:
         """Return the angular velocities of bodies per unit rate of the moving input.
 
-        The velocities follow from the directions of poles, and need no velocity equations.
+        They are computed from the directions of poles (axes of relative rotations), without
+        velocity equations. A body is a set of links that move together.
 
         Parameters
         ----------
@@ -274,9 +275,9 @@ class PlannedPoles:
         w
             (3, n) angular velocity of each body relative to the ground, in ground axes.
         error
-            (n,) bound of the relative error of the velocities relative to the first body of
-            the input, the largest one of all bodies. It is `MAX_DIRECTION_ERROR_RAD` in
-            rows in which nothing is known.
+            (n,) the largest error bound of all bodies, for velocities relative to the first
+            body of the input. It is divided by the size of the velocity. If nothing is
+            known, it is `MAX_DIRECTION_ERROR_RAD`.
         """
         a, b = self.plan.ends[self.plan.input]
         input_axis = self.directions[pole_of(a, b)]
@@ -289,25 +290,25 @@ class PlannedPoles:
         error = np.nan_to_num(
             error, nan=MAX_DIRECTION_ERROR_RAD, posinf=MAX_DIRECTION_ERROR_RAD
         )
-        # Relative to the ground, body 0.
+        # Convert to velocities relative to the ground, body 0.
         return {body: rates - w[0] for body, rates in w.items()}, error
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
     def _velocity_by_poles(self, a: int, b: int, k: int) -> tuple[Floats, Floats]:
         """Return the angular velocity of body k relative to body a, from three poles.
 
-        The input turns body b relative to body a at the rate 1. With the direction u_ij of
-        the pole of bodies i and j, the relative velocities satisfy
+        The input turns body b relative to body a at the rate 1. Let u_ij be the direction
+        of the pole (axis of the relative rotation) of bodies i and j. The relative
+        velocities satisfy
 
             u_ab = x u_ak + y u_bk,
 
         the vector form of eq. (5) of Di Gregorio (2024), and the result is x u_ak. The
-        cross product with u_bk eliminates y: u_ab x u_bk = x n, with n = u_ak x u_bk. Hence
+        cross product with u_bk eliminates y: u_ab x u_bk = x n, with n = u_ak x u_bk. So
 
             x = (u_ab x u_bk) . n / |n|^2.
 
-        The result does not depend on the signs of u_ak and u_bk: if one of them changes its
-        sign, n does so too, and x u_ak stays the same.
+        If u_ak or u_bk has the opposite sign, the result x u_ak is the same.
 
         Parameters
         ----------
@@ -319,7 +320,7 @@ class PlannedPoles:
         Returns
         -------
         velocity
-            (3, n) angular velocity. It is 0/0, so NaN, where u_ak and u_bk coincide.
+            (3, n) angular velocity. It is NaN where u_ak and u_bk coincide.
         error
             (n,) bound of its relative error: the sum of the error bounds of u_ak and u_bk,
             divided by the sine of the angle between them.
@@ -338,19 +339,19 @@ class PlannedPoles:
     def great_circles(self, pole: Pole) -> Floats:
         """Return the unit normals (n, 2, 3) of two great circles that meet in a pole.
 
-        A body of the plan is one link, or several links that the locked inputs hold
-        together. If the plan has computed the pole of two bodies as the intersection of two
-        great circles, these are returned. If it is the axis of a pair, or follows from
-        velocity equations, two circles are chosen here, each through the poles that both
-        bodies have with a third one.
+        They are drawn to show the construction of the pole (axis of the relative rotation
+        of two links). A great circle goes through the poles that both links have with a
+        third link. If the plan has computed the pole from two such circles, these are
+        returned. Otherwise two circles are chosen here.
 
-        The result is NaN if there are fewer than two third bodies, if both links belong to
-        one body, or where the two poles on a circle coincide.
+        In place of links, the plan has bodies: sets of links that the locked inputs join.
+        The result is NaN if fewer than two circles exist, if both links belong to one body,
+        or where the two poles on a circle coincide.
 
         Parameters
         ----------
         pole
-            Two links. Their pole is the axis about which they turn relative to each other.
+            The two links of the pole.
         """
         body_pole = self.plan.pole(*pole)
         normals = None if body_pole is None else self._circles_through(body_pole)
@@ -364,9 +365,11 @@ class PlannedPoles:
     def _circles_through(self, body_pole: Pole) -> tuple[Floats, Floats] | None:
         """Return normals (3, n) of two great circles that meet in the pole of two bodies.
 
-        If the plan has used two circles, these are returned. Otherwise the two circles with
-        the most accurate intersection are chosen, and stored for the next call. None if
-        there are fewer than two third bodies that have a known pole with both bodies.
+        A pole is the axis of the relative rotation of two bodies. A great circle goes
+        through the poles that both have with a third body. If the plan has used two
+        circles, these are returned. Otherwise the two circles with the most accurate
+        intersection are chosen and stored. The result is None if fewer than two third
+        bodies have known poles with both.
         """
         if body_pole not in self._circle_normals:
             i, j = body_pole
@@ -397,13 +400,13 @@ class NullMotion:
     Attributes
     ----------
     rates
-        (n, variables) null vector of the velocity equations, of unit length. The scale and
-        the sign of the motion are arbitrary.
+        (n, variables) rates that satisfy the velocity equations, with norm 1. The sign and
+        the scale of the motion are arbitrary.
     inverse
-        (n, variables, equations + 1) left inverse of the matrix (equations + 1, variables)
-        that has the velocity equations J as its first rows and `rates` as its last row. The
-        rates r satisfy J r = 0 and keep their length. Their derivative along the motion is
-        therefore r' = inverse (-J' r, 0), with the derivative J' of the equations.
+        (n, variables, equations + 1) left inverse of the matrix with the velocity equations
+        J in its first rows and `rates` as its last row. It also gives the derivative of the
+        rates r along the motion: r' = inverse (-J' r, 0). The reasons are that J r = 0, and
+        that r keeps its length.
     """
 
     rates: Floats
@@ -413,27 +416,26 @@ class NullMotion:
 def solve_null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
     """Return the motion of a mechanism with one degree of freedom, up to its scale.
 
-    The rates of its variables are the null vector of its loop equations.
+    The rates of its variables are the null vector of its velocity equations.
 
     Parameters
     ----------
     tree
         The loops of the mechanism, or of a part of it.
     vectors
-        (n, variables, 3) vector of each variable in ground axes: the angular velocity of
-        its pair at unit rate.
+        (n, variables, 3) vector of each variable in ground axes: the relative angular
+        velocity of the links of its pair at unit rate.
 
     Returns
     -------
-    The rates of unit length, and the left inverse of the equations by which they were
-    computed. Both are NaN at configurations at which these equations are singular.
+    The rates with norm 1, and a left inverse of the equations. Both are NaN at
+    configurations at which these equations are singular.
     """
     jacobian = tree.jacobian(vectors)
     n, _, count = jacobian.shape
-    # One more equation, c . rates = 1, fixes the scale. The first coefficients c are
-    # arbitrary numbers, which can be nearly perpendicular to the null vector. The second
-    # ones are the rates that follow from the first, so that the equations are well
-    # conditioned.
+    # A further equation, c . rates = 1, fixes the scale. Arbitrary coefficients c can be
+    # nearly perpendicular to the rates, which costs digits. The second solution has the
+    # first rates as c.
     arbitrary = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
     first_motion = _solve_with_scale_equation(jacobian, arbitrary)
     return _solve_with_scale_equation(jacobian, first_motion.rates)

@@ -22,9 +22,9 @@ from spherekit.velocities.axis_rotations import (
 class LinkOrientation:
     """The orientation of a link as a product of an expression and a constant.
 
-    The rotation R = basis @ basis_from_link leads from link axes to ground axes. The two
-    factors are kept apart because vectors that are fixed in the link have constant
-    components along the columns of `basis`.
+    The rotation R = basis @ basis_from_link converts from link axes to ground axes. The
+    factors are stored separately: a vector that is fixed in the link has constant
+    components along the columns of `basis`. This shortens expressions.
 
     Attributes
     ----------
@@ -33,8 +33,8 @@ class LinkOrientation:
     basis_from_link
         (3, 3) numbers, or expressions of sizes: the rotation from link axes to the basis.
     depth
-        Number of links that were placed before on the path to this one. If a direction is
-        fixed in several links, its expressions are shortest in the link with the smallest
+        Number of pairs (joints) on the path from the ground to this link. A direction that
+        is fixed in several links has the shortest expressions in the link with the smallest
         depth.
     """
 
@@ -66,16 +66,15 @@ GROUND_ORIENTATION = LinkOrientation(constants(np.eye(3)), np.eye(3), 0)
 def place_link(
     chain: JointTransform, start: LinkOrientation, variables: Sequence[Expr]
 ) -> LinkOrientation:
-    """Return the orientation of the link that a pair joins to a placed link.
+    """Return the orientation of the link that a pair (joint) connects to a placed link.
 
-    A pair with k variables has the chain of rotations C_0 Z_1 C_1 ... Z_k C_k, with
-    constants C and rotations Z by the variables. The orientation of the new link is that of
-    the placed link times this chain.
+    The pair has the chain of rotations C_0 Z_1 C_1 ... Z_k C_k. C are constants, and Z are
+    rotations by the k variables of the pair. The orientation of the new link is that of the
+    placed link times this chain.
 
-    Orientations are stored in two factors, basis and `basis_from_link`. Their product leads
-    from link axes to ground axes. The basis consists of expressions of the variables. The
-    other factor is the constant rotation from link axes to the basis, here C_k. It is kept
-    apart, so that it can be multiplied with the first constant of the next pair as numbers.
+    An orientation is stored as two factors: the basis (expressions of the variables), and
+    the constant rotation `basis_from_link`, here C_k. So C_k can be multiplied with the
+    first constant of the next pair as numbers.
 
     Parameters
     ----------
@@ -89,12 +88,12 @@ def place_link(
     """
     basis = start.basis
     basis_from_link = start.basis_from_link
-    # There is one more constant than rotations, so that the loop omits the last one.
+    # There is one more constant than rotations. The loop omits the last constant.
     for constant, rotation in zip(chain.constants, chain.rotations, strict=False):
-        # `constants` makes entries exact that are 0, 1 or -1 up to rounding, so that
-        # products with them are left out.
+        # `constants` replaces entries that are 0, 1 or -1 up to rounding by exact values.
+        # Products with them are then left out.
         basis = basis @ constants(basis_from_link @ constant)
-        # The basis contains the constant factor of the placed link from here on.
+        # The basis now contains the constant factor of the placed link.
         basis_from_link = np.eye(3)
         # A contact with a profile of any shape has a rotation matrix of symbols.
         if not isinstance(rotation, AxisRotation):
@@ -110,7 +109,7 @@ def place_link(
             ],
             axis=1,
         )
-    # The depth ranks links by the length of their expressions.
+    # Links with a smaller depth have shorter expressions.
     depth = start.depth + 1
     return LinkOrientation(basis, chain.constants[-1], depth)
 
@@ -135,7 +134,9 @@ def place_by_variables(
     variables: Sequence[Expr],
     steps: Iterable[tuple[int, int, int]] | None = None,
 ) -> list[LinkOrientation]:
-    """Return the orientations of links as expressions of the variables.
+    """Return the orientations of links as expressions of the pair (joint) variables.
+
+    Starting from the ground, each link is placed relative to a link that is already placed.
 
     Parameters
     ----------
@@ -156,6 +157,7 @@ def place_by_variables(
         find_spanning_tree(mechanism.ends) if steps is None else steps
     ):
         chain = pairs.chains[pair]
+        # The chain leads from the first link of the pair to the second.
         if mechanism.ends[pair][0] != parent:
             chain = chain.reversed()
         placed[child] = place_link(chain, placed[parent], variables)

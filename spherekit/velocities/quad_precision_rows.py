@@ -45,17 +45,17 @@ class QuadPrecisionRows:
     Attributes
     ----------
     columns
-        (columns, n) all columns of the kernel: velocities, poles and their error bounds.
+        (columns, n) all computed quantities: velocities, poles and their error bounds.
     bounds
         (numbers, n) numbers on the loop equations at each row: their condition number, all
         entries of their inverse, and residuals. `RowKernel.row_bounds` describes them.
     opening_changes
-        (columns, n) sensitivity of each column to the opening of loops. Each loop can open
-        about three axes. For each loop and axis the derivative of the column by the opening
-        angle (rad) is taken without its sign, and all are added.
+        (columns, n) by how much each column changes if the loops open. For each loop and
+        each of three axes, the absolute value of the derivative by the opening angle (rad)
+        is formed. All these values are added.
     is_closed
         (n,) whether Newton's method closed the loops. Other rows were computed at the
-        variables that were given.
+        original variables.
     """
 
     columns: Floats
@@ -65,17 +65,17 @@ class QuadPrecisionRows:
 
 
 def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
-    """Return all columns (quantities) of rows, computed in quad precision.
+    """Compute all columns (quantities) of rows in quad precision.
 
-    A row is a configuration. Newton's method closes its loops to 33 digits first. The
-    result also has the changes of the columns if loops open a little, from which error
-    bounds follow.
+    A row is a configuration for which float64 loses too many digits. Newton's method first
+    closes its loops to 33 digits. The result also has the changes of the columns if loops
+    open a little, for error bounds.
 
     Parameters
     ----------
     kernel
-        A kernel whose functions are evaluated by NumPy. Compiled functions compute in
-        float64 only, but NumPy arrays can have numbers of quad precision.
+        The functions of all columns. They are evaluated by NumPy, because compiled
+        functions compute in float64 only.
     values
         (variables, n) configurations (rad), closed up to errors of float64.
     """
@@ -92,11 +92,11 @@ def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 
 
 def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
-    """Return at most `BATCH_ROWS` rows, computed in quad precision.
+    """Compute at most `BATCH_ROWS` rows (configurations) in quad precision.
 
-    The loops are closed first. The columns of a row in which this fails are computed at the
-    given variables, and `is_closed` is False. The caller then adds the opening of its loops
-    to the error bounds.
+    The loops are closed first. If this fails in a row, its columns are computed at the
+    original variables, and `is_closed` is False. The caller then adds the opening of its
+    loops to the error bounds.
 
     Parameters
     ----------
@@ -108,15 +108,14 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     x, is_closed = _close_loops(kernel, values)
     extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
     columns = kernel.all_columns.function(extended).astype(float)
-    # Numbers by which a row is judged. Among them is the inverse of the loop equations: the
-    # movement of each passive variable per unit opening of each loop about three axes.
+    # Among these numbers is the inverse of the loop equations: the movement of each passive
+    # variable (not an input) per unit opening of each loop about three axes.
     bounds = kernel.row_bounds.function(extended).astype(float)
     inverse = bounds[kernel.row_bounds.slices["inverse"]].reshape(
         len(kernel.passive_variables), 3 * kernel.loop_count, values.shape[1]
     )
-    # How much each column changes per unit opening of the loops. The sizes of a mechanism
-    # are rounded to float64, so the loops of the true mechanism are open by tiny angles. An
-    # estimate of these angles times the changes is a bound of the errors of the columns.
+    # Because sizes are rounded to float64, the loops of the exact mechanism are open by
+    # tiny angles. These angles times the changes bound the errors of the columns.
     opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
     return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
 
@@ -124,10 +123,10 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 def _close_loops(kernel: RowKernel, values: Floats) -> tuple[Array, Bools]:
     """Close the loops of rows by Newton's method in quad precision.
 
-    Steps are made for all rows together, until all of them are small or their number is
-    `MAX_NEWTON_STEPS`. The method fails in a row if the last step was not small, or if the
-    row has moved by more than `MAX_QUAD_CORRECTION_RAD` and may have reached another
-    solution.
+    A row is a configuration. Steps are computed for all rows together, until all steps are
+    small or `MAX_NEWTON_STEPS` are done. The method fails in a row if its last step was not
+    small. It also fails if the row has moved by more than `MAX_QUAD_CORRECTION_RAD`,
+    possibly to another solution.
 
     Parameters
     ----------
@@ -140,7 +139,7 @@ def _close_loops(kernel: RowKernel, values: Floats) -> tuple[Array, Bools]:
     -------
     x
         (variables, n) closed configurations (rad) in quad precision. Rows in which the
-        method fails have the given values.
+        method fails have the original values.
     is_closed
         (n,) whether the method has closed the loops of a row.
     """
@@ -149,10 +148,11 @@ def _close_loops(kernel: RowKernel, values: Floats) -> tuple[Array, Bools]:
     # (variables, n) the present iterate.
     x = start.copy()
     for _ in range(MAX_NEWTON_STEPS):
-        # Profiles of contacts that are no circles are stored as float64 series. They are
-        # evaluated at `values` and extrapolated linearly to the iterate, which is near.
+        # A profile (contact curve of a link) that is not a circle is a float64 series. It
+        # is evaluated at `values` and extrapolated linearly to the present variables, which
+        # are near.
         extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
-        # The passive variables after a step. Inputs are not changed.
+        # The variables that are not inputs (passive), after a step.
         passive_values = kernel.newton_step.function(extended)
         step_sizes = max_abs((passive_values - x[passive]).astype(float), axis=0)
         x[passive] = passive_values
@@ -167,10 +167,10 @@ def _close_loops(kernel: RowKernel, values: Floats) -> tuple[Array, Bools]:
 def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> Floats:
     """Return how much each output column changes if loops open, as a sum of magnitudes.
 
-    Output columns are the computed quantities, such as angular velocities of links. The
-    sizes of a mechanism are rounded, so that its computed loops remain open by tiny angles.
-    Such an angle times the sum is a bound of the error of a column. A loop can open about
-    three axes, so there are three directions for each loop.
+    Output columns are the computed quantities, such as angular velocities of links. Because
+    sizes are rounded, computed loops are open by tiny angles. Such an angle times the sum
+    bounds the error of a column. A loop can open about three axes, so there are three
+    directions for each loop.
 
     The derivatives are computed with complex steps: f'(x) = Im f(x + ih) / h (Squire and
     Trapp 1998).
@@ -182,36 +182,36 @@ def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> 
     values
         (variables, n) closed configurations (rad).
     inverse
-        (passive variables, directions, n) movement of the variables per unit opening of a
-        loop in each direction, rad per rad.
+        (passive variables, directions, n) movement of the variables that are not inputs,
+        per unit opening of a loop in each direction (rad per rad).
 
     Returns
     -------
-    (columns, n) sums of sizes, per rad.
+    (columns, n) sums of the absolute changes, per rad.
     """
     passive = list(kernel.passive_variables)
     direction_count, count = inverse.shape[1:]
     changes = np.zeros((kernel.column_count, count))
-    # One call takes several directions. For few rows, a call takes about as long as it does
-    # for `BATCH_ROWS` rows.
+    # One call evaluates several directions. With few rows, each call takes about the same
+    # time as with `BATCH_ROWS` rows.
     directions_per_call = max(1, BATCH_ROWS // max(count, 1))
     for start in range(0, direction_count, directions_per_call):
-        # All n configurations are repeated, once for each direction of this call. The
-        # movements (variables, directions, n) are put in the same order.
+        # All n configurations are repeated for each direction of this call. The movements
+        # (variables, directions, n) get the same order below.
         movements = inverse[:, start : start + directions_per_call]
         repeated = np.tile(values, movements.shape[1])
         stepped = repeated.astype(complex)
         stepped.imag[passive] = COMPLEX_STEP_RAD * movements.reshape(len(passive), -1)
-        # Stored series of profiles cannot be evaluated at complex numbers. They are
-        # evaluated at the real configurations and extrapolated linearly by the step.
+        # Profiles (contact curves) that are series cannot be evaluated at complex numbers.
+        # They are evaluated at the real configurations and extrapolated linearly by the
+        # step.
         extended = append_profile_columns(
             stepped, kernel.profiles, expansion_point=repeated
         )
         columns = kernel.all_columns.function(extended)
         # (columns, directions, n)
         sizes = np.abs(columns.imag).reshape(len(columns), movements.shape[1], count)
-        # The directions are added one after another. The rounding of the sum then does not
-        # depend on the number of directions in a call, and so not on the number of rows.
+        # One after another, so that rounding does not depend on the directions per call.
         for size in sizes.swapaxes(0, 1):
             changes += size / COMPLEX_STEP_RAD
     return changes

@@ -85,24 +85,24 @@ class RowExpressions(VelocityEquations):
     ) -> None:
         """Write loop equations, their inverse and error bounds as expressions.
 
-        The loop equations say that in each loop the sum of the variables' vectors times
+        The velocity equation of a loop says that the sum of the variables' vectors times
         their rates is 0. The vector of a variable is the relative angular velocity of the
-        links of its pair per unit rate of the variable. For an R pair it is the axis.
+        links of its pair (joint) per unit rate. For an R pair (revolute joint) it is the
+        axis.
 
-        The bounds are those of the errors of variables and axes. These errors have two
-        causes: the loops of a computed configuration are not closed exactly, and the sizes
-        of the links are rounded.
+        The error bounds are those of variables and axes. These errors have two causes: the
+        loops of a computed configuration are not closed exactly, and the sizes of the links
+        are rounded.
 
         Parameters
         ----------
         mechanism
-            The mechanism. Its contacts may have profiles of any shape.
+            The mechanism. Its contacts may have profiles (contact curves) of any shape.
         variables
             Symbols of all pair variables.
         pivots
-            The order in which passive variables are eliminated from the loop equations.
-            Each pivot is a loop with the variables (at most three) for which the equations
-            of this loop are solved.
+            The order in which variables that are not inputs are eliminated. Each pivot is a
+            loop with the variables (at most three) for which its equations are solved.
         inputs
             Numbers of the driven pairs.
         """
@@ -110,19 +110,18 @@ class RowExpressions(VelocityEquations):
         pairs = pair_rotations(mechanism, any_profile=True)
         placed = place_by_variables(mechanism, pairs, variables)
         # The base class sets `vectors` (of the variables), `tree` (the loops) and
-        # `closure_residual_square`. It can compute the vector of two circles that roll on
-        # each other about the centres of the circles. Small circles would lose digits, so
-        # the vector is computed from the contact point here.
+        # `closure_residual_square`. For two rolling circles it could form the vector from
+        # their centres. For small circles that loses digits, so the contact point is used
+        # here.
         super().__init__(mechanism, pairs, placed, variables, about_centres=False)
         input_variables = [self.pair_variables[pair][0] for pair in inputs]
         self.passive_variables = [
             v for v in range(len(variables)) if v not in input_variables
         ]
-        # (loops, 3, variables) the Jacobian of the loop equations. The column of a variable
-        # is its vector times a sign: 1 or -1 for the direction in which the loop passes its
-        # pair, 0 if the pair is not in the loop. Inputs are not unknowns, so their columns
-        # are set to zero. The inverse has a row for each variable, which is zero for an
-        # input.
+        # (loops, 3, variables) the coefficients of the velocity equations. The column of a
+        # variable is its vector times a sign. The sign is 1 or -1 for the sense in which
+        # the loop passes its pair, and 0 outside the loop. The columns of inputs are zero,
+        # because inputs are no unknowns.
         equations = np.stack(self.vectors, axis=1) * self.tree.signs[:, None]
         equations[..., input_variables] = 0.0
         self.inverse = loop_inverse(equations, pivots)
@@ -195,12 +194,11 @@ class RowExpressions(VelocityEquations):
     def position_errors(
         self, carried: CarriedVector, variable_shift: Expr
     ) -> tuple[Expr, Expr]:
-        """Return bounds of the errors of a carried vector and of its slide.
+        """Return bounds of the errors of a variable's vector and of its slide.
 
-        A carried vector is fixed in a link, such as the axis of an R pair, or depends on a
-        variable, such as a contact point that moves along a profile of the link. The slide
-        of the vector is its derivative by this variable, seen from the link. It is 0 for a
-        fixed vector.
+        The vector turns with a link, such as the axis of an R pair (revolute joint). The
+        vector of a contact also changes with the variable. Its slide is the derivative by
+        the variable, as seen from the link. It is 0 for a vector that is fixed in the link.
 
         The loops of a computed configuration are open by up to `opening_rad`. Compared with
         the closed configuration, the link is therefore turned, and the variable differs. In
@@ -215,7 +213,7 @@ class RowExpressions(VelocityEquations):
             Bound of the movement of the variable per unit opening of all loops (rad per
             rad).
         """
-        # `link_turns` are rotations per unit opening of all loops.
+        # `link_turns` are the rotations of the links per unit opening of all loops.
         turn = self.link_turns[carried.link] * self.opening_rad + self.tilt_rad
         shift = variable_shift * self.opening_rad
         axis_error = carried.length * turn + carried.slide_length * shift
@@ -251,19 +249,19 @@ class RowExpressions(VelocityEquations):
         return [self.variables[v] + step[v] for v in self.passive_variables]
 
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
-        """Return the rates of all variables that balance given offsets, inputs at rest.
+        """Return the rates of all variables that balance offsets, inputs at rest.
 
-        Around each loop the sum of a_v x_v over the passive variables v, with their vectors
-        a_v and rates x_v, is the sum of the offsets e of the pairs. Both sums have the sign
-        with which the loop passes a pair. The rates are the inverse of these equations
-        times the sums of the offsets. Three sorts of offsets occur:
+        Around each loop, the sum of a_v x_v equals the sum of the offsets e of the pairs
+        (joints). a_v are the vectors and x_v the rates of the variables v that are not
+        inputs. Both sums have the sign with which the loop passes a pair. The method has
+        three uses:
 
-        - An input moves with the angular velocity w, which belongs to the left side. On the
-          right side it is the offset e = -w of its pair.
-        - Pairs have velocity-dependent accelerations b. The offsets are e = -b, and the
-          rates are then the accelerations of the variables.
-        - Loops are open by small rotations. With these as offsets, the rates are a step of
-          Newton's method that closes the loops.
+        - Velocities: an input moves with the angular velocity w. On the right-hand side
+          this is the offset e = -w of its pair.
+        - Accelerations: the pairs have accelerations b that depend on velocities. With e =
+          -b, the results are the accelerations of the variables.
+        - Closing loops: loops are open by small rotations. With these as offsets, the
+          results are a step of Newton's method that closes the loops.
 
         Parameters
         ----------
@@ -272,15 +270,15 @@ class RowExpressions(VelocityEquations):
         """
         loop_offsets: list[Exprs] = []
         for signs in self.tree.signs:
-            # A sign is 1 or -1 for the direction in which the loop passes a pair, and 0 for
-            # pairs outside of the loop. It is stored for each variable, here the first one
-            # of the pair.
+            # A sign is 1 or -1 for the sense in which the loop passes a pair, 0 for pairs
+            # outside. It is the same for all variables of the pair, so that of the first
+            # one is used.
             offset_sum = vector_sum(
                 offset * signs[self.pair_variables[pair][0]]
                 for pair, offset in offsets.items()
             )
             loop_offsets.append(offset_sum)
-        # `inverse` has for each variable an array (loops, 3), as the offsets have.
+        # Each row of `inverse` is an array (loops, 3), in the order of the offsets.
         flat_offsets = np.ravel(loop_offsets)
         return [dot(row.flat, flat_offsets) for row in self.inverse]
 
@@ -288,14 +286,14 @@ class RowExpressions(VelocityEquations):
 def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
     """Return for each contact a number that exceeds 1 if its curvatures are nearly equal.
 
-    Profiles of equal curvature fit into each other, and do not determine their relative
-    motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the curvatures k1 and k2 of
-    the first and the second profile. So it exceeds 1 if their difference is below 2
-    `EQUAL_CURVATURE`. A row is undetermined only below `EQUAL_CURVATURE`. Because of the
-    factor 2, rows near this limit are not certified, that is, not accepted without another
-    computation. The number is NaN if k2 exceeds k1: the profiles then overlap.
+    Two profiles (contact curves) of equal curvature fit into each other, and then do not
+    determine their relative motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the
+    curvatures k1 and k2 of the first and the second profile. If the number exceeds 1, the
+    row (configuration) is examined by a more exact computation. It counts as undetermined
+    if k1 - k2 is below `EQUAL_CURVATURE`; the factor 2 is a margin. The number is NaN if k2
+    exceeds k1, because the profiles then overlap.
 
-    Contacts of two circles are left out, because their curvatures do not change.
+    Contacts of two circles are left out, because their curvatures are constant.
     """
     uncertainties: list[Expr] = []
     for first, second in rows.pairs.sides.values():

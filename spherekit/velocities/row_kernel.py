@@ -63,17 +63,17 @@ KernelEngine = Literal["numpy", "compiled"]
 
 
 class ColumnFunction:
-    """A function of n configurations whose outputs are grouped by name.
+    """A compiled or NumPy function of n configurations, with outputs grouped by name.
 
-    The input is an array (variables, n) of pair variables. Profiles of contacts have
-    further quantities, the profile columns: tangent, point and curvature at the contact. A
-    call first computes them from the variables by stored series, then evaluates the
-    expressions. The output is an array (width, n).
+    The input is an array (variables, n) of pair variables. Contact curves of links
+    (profiles) add arguments, the profile columns: tangent, point and curvature at the
+    contact. A call first computes them from the variables by stored series. Then it
+    evaluates the expressions. The output is an array (width, n).
 
     Attributes
     ----------
     slices
-        By name, the range of the first axis of the output that belongs to it.
+        For each name, its range along the first axis of the output.
     width
         Length of the first axis of the output.
     function
@@ -87,7 +87,7 @@ class ColumnFunction:
         profiles: Sequence[ProfileSide],
         compiled: bool = False,
     ) -> None:
-        """Make the function.
+        """Make the function from expressions.
 
         Parameters
         ----------
@@ -96,11 +96,11 @@ class ColumnFunction:
         variables
             The symbols of the pair variables.
         profiles
-            Profiles of contacts that are described by columns: tangent, point and curvature
-            at the contact. The symbols of these columns are further arguments of the
+            Contact curves of links that are described by symbols: tangent, point and
+            curvature at the contact. These symbols are further arguments of the
             expressions.
         compiled
-            Whether heyoka compiles the function. NumPy evaluates it otherwise.
+            Whether heyoka compiles the function. Otherwise NumPy evaluates it.
         """
         outputs: list[Expr] = []
         self.slices: dict[Any, slice] = {}
@@ -120,16 +120,17 @@ class ColumnFunction:
 
 
 class SingleRowOutputs(NamedTuple):
-    """The outputs of the function for single rows, as expressions or as numbers.
+    """The outputs of the function for one configuration (row), as expressions or numbers.
 
-    All except the variables are evaluated at the variables before a step of Newton's
-    method.
+    If the variables follow from the inputs by formulas (closed form), all outputs are for
+    these variables. Otherwise the function also performs a step of Newton's method.
+    `variables` are then those after the step, and all other outputs are for those before
+    the step.
 
     Attributes
     ----------
     variables
-        The pair variables (rad). If they do not follow from the inputs in closed form, they
-        are those after a step of Newton's method.
+        The pair variables (rad).
     kantorovich_number
         The number h in Kantorovich's theorem. If it is at most 1/2, Newton's method
         converges, and there is exactly one solution near.
@@ -137,13 +138,13 @@ class SingleRowOutputs(NamedTuple):
         Sum of the uncertainties: error bounds and condition numbers relative to the largest
         allowed ones. If it is at most 1, none exceeds its limit.
     residual
-        The closure residual (rad).
+        By how much the loops are open (rad).
     axis_sum
-        (3,) sum of the vectors of all variables (for R pairs their axes). Of the two
-        opposite directions of a pole, the one with a positive scalar product with this sum
-        is chosen at the start of a motion.
+        (3,) sum of the vectors of all variables (for R pairs their axes). A pole (axis of
+        relative rotation) has two opposite directions. At the start of a motion, the
+        direction with a positive scalar product with this sum is chosen.
     columns
-        All columns of the kernel: velocities and poles, with error bounds.
+        All velocities and poles, with error bounds.
     """
 
     variables: Sequence[Any]
@@ -154,7 +155,7 @@ class SingleRowOutputs(NamedTuple):
     columns: Sequence[Any]
 
     def flat_list(self) -> list[Any]:
-        """Return all outputs one after another, in the order of the fields."""
+        """Return all outputs as one list, in the order of the fields."""
         return [
             *self.variables,
             self.kantorovich_number,
@@ -166,7 +167,7 @@ class SingleRowOutputs(NamedTuple):
 
     @staticmethod
     def from_flat_list(numbers: Sequence[Any], variable_count: int) -> "SingleRowOutputs":
-        """Return the outputs from a list in which they follow one another."""
+        """Return the outputs from a list in the order of `flat_list`."""
         first = variable_count  # index of the first output after the variables
         return SingleRowOutputs(
             variables=numbers[:first],
@@ -180,25 +181,25 @@ class SingleRowOutputs(NamedTuple):
 
 @dataclass(frozen=True)
 class EvaluatedRow:
-    """The results of a kernel for one configuration whose errors are certified as small.
+    """The results for one configuration, which are certified to be accurate.
 
-    A kernel is a function that computes all velocities and poles (axes of relative rotation
-    of two links) of a mechanism from its pair variables.
+    The results are all velocities and poles (axes of relative rotation of two links) of a
+    mechanism.
 
     Attributes
     ----------
     variables
         Values (rad) of all pair variables.
     residual
-        Closure residual (rad): the opening of the loops.
+        By how much the loops are open (rad).
     axis_sum
         (3,) sum of the vectors of all variables, in ground axes. The vector of a variable
         is the angular velocity of its pair at unit rate, for an R pair its axis. The sign
-        of a pole direction is arbitrary; at the start of a motion it is chosen so that the
-        scalar product with this sum is positive.
+        of a pole direction is arbitrary. At the start of a motion, its scalar product with
+        this sum should be positive.
     columns
-        All columns of the kernel: velocities, poles and their error bounds.
-        `InputColumns.column_indices` says which column has which quantity.
+        Velocities, poles and their error bounds. `InputColumns.column_indices` says which
+        column has which quantity.
     """
 
     variables: Sequence[float]
@@ -317,18 +318,20 @@ class RowKernel:
 
     @cached_property
     def _scalar_function(self) -> FloatFunction:
-        """Function that takes and returns plain numbers, for single rows.
+        """Function that takes and returns plain numbers, for a single configuration.
 
-        If all variables follow in closed form from the inputs of the mechanism and one sign
-        for each dyad (two links and three R pairs), these are the arguments. Otherwise the
-        arguments are all variables. The outputs are the list of `SingleRowOutputs`.
+        Formulas for all variables (a closed form) exist for some mechanisms. The arguments
+        are then the inputs and one sign for each dyad (two links and three R pairs), which
+        chooses one of its two solutions. Otherwise the arguments are all variables, and the
+        function includes a step of Newton's method. The outputs are the list of
+        `SingleRowOutputs`.
         """
         other_outputs = self._single_row_expressions().flat_list()
         if self._closed_form is None:
             after_step = self._variables_after_newton_step()
             return float_function([*after_step, *other_outputs], self._variables)
         closed_form = self._closed_form
-        # The symbol of each variable is replaced by its closed form.
+        # All expressions become functions of inputs and signs.
         form_by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
         return float_function(
             [*closed_form.variables, *substitute(other_outputs, form_by_variable)],
@@ -353,19 +356,20 @@ class RowKernel:
         return [passive.get(v, symbol) for v, symbol in enumerate(self._variables)]
 
     def evaluate_row(self, values: Sequence[float]) -> EvaluatedRow | None:
-        """Return a single row, or None if it cannot be certified.
+        """Evaluate a single row (configuration). Return None if it cannot be certified.
 
         A row is certified if its loops are closed up to rounding and the sum of its
-        uncertainties is at most 1. An uncertainty is a condition number or an error bound
-        of the velocities and poles, relative to the largest allowed one.
+        uncertainties is at most 1. An uncertainty is a condition number or an error bound,
+        relative to the largest allowed one.
 
         Parameters
         ----------
         values
-            With a closed form, the inputs (rad), and for each dyad (two links and three R
-            pairs) the sign +1 or -1 that selects one of the two ways to assemble it.
-            Otherwise variables near a closed configuration. Newton's method closes their
-            loops as long as Kantorovich's theorem says that exactly one solution is near.
+            If there are formulas for all variables (closed form): the inputs (rad), and for
+            each dyad (two links and three R pairs) the sign +1 or -1 that chooses one of
+            its two solutions. Otherwise the variables near a closed configuration. Newton's
+            method then closes the loops. It stops if Kantorovich's theorem does not
+            guarantee exactly one solution near.
         """
         for _ in range(MAX_NEWTON_STEPS):
             try:
@@ -373,20 +377,19 @@ class RowKernel:
             except (ArithmeticError, ValueError):
                 return None
             outputs = SingleRowOutputs.from_flat_list(numbers, len(self._variables))
-            # "not <=" also refuses NaN.
+            # "not <=" is also true for NaN.
             if not outputs.kantorovich_number <= MAX_KANTOROVICH_NUMBER:
                 return None
             if outputs.residual <= self.closure_rounding_rad:
                 if not outputs.uncertainty_sum <= 1.0:
                     return None
-                # A closed form has computed the variables of this row. Otherwise they are
-                # `values`, because the computed ones are those after a Newton step.
+                # With a closed form, the outputs contain the variables. Otherwise they
+                # contain those after a further Newton step, so the arguments are returned.
                 variables = outputs.variables if self.has_closed_form else values
                 return EvaluatedRow(
                     variables, outputs.residual, outputs.axis_sum, outputs.columns
                 )
-            # The loops are open. Newton's method does not apply to a closed form, whose
-            # arguments are signs and inputs.
+            # The loops are open. Newton's method cannot change inputs and signs.
             if self.has_closed_form:
                 return None
             values = outputs.variables
@@ -400,15 +403,17 @@ class RowKernel:
 
     @property
     def _quality_expressions(self) -> dict[Any, Sequence[Expr]]:
-        """Expressions that decide whether a row is certified, by name.
+        """Expressions that decide whether a row (configuration) is accurate, by name.
 
-        - ``"uncertainties"``: error bounds or condition numbers relative to the largest
-          allowed ones. At a limit an uncertainty is 1.
-        - ``"uncertainty_sum"``: their sum. If it is at most 1, none exceeds its limit, and
-          the row is certified. Otherwise the row is computed in another way.
-        - ``"closure"``: closure residual and error of the configuration (rad).
-        - ``("velocities", k)``: `InputColumns.velocity_components` of input k. Where such a
-          relative velocity passes zero, the direction of a pole may reverse.
+        - ``"uncertainties"``: error bounds or condition numbers, each divided by the
+          largest allowed one.
+        - ``"uncertainty_sum"``: their sum. If it is at most 1, the row is certified as
+          accurate. Otherwise it is computed in another way.
+        - ``"closure"``: by how much the loops are open, and the error of the variables
+          (rad).
+        - ``("velocities", k)``: components of the angular velocities of links while input k
+          moves. Where the relative velocity of two links passes zero, the direction of
+          their pole may reverse.
         - ``("errors", k)``: for each kind of error bound in `REPORTED_ERRORS`, the largest
           bound of any pole, while input k moves.
         """
@@ -429,16 +434,18 @@ class RowKernel:
     def _error_bounds_of_poles(self, columns: InputColumns, error_name: str) -> list[Expr]:
         """Return the expression of one kind of error bound for each pole.
 
+        A pole is the axis of the relative rotation of two links.
+
         Parameters
         ----------
         columns
-            The poles while one input moves.
+            The poles while one input moves, with the indices of their columns.
         error_name
             The kind of error bound, one of `REPORTED_ERRORS`.
         """
         error_bounds: list[Expr] = []
         for column_indices in columns.column_indices[error_name].values():
-            # A direction has three columns, an error bound only one.
+            # Every error bound has a single column.
             (index,) = column_indices
             error_bounds.append(self._columns[index])
         return error_bounds
@@ -454,16 +461,18 @@ class RowKernel:
     def closed_form_quality(self) -> ColumnFunction:
         """All variables and the quality measures, as a function of inputs and signs.
 
-        The quality measures (`_quality_expressions`), such as error bounds, decide whether
-        the velocities and poles of a row are certified to be accurate. A dyad (two links in
-        series) can be closed in two ways, between which its sign chooses.
+        There are formulas for all variables (closed form). A dyad (two links joined by a
+        pair) can be closed in two ways, and a sign chooses one of them. The quality
+        measures (`_quality_expressions`), such as error bounds, decide whether the results
+        of a row (configuration) are accurate.
 
-        The function also returns a number for each dyad (``"squares"``): the square of the
-        triple product of its axes. It is computed from the arcs of the dyad, before the
-        dyad is closed. A negative number means that the arcs do not reach each other.
+        The function also returns the square of the triple product of the axes of each dyad
+        (``"squares"``), computed from its arcs. It is negative if the dyad cannot be
+        closed.
         """
         assert self._closed_form is not None
         closed_form = self._closed_form
+        # All expressions become functions of inputs and signs.
         form_by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
         quality = {
             name: substitute(expressions, form_by_variable)
@@ -474,8 +483,7 @@ class RowKernel:
             **quality,
             "squares": closed_form.triple_squares,
         }
-        # Profiles that are no circles need further arguments (tangents, points and
-        # curvatures). A mechanism with a closed form has none.
+        # Mechanisms with a closed form have no contacts with profiles.
         return ColumnFunction(
             parts, closed_form.arguments, profiles=(), compiled=self.is_compiled
         )
@@ -497,17 +505,15 @@ class RowKernel:
     def row_bounds(self) -> ColumnFunction:
         """Condition of the loops, their inverse, and residuals while one input moves.
 
-        Rows that are not certified are examined by `RowVelocities`, in float64 or in quad
-        precision. It judges them by these quantities. It uses a separate kernel for each
-        input that moves while the others are locked, so this kernel has a single moving
-        input. The quantities are:
+        `RowVelocities` uses them to judge rows (configurations) that are not certified as
+        accurate. The kernel is then made for a single moving input. The quantities are:
 
         - ``"condition_number"`` of the loop equations.
         - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.
         - ``"curvature_uncertainty"``: exceeds 1 if two profiles in contact have nearly the
           same curvature.
-        - ``"inverse"``: movement of each passive variable per unit opening of each loop
-          about each ground axis, (passive variables, loops, 3), flattened.
+        - ``"inverse"``: movement of each passive variable (not an input) per unit opening
+          of each loop about each ground axis, (passive variables, loops, 3), flattened.
         - ``"dw_error"``: error bound of dw, the derivatives of the angular velocities of
           all links by the input.
         - ``"rate_residual"``, ``"acceleration_residual"``: how well the rates and their
@@ -538,31 +544,30 @@ def row_kernel(
     engine: KernelEngine,
     order: EliminationOrder | None = None,
 ) -> RowKernel | None:
-    """Return the kernel that computes the requested quantities of a mechanism's rows.
+    """Return the kernel: the functions that compute poles and velocities of configurations.
 
-    A kernel evaluates the poles (axes of relative rotation of two links) and velocities of
-    rows (configurations). Kernels are cached, so equal requests for a mechanism get the
-    same kernel.
+    A pole is the axis of the relative rotation of two links. Kernels are cached. Equal
+    requests for a mechanism get the same kernel.
 
     Parameters
     ----------
     motion
-        Closed configurations of the mechanism, in any assembly modes.
+        Closed configurations of the mechanism, in any assembly modes (ways to assemble it).
     requests
-        The wanted quantities, for each input that moves while the others are locked.
+        The requested quantities, for each input that moves while the others are locked.
     engine
         What evaluates the expressions: "numpy", or "compiled" (heyoka).
     order
-        The order in which variables are eliminated. By default the order that is regular at
-        most rows of the motion.
+        The order in which variables are eliminated from the loop equations. By default the
+        order that is regular at most configurations of the motion.
 
     Returns
     -------
     RowKernel or None
-        None if no order is regular at any row, or if the elimination of the expressions
-        divides by zero.
+        None if no order is regular at any configuration, or if the elimination of the
+        expressions divides by zero.
     """
-    # Pivots are the variables by whose coefficients the elimination divides, in this order.
+    # The elimination divides by the coefficients of certain variables, the pivots.
     pivots = choose_order(motion) if order is None else order
     if pivots is None:
         return None
@@ -571,8 +576,8 @@ def row_kernel(
         (request.plan.input, request.poles, sorted(request.links)) for request in requests
     ]
     key = repr(("rows", quantities, pivots, engine))
-    # The order was chosen by values of the pivots at the samples. A pivot can be zero as an
-    # expression nevertheless. The elimination then divides by zero: there is no kernel.
+    # The order was chosen by numbers. An exact expression of a divisor can still be zero.
+    # Then there is no kernel.
     with suppress(ZeroDivisionError):
         return FUNCTION_CACHE.get(
             motion.mechanism, key, lambda: RowKernel(motion, requests, pivots, engine)
@@ -581,12 +586,12 @@ def row_kernel(
 
 
 def choose_order(motion: Motion) -> EliminationOrder | None:
-    """Return an elimination order that is regular at as many rows of a motion as possible.
+    """Choose an elimination order that is regular at most rows of a motion.
 
-    The order says which variables are eliminated from the equations of which loop, one loop
-    after another. It is regular at a row if no step divides by nearly zero. If equations of
-    loops are redundant, there may be no order that is regular in all assembly modes (ways
-    to assemble the links).
+    The velocity equations are solved in a fixed order: which variables are eliminated from
+    the equations of which loop. The order is regular at a row (configuration) if no step
+    divides by nearly zero. With redundant equations, no order may be regular in all
+    assembly modes (ways to assemble the links).
 
     Returns
     -------
@@ -595,16 +600,15 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     """
     if not motion.passive_variables:
         return []
-    # `kantorovich_error` is the error bound (rad) of the variables of each row. It is large
-    # near singular configurations, which are no good references. They are only used if
-    # there are no others.
+    # `kantorovich_error` is the error bound (rad) of the variables. Rows with a large bound
+    # are near singular configurations and are only used if there are no others.
     is_accurate = motion.kantorovich_error < MAX_REFERENCE_ERROR_RAD
     candidates = np.flatnonzero(~motion.failed & is_accurate)
     if not len(candidates):
         candidates = np.flatnonzero(~motion.failed)
     if not len(candidates):
         return None
-    # At most `REFERENCES` of the candidates, evenly spread over them.
+    # At most `REFERENCES` of the candidates, evenly spread.
     spread = np.unique(np.linspace(0, len(candidates) - 1, REFERENCES).astype(int))
     references = candidates[spread]
     orders_with_rows = assign_elimination_orders(
@@ -612,8 +616,7 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     )
     if not orders_with_rows:
         return None
-    # Each order comes with the rows for which it is used. If several orders have equally
-    # many rows, the first one is taken: it was searched for all rows, the later ones only
-    # for the rows at which the earlier ones are not regular.
+    # The order with the most rows. Of several, `max` returns the first, which was searched
+    # for all rows. Later ones were searched only for the rows that remained.
     order, _ = max(orders_with_rows, key=lambda order_and_rows: len(order_and_rows[1]))
     return order

@@ -90,9 +90,7 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class RowQuantity:
-    """A quantity of rows of designs, and the method that computes it.
-
-    A row is one configuration of one design of a mechanism.
+    """Says how a quantity of a configuration, such as a velocity, is computed.
 
     Attributes
     ----------
@@ -113,10 +111,10 @@ class RowQuantity:
 
 
 class QuantityTable(dict[str, RowQuantity]):
-    """Quantities of rows by their names.
+    """Declarations of all quantities that can be computed for a configuration, by name.
 
-    A row is one configuration of one design of a mechanism, with rates and accelerations of
-    its inputs. The quantities are computed by methods of `DesignExpressions`.
+    Configurations (rows) belong to designs of a mechanism, and have rates and accelerations
+    of the inputs. The quantities are computed by methods of `DesignExpressions`.
     """
 
     def add(
@@ -130,8 +128,8 @@ class QuantityTable(dict[str, RowQuantity]):
         """Add a quantity with its unit and the method that computes it.
 
         Names of links and pairs can contain underscores, so two quantities can have the
-        same name. An example is ``pole_1_2_3_x`` with links "1", "2_3", "1_2" and "3". Such
-        a name is refused when it is used.
+        same name. An example is ``pole_1_2_3_x``, which can be links "1" and "2_3", or
+        "1_2" and "3". Such a name is refused when it is used.
 
         Parameters
         ----------
@@ -146,8 +144,7 @@ class QuantityTable(dict[str, RowQuantity]):
             Index of the component (0 to 2) if the method returns a vector.
         """
         if name in self:
-            # The method of this name raises an error. Its message names both quantities by
-            # their arguments.
+            # The quantity becomes a method that raises an error with the arguments of both.
             other_arguments = self[name].arguments
             method = "refuse_ambiguous_name"
             arguments = (name, arguments, other_arguments)
@@ -157,9 +154,10 @@ class QuantityTable(dict[str, RowQuantity]):
     def add_vector(
         self, name: str, unit: str, method: str, *arguments: Any, ending: str = ""
     ) -> None:
-        """Add the components of a vector, as `add` does for each.
+        """Add the components x, y and z of a vector as three quantities.
 
-        The names are `name`, then ``_x``, ``_y`` or ``_z``, then `ending`.
+        Their names are `name`, then ``_x``, ``_y`` or ``_z``, then `ending`. The other
+        parameters are those of `add`.
         """
         for index, axis in enumerate("xyz"):
             self.add(f"{name}_{axis}{ending}", unit, method, *arguments, component=index)
@@ -186,11 +184,11 @@ def make_quantity_table(
 ) -> QuantityTable:
     """Return the table of all quantities that can be computed for rows of a mechanism.
 
-    A row is one configuration with the rates and accelerations of its inputs. An example of
-    a quantity is ``theta_32``, the angle of pair 32. For each name the table has the unit,
-    and the name and the arguments of the method of `DesignExpressions` that computes the
-    quantity: here ``"angle"`` with the argument ``"32"``. ``rate_32_by_21`` is the rate of
-    this angle per unit rate of the input at pair 21, if there are several inputs.
+    A row is one configuration with the rates and accelerations of its inputs. For example,
+    ``theta_32`` is the angle of pair 32. If there are several inputs, ``rate_32_by_21`` is
+    the rate of this angle per unit rate of the input at pair 21. For each name the table
+    has the unit, and the method of `DesignExpressions` that computes the quantity, with its
+    arguments.
 
     Parameters
     ----------
@@ -208,6 +206,7 @@ def make_quantity_table(
         zip(sample_names(inputs), [*sample_units, "s"], strict=True)
     ):
         table.add(name, unit, "sample_variable", index)
+    # With one input, names do not say which input moves.
     has_one_input = len(inputs) == 1
     moving_inputs = [
         MovingInput("" if has_one_input else f"_by_{pair}", position)
@@ -230,24 +229,22 @@ def _add_kinematic_quantities(
     moving_inputs: Sequence[MovingInput],
     assembly: Assembly,
 ) -> None:
-    """Add the quantities of pairs and links to a table.
+    """Add the quantities of pairs (joints) and links to a table.
 
-    Each call adds a name with its unit, the name of the method of `DesignExpressions` that
-    computes the quantity, and the arguments of this method. The components of vectors are
-    added one by one.
+    Each call of `add` states a name, its unit, a method of `DesignExpressions` and the
+    arguments of this method. `add_vector` adds three components.
 
     Parameters
     ----------
     table
         The table, which is changed in place.
     mechanism, assembly
-        The mechanism, and its groups: sets of links that are closed together, one group
-        after another. A group of two links in series is a dyad. It has a transmission
-        angle at its middle pair.
+        The mechanism, and its groups: sets of links that are closed together. A group of
+        two links joined by a pair is a dyad, with a transmission angle at this pair.
     moving_inputs
-        For each input the ending of the names of quantities that depend on it, such as
-        ``_by_21`` for the input at pair 21, and its index. With one input only, the ending
-        is empty.
+        For each input an ending of names, and its index. The ending, such as ``_by_21`` for
+        the input at pair 21, marks quantities that depend on the moving input. With one
+        input, the ending is empty.
     """
     links = mechanism.links
     revolute_pairs = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
@@ -286,13 +283,21 @@ def _add_output_quantities(
     """Add the quantities of outputs to a table, which is changed in place.
 
     An output is the orientation of a link relative to another one, or a direction fixed in
-    this link (a pointing output). Its Jacobian has a column (3,) for each input. This is
-    the relative angular velocity of the link, or the rate of the direction if the output is
-    pointing and there are two inputs. The condition number of a single column says nothing.
-    The determinant exists for three inputs, and for two if the output is pointing.
+    this link (a pointing output). Its Jacobian has a column (3,) for each input. The column
+    is the angular velocity of the link, or with two inputs and a pointing output, the rate
+    of the direction. With one input there is no condition number, because a single column
+    always has 1. The determinant exists for three inputs, or two inputs and a pointing
+    output.
 
-    `QuantityTable.add` takes the name of a quantity, its unit (all are pure numbers), and
-    the name and arguments of the method of `DesignExpressions` that computes it.
+    Parameters
+    ----------
+    table
+        The table. Each call of `add` states a name, a unit (here none), a method of
+        `DesignExpressions` and its arguments.
+    mechanism
+        The mechanism with its outputs.
+    input_count
+        Number of inputs.
     """
     for output in mechanism.outputs:
         is_pointing = output.direction is not None
@@ -314,9 +319,9 @@ def _add_dynamic_quantities(
     """Add the quantities that depend on masses to a table.
 
     They are the inertia matrix, driving torques, accelerations of inputs without torques,
-    derivatives of accelerations, and the kinetic energy. Each call adds a name with its
-    unit, the name of the method of `DesignExpressions` that computes the quantity, and the
-    arguments of this method (indices of inputs).
+    derivatives of accelerations, and the kinetic energy. Each call of `add` states a name,
+    its unit, a method of `DesignExpressions` and the arguments of this method (indices of
+    inputs).
 
     Parameters
     ----------
@@ -325,14 +330,14 @@ def _add_dynamic_quantities(
     inputs
         Names of the input pairs.
     moving_inputs
-        For each input the ending of the names of quantities that depend on it, such as
-        ``_by_21`` for the input at pair 21, and its index. With one input only, the ending
-        is empty.
+        For each input an ending of names, and its index. The ending, such as ``_by_21`` for
+        the input at pair 21, says which input is meant. With one input, the ending is
+        empty.
     """
     has_one_input = len(inputs) == 1
     # With one input, the inertia is the equivalent inertia B: twice the kinetic energy at
-    # unit rate of the input. With several inputs, it is a matrix with an entry for each two
-    # of them, which is called B_PAIR_by_PAIR.
+    # unit rate of the input. With several inputs, it is a matrix. Its entries are named
+    # B_PAIR_by_PAIR.
     for (row, pair), (ending, column) in product(enumerate(inputs), moving_inputs):
         name = "B" if has_one_input else f"B_{pair}{ending}"
         table.add(name, "kg m2", "inertia", row, column)
@@ -345,9 +350,9 @@ def _add_dynamic_quantities(
         pair_ending = "" if has_one_input else f"_{pair}"
         name = f"free_acceleration{pair_ending}"
         table.add(name, "rad/s2", "free_acceleration", index)
-        # The equation of motion is linearised: the acceleration of this input changes with
-        # the angle of each input (derivative A_q), its rate (A_dq) and its torque
-        # (B_torque). `LINEARISATION_UNITS` has the units of these derivatives.
+        # The equation of motion is linearised. The acceleration of this input has
+        # derivatives by the angle (A_q), the rate (A_dq) and the torque (B_torque) of each
+        # input.
         for (kind, unit), (ending, other) in product(
             LINEARISATION_UNITS.items(), moving_inputs
         ):

@@ -189,20 +189,18 @@ class RowVelocities:
         self.status[is_lost] = Status.AT_SINGULARITY
 
     def quantity(self, name: str, key: Any) -> Floats:
-        """Return a quantity (components, n) of a pole or link.
+        """Return a quantity (components, n) of a pole or link, at n rows (configurations).
 
         A pole is the axis about which two links rotate relative to each other. The quantity
-        is NaN in rows whose status is not OK. Directions are an exception: they are
-        returned in all rows that have a configuration, because the axis of a pair is known
-        without the rates.
+        is NaN in rows that failed. Directions are also returned where only the rates
+        failed, because the axis of a pair (joint) is known without the rates.
 
         Parameters
         ----------
         name
             Field of `PoleField`, such as "w", the angular velocity of a link per unit rate
             of the input. Usually "w" is the solution of the velocity equations. After a
-            call of `use_planned_velocities` it follows from poles that are intersections
-            of great circles (Aronhold-Kennedy theorem).
+            call of `use_planned_velocities` it is computed from poles.
         key
             The pole as numbers of its links, or the number of one link.
         """
@@ -236,28 +234,28 @@ class RowVelocities:
     def use_planned_velocities(self, planned_poles: PlannedPoles) -> None:
         """Replace the angular velocities of links by those that follow from known poles.
 
-        The velocity equations gave the angular velocities so far. The plan of the poles is
-        another method: it computes poles one after another, as intersections of great
-        circles. It gives no derivatives of the angular velocities, so these remain those of
-        the equations.
+        A pole is the axis of the relative rotation of two links. So far, the velocity
+        equations gave the angular velocities. The plan of the poles is another method:
+        poles are intersections of great circles, one after another. It gives no
+        derivatives, so the derivatives of the angular velocities remain those of the
+        equations.
 
-        The error bounds of the equations do not apply to the plan. Therefore all of this
-        changes, in place:
+        The error bounds of the equations do not apply to the plan. So this changes, in
+        place:
 
         - No row counts as certified or as computed in quad precision any more.
         - The difference between both methods is added to the error of the velocity
           coefficient of each pole.
-        - Rows in which the plan determines directions only with an error above
-          `USABLE_DIRECTION` (rad) become ILL_CONDITIONED.
+        - Rows in which the plan gives a direction with an error above `USABLE_DIRECTION`
+          (rad) become ILL_CONDITIONED.
 
         Parameters
         ----------
         planned_poles
             The poles by the plan, at the same rows.
         """
-        # `w` has the angular velocity of each body of the plan. A body is a set of links
-        # that do not move relative to each other while all inputs but the moving one are
-        # locked.
+        # By body of the plan. A body is a set of links that do not move relative to each
+        # other while the other inputs are locked.
         w, direction_error = planned_poles.link_rates(self.request.bodies)
         self.is_certified[:] = False
         self.is_quad_precision[:] = False
@@ -265,7 +263,7 @@ class RowVelocities:
         self.status[is_uncertain & (self.status == Status.OK)] = Status.ILL_CONDITIONED
 
         velocities_by_equations = self._pole_velocities()
-        # From here on, all velocities are those of the plan (`quantity`).
+        # From here on, `quantity` returns the velocities of the plan.
         self.planned_w = {
             link: w[body] for link, body in enumerate(self.request.plan.body) if body in w
         }
@@ -284,12 +282,12 @@ class RowVelocities:
         return self._bounds[self._bound_slices[name]][0]
 
     def _find_certified_rows(self) -> Bools:
-        """Return (n,) the rows whose error bounds are small enough in float64.
+        """Return (n,) the rows (configurations) with small enough error bounds in float64.
 
-        Rows that are not certified are computed again in quad precision. In a certified
-        row, the velocity equations are far from singular. For each pole (the axis about
-        which two links rotate relative to each other) either its direction is accurate, or
-        it is certain that its links do not move relative to each other.
+        All other rows are computed again in quad precision. In a certified row, the
+        velocity equations are far from singular. For each pole (the axis about which two
+        links rotate relative to each other), one of two conditions is met. Its direction is
+        accurate, or it is certain that its links do not move relative to each other.
         """
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
         # The curvature uncertainty exceeds 1 if the two profiles of a contact have nearly
@@ -297,8 +295,8 @@ class RowVelocities:
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
         # dw are the derivatives of the angular velocities of all links by the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
-        # Poles that are axes of pairs are known exactly. The other ones follow from the
-        # relative angular velocities v of their links.
+        # Poles that are axes of pairs (joints) are known exactly. The directions of the
+        # others follow from the relative angular velocities v of their links.
         for pole in self._reversible_poles:
             errors = self.pole_errors[pole]
             v_size = norm_columns(self.relative_velocity(pole))
@@ -311,23 +309,23 @@ class RowVelocities:
     def _find_reordered_rows(
         self, condition_numbers: Floats
     ) -> list[tuple[EliminationOrder, Indices]]:
-        """Return elimination orders for rows at which the kernel's order is not regular.
+        """Return elimination orders for rows at which the usual order is not regular.
 
         An elimination order says which variables are eliminated from which loop of the
-        velocity equations, one after another. At some rows an order may not be regular
-        although the equations are: a pivot of the elimination is nearly zero.
+        velocity equations. At some rows (configurations) a step divides by nearly zero,
+        although the equations are regular. Another order is needed there.
 
         Parameters
         ----------
         condition_numbers
-            (n,) condition numbers by the kernel: the norm of the Jacobian times the norm of
-            the inverse that its elimination order gives. NaN if a pivot is zero.
+            (n,) the norm of the Jacobian times the norm of its inverse by the usual order.
+            NaN if a divisor is zero.
 
         Returns
         -------
         Orders with the rows (k,) for which each of them is used.
         """
-        # Comparisons with NaN are False, so NaN counts as doubtful and as not good.
+        # A comparison with NaN is False, so NaN counts as not good.
         is_good = condition_numbers <= 1.0 / MIN_RECIPROCAL_CONDITION
         doubtful_rows = np.flatnonzero(~is_good & ~self.motion.failed)
         if not len(doubtful_rows):
@@ -484,12 +482,12 @@ class RowVelocities:
         )
 
     def _spread(self, quad_rows: QuadPrecisionRows, name: str, key: Any) -> Floats:
-        """Return (k,) the sensitivity of a quantity of each row to open loops.
+        """Return (k,) the sensitivity of a quantity of each configuration to open loops.
 
-        The sizes of a mechanism are rounded to float64, so its loops remain open by tiny
-        rotations. Times the sensitivity, such a rotation gives an error bound of the
-        quantity. The sensitivity is the sum of the absolute changes of all components per
-        rad, over all loops and the three axes about which each can open.
+        Rounding of sizes leaves the loops of a mechanism open by tiny rotations. A rotation
+        times the sensitivity is an error bound of the quantity. The sensitivity is the sum
+        of the absolute changes of all components per rad. It includes all loops and the
+        three axes about which each can open.
 
         Parameters
         ----------
@@ -502,23 +500,24 @@ class RowVelocities:
         """
         # Each component of the quantity, such as x, y and z of a vector, is a column.
         columns = self._column_indices[name][key]
-        # (components, k) absolute changes, which are summed over loops and axes already.
+        # (components, k) absolute changes, already summed over loops and axes.
         changes = quad_rows.opening_changes[columns]
         return np.sum(changes, axis=0)
 
     def _link_rotations(self, rows: Indices, inverse: Floats) -> Floats:
         """Return the rotations of all links if a loop opens, in rad per rad of opening.
 
-        Rounded sizes leave the loops open by tiny rotations. The result says how this
-        changes the orientations of the links, and is used for error bounds.
+        Rounding of sizes leaves the loops open by tiny rotations. The result says how this
+        turns the links, for error bounds.
 
         Parameters
         ----------
         rows
-            (k,) rows.
+            (k,) numbers of configurations.
         inverse
-            (passive variables, directions, k) inverse of the loop equations: movement of
-            the variables per unit opening of a loop, in three directions for each loop.
+            (passive variables, directions, k) inverse of the loop equations. It is the
+            movement of the variables that are not inputs, per unit opening of a loop. A
+            loop can open in three directions, so there are three for each loop.
 
         Returns
         -------
@@ -526,7 +525,7 @@ class RowVelocities:
         """
         linearisation = self.motion.linearisation
         tree = linearisation.tree
-        # (k, variables, 3) angular velocity of each pair at unit rate of its variable.
+        # (k, variables, 3) relative angular velocity of the links of a pair at unit rate.
         vectors = linearisation.vectors[rows]
         direction_count = inverse.shape[1]
         rotations = np.zeros((direction_count, tree.count, 3, len(rows)))
@@ -604,17 +603,17 @@ class RowVelocities:
                 error[written_rows] = bounds[name][has_rates] if name in bounds else np.nan
 
     def separations_of_common_axes(self) -> dict[Pole, Floats]:
-        """Return the errors of poles that are the common axis of several pairs.
+        """Return the direction errors of poles that are the common axis of several pairs.
 
-        Links that turn about one line, through several pairs in series, have this line as
-        their pole (the axis of their relative rotation). If the rounded axes of the pairs
-        differ in their last digits, the direction of the pole is not exactly known.
+        A pole is the axis of the relative rotation of two links. Several pairs (joints) in
+        series can have one line as their axis, which is then the pole. If the rounded axes
+        differ in their last digits, its direction is not exactly known.
 
         Returns
         -------
-        (n,) largest angle (rad) between the pole and its exact direction, for each such
-        pole. If the velocity equations are singular at all rows, the angles are unknown,
-        and the result is empty.
+        For each such pole (n,) the largest angle (rad) between the pole and its exact
+        direction. If the velocity equations are singular at all rows, the angles are
+        unknown, and the result is empty.
         """
         if not self._has_rates:
             return {}
@@ -639,12 +638,11 @@ class RowVelocities:
             return v_error / v_size
 
     def _add_errors_of_common_axes(self) -> None:
-        """Increase the errors of poles that are a common axis of several pairs.
+        """Increase the errors of poles that are a common axis of several pairs, in place.
 
-        Links that turn about one line, through several pairs in series, have this line as
-        their pole (the axis of their relative rotation). If the axes of the pairs differ by
-        rounding, the line is not exactly known. The error bounds of such poles and
-        `axis_separations` are changed in place.
+        A pole is the axis of the relative rotation of two links. Several pairs (joints) in
+        series can have one line as their axis, which is then the pole. If the rounded axes
+        differ, the line is not exactly known.
         """
         plan = self.request.plan
         for links, errors in self.pole_errors.items():
@@ -658,18 +656,23 @@ class RowVelocities:
     def _errors_of_common_axis(self, links: Pole) -> dict[str, Floats]:
         """Return the errors of a pole that come from the rounding of a common axis.
 
-        The relative angular velocity v of the links is a sum of terms, rate times axis, and
-        so is its derivative dv with respect to the input. Each axis can be wrong by the
-        angle `SAME_AXIS_SINE`. The pole has the direction u = v / |v|. The bounds are,
-        one from the other:
+        The pole (axis of the relative rotation of two links) is the axis of several pairs
+        (joints). Each rounded axis can be wrong by the angle `SAME_AXIS_SINE`. The relative
+        angular velocity v of the links is a sum of terms, rate times axis. So is its
+        derivative dv with respect to the input. The direction of the pole is u = v / |v|.
+        The error bounds are:
 
         - of v and dv: the angle times the sum of the sizes of all terms,
         - of u: error(v) / |v|,
         - of the velocity coefficient v . u = |v|: error(v),
         - of the acceleration coefficient dv . u: error(dv) + error(u) |dv|,
-        - of the derivative of u, (dv - (dv . u) u) / |v|:
-          (error(dv) + 2 error(u) |dv|) / |v|. The second term is once for u, and once for
-          |v|, whose relative error is error(u).
+        - of the derivative of u, (dv - (dv . u) u) / |v|: (error(dv) + 2 error(u) |dv|) /
+          |v|. One error(u) comes from u, the other from |v|.
+
+        Parameters
+        ----------
+        links
+            The two links of the pole.
 
         Returns
         -------
@@ -691,10 +694,11 @@ class RowVelocities:
 
 
 def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bools:
-    """Return (n,) whether float64 gives the direction of a pole and its derivative.
+    """Return (n,) whether float64 gives an accurate pole direction and derivative.
 
-    The direction is the unit vector u = v / |v| of the relative angular velocity v of two
-    links. With the derivative dv of v with respect to the input, its derivative is
+    A pole is the axis of the relative rotation of two links. Its direction is u = v / |v|,
+    with the relative angular velocity v. With the derivative dv of v by the input, the
+    derivative of u is
 
         du = (dv - (dv . u) u) / |v|.
 
@@ -705,12 +709,12 @@ def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bool
     v_size
         (n,) length of v.
     """
-    # The error of the acceleration coefficient dv . u is error(dv) + error(u) |dv|. That of
-    # du is at most (error(dv) + 2 error(u) |dv|) / |v|, and so at most twice the former,
-    # divided by |v|.
+    # The acceleration coefficient dv . u has the error error(dv) + error(u) |dv|. The error
+    # of du is at most (error(dv) + 2 error(u) |dv|) / |v|. This is at most twice the first
+    # error, divided by |v|.
     direction_dq_error = 2.0 * errors["acceleration_coefficient_error"] / v_size
-    # If the sum of the used fractions of both limits is at most 1, neither limit is
-    # exceeded. If v is zero, the sum is infinite or NaN, and the direction is not accurate.
+    # If the errors as fractions of their limits add up to at most 1, both are within
+    # limits. If v is zero, the sum is infinite or NaN, and the result is False.
     used_fractions = (
         errors["direction_error"] / MAX_CERTIFIED_ERROR_RAD
         + direction_dq_error / MAX_DIRECTION_DQ_ERROR
@@ -721,10 +725,10 @@ def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bool
 def _is_certainly_at_rest(
     errors: Mapping[str, Floats], v_size: Floats, dv_size: Floats
 ) -> Bools:
-    """Return (n,) whether the two links of a pole do not move relative to each other.
+    """Return (n,) whether the two links of a pole certainly have no relative motion.
 
     Their relative angular velocity v and its derivative dv with respect to the input are
-    then zero within their error bounds.
+    then zero within small error bounds. Such a pole needs no accurate direction.
 
     Parameters
     ----------
@@ -733,8 +737,8 @@ def _is_certainly_at_rest(
     v_size, dv_size
         (n,) lengths of v and dv.
     """
-    # The coefficients are the components of v and dv along the pole. Their error bounds
-    # also bound the errors of the vectors.
+    # The coefficients are the components of v and dv along the pole. Their error bounds are
+    # also bounds for the vectors.
     v_error = errors["velocity_coefficient_error"]
     dv_error = errors["acceleration_coefficient_error"]
     is_zero = (v_size <= v_error) & (dv_size <= dv_error)

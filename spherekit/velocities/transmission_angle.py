@@ -47,10 +47,10 @@ def distance_from_type_two(transmission_angle: Angle) -> Angle:
 
 @dataclass(frozen=True)
 class VectorOperations(Generic[Vector, Scalar]):
-    """The vector operations of the formula in `transmission_angle`.
+    """The vector operations that the formula of `transmission_angle` uses.
 
-    The formula is written once. It is applied to arrays of numbers, to symbolic components
-    of vectors, and to symbols of whole vectors, which have different operations.
+    The formula is written once and is used for three kinds of vectors: arrays of numbers,
+    symbolic components, and symbols of whole vectors. Each kind has its operations.
 
     Attributes
     ----------
@@ -59,8 +59,7 @@ class VectorOperations(Generic[Vector, Scalar]):
     length
         The length of a vector.
     acute_angle
-        The angle in [0, pi/2] whose tangent is the absolute value of a ratio, from the
-        numerator (not negative) and the denominator.
+        The angle in [0, pi/2] with the tangent |a / b|, from a (not negative) and b.
     """
 
     cross: Callable[[Vector, Vector], Vector]
@@ -77,6 +76,10 @@ def transmission_angle(
 ) -> Scalar:
     """Return the transmission angle (rad, in [0, pi/2]) of a dyad.
 
+    A dyad is two links that are joined by the middle one of three pairs (joints). Each link
+    is an arc between two axes. The transmission angle is the acute angle between the planes
+    of the two arcs. At 0 the dyad is stretched or folded, a singularity.
+
     Parameters
     ----------
     operations
@@ -87,8 +90,8 @@ def transmission_angle(
     """
     first_normal = operations.cross(first_axis, middle_axis)
     second_normal = operations.cross(middle_axis, last_axis)
-    # Both products have the factor of the lengths of the normals, which cancels in the
-    # ratio. Unlike the arc cosine, the arc tangent keeps all digits near 0.
+    # The angle between the normals of both planes, from its sine and cosine times the
+    # lengths of the normals, which cancel. An arc cosine would be inaccurate near 0.
     double_normal = operations.cross(first_normal, second_normal)
     cosine = operations.dot(first_normal, second_normal)
     return operations.acute_angle(operations.length(double_normal), cosine)
@@ -141,17 +144,18 @@ VECTOR_NODES: VectorOperations[Expr, Expr] = VectorOperations(
 
 
 def transmission_angle_of_group(group: Group | None, axes: Floats) -> Floats:
-    """Return the transmission angle of a group at configurations.
+    """Return the transmission angle of a group of links at n configurations.
 
-    Every transmission angle of an output is computed here, with the group that
-    `Assembly.joining_group` returns for the two links of the output.
+    Only a dyad (two links joined by a pair) has this angle: the acute angle between the
+    planes of the arcs of both links. All analyses compute it here, for the group that
+    `Assembly.joining_group` returns for the two links of an output.
 
     Parameters
     ----------
     group
         The group, None if there is none.
     axes
-        (n, pairs, 3) unit vectors of the axes of all pairs, in one common frame.
+        (n, pairs, 3) unit vectors of the axes of all pairs (joints), in one common frame.
 
     Returns
     -------

@@ -212,11 +212,11 @@ def passive_variables(tree: LoopTree, driven: Sequence[int]) -> list[int]:
 class PassiveEquations:
     """The loop equations J x = 0 of the passive pairs, in units that suit a measure.
 
-    Passive pairs are those that no input locks. The velocities that a pair allows are
-    described along orthonormal vectors, one for each of its variables, and x are the rates
-    along these vectors. The loops are combined such that they are orthonormal, too. The
-    singular values of J are then between 0 and 1. They do not depend on the units of the
-    variables or on the choice of the loops.
+    Passive pairs (joints) are those that no input locks. The relative velocities that a
+    pair allows are described along orthonormal vectors, one for each of its variables. x
+    are the rates along these vectors. The loops are combined so that they are orthonormal,
+    too. The singular values of J are then between 0 and 1. They do not depend on the units
+    of the variables or on the choice of the loops.
 
     Attributes
     ----------
@@ -224,8 +224,8 @@ class PassiveEquations:
         (n, 3, passive) the orthonormal vectors, one for each passive variable.
     matrix
         (n, 3 loops, passive) the matrix J. Its rows are the three components of the
-        equation of the first loop, then those of the second, and so on. J x is the opening
-        of the loops: the sums of the angular velocities of the pairs around them.
+        equation of the first loop, then those of the second, and so on. J x are the sums of
+        the angular velocities around the loops. Where a sum is not 0, the loop opens.
     """
 
     unit_vectors: Floats
@@ -235,10 +235,10 @@ class PassiveEquations:
 def passive_equations(
     tree: LoopTree, driven: Sequence[int], vectors: Floats
 ) -> PassiveEquations:
-    """Return the loop equations of the variables that no input locks.
+    """Return the velocity equations of loops for the variables that no input locks.
 
-    The coefficient of a variable in the vector equation of a loop is the unit vector of the
-    variable, times the coefficient of its pair in the loop.
+    In the vector equation of a loop, each variable has its unit vector times a coefficient.
+    The coefficient says how the loop passes the pair (joint) of the variable.
 
     Parameters
     ----------
@@ -250,8 +250,8 @@ def passive_equations(
     """
     passive = passive_variables(tree, driven)
     unit_vectors = np.swapaxes(_orthonormal_vectors(tree, vectors)[:, passive], 1, 2)
-    # (loops, passive) coefficient of the pair of each variable in each combined loop. The
-    # rows of `tree.cycles` (loops, pairs) are orthonormal.
+    # (loops, passive) coefficients. `tree.cycles` (loops, pairs) are linear combinations of
+    # the loops with orthonormal rows.
     coefficients = tree.cycles[:, [tree.pair_of_variable[v] for v in passive]]
     equations = np.zeros((len(vectors), len(coefficients), 3, len(passive)))
     for loop, loop_coefficients in enumerate(coefficients):
@@ -263,11 +263,10 @@ def passive_equations(
 
 
 def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> Floats:
-    """Return how certainly locked inputs hold all links.
+    """Return how certainly locked inputs prevent any motion of the links.
 
-    The measures are singular values of the loop equations of the passive variables, those
-    that no input locks. A singular value of 0 means that these variables can move although
-    the inputs are locked: the inputs have no authority over them.
+    The variables that no input locks are called passive. If a singular value of their loop
+    equations is 0, they can move although the inputs are locked.
 
     Parameters
     ----------
@@ -275,7 +274,7 @@ def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> F
         The loops, and the variables that inputs lock.
     vectors
         (n, variables, 3) vectors of the variables: the relative angular velocity of the
-        links of a pair per unit rate of the variable.
+        links of a pair (joint) per unit rate of the variable.
 
     Returns
     -------
@@ -289,6 +288,7 @@ def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> F
     equation_count, passive_count = loops.shape[1:]
     if not passive_count:
         authority[:, is_finite] = 1.0
+    # With fewer equations than variables, some motion is always possible.
     elif equation_count < passive_count:
         authority[:, is_finite] = 0.0
     else:
@@ -299,22 +299,22 @@ def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> F
 
 
 def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
-    """Return orthonormal vectors (n, variables, 3) for the variables of each pair.
+    """Return orthonormal vectors (n, variables, 3) for the variables of each pair (joint).
 
     `vectors` (n, variables, 3) are the relative angular velocities of the links of a pair
     per unit rate of each of its variables. An R pair has one variable, a contact one or
-    two. The results span the same relative velocities, and do not depend on the units of
-    the variables. Zero vectors stay zero.
+    two. The results span the same velocities for each pair, but do not depend on the units
+    of the variables. Zero vectors stay zero.
 
-    The two vectors of a contact are parallel only if the curvatures of both profiles are
-    equal. Such configurations do not determine the motion, and have no result anyway.
+    If both vectors of a contact are parallel, the second one becomes arbitrary. This only
+    occurs at configurations that do not determine the motion and have no result anyway.
     """
     lengths = np.linalg.norm(vectors, axis=2, keepdims=True)
     units = vectors / np.where(lengths > 0.0, lengths, 1.0)
     for v, owner in enumerate(tree.pair_of_variable):
         if v and tree.pair_of_variable[v - 1] == owner:
-            # The second vector of a pair, a view of `units`, loses its component along the
-            # first one (Gram-Schmidt).
+            # The second vector of a contact loses its component along the first
+            # (Gram-Schmidt). It is a view, so `units` changes in place.
             first = units[:, v - 1]
             second = units[:, v]
             second -= first * np.sum(first * second, axis=1, keepdims=True)
@@ -324,18 +324,17 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
 
 
 def _output_motion_per_opening(output_motion: Floats, loop_equations: Floats) -> Floats:
-    """Return how much the output moves per unit opening of the loops, near a singularity.
+    """Return how much the output moves per unit opening of the loops.
 
-    The result is A J^+, where A x is the motion of the output and J x the opening of the
-    loops while the passive pairs move at the rates x. Near a singularity the inverse J^+ is
-    computed from rounding errors. J is therefore split by its singular value decomposition
-    J = U diag(s) V^T, which gives
+    The passive pairs (joints that no input locks) have the rates x. The output then moves
+    by A x, and the loops open by J x. The result is A J^+. Near a singularity, J^+ could be
+    computed from rounding errors. The singular value decomposition J = U diag(s) V^T gives
 
         A J^+ = (A V) diag(1 / s) U^T.
 
-    A column of V is a motion of the passive pairs that opens the loops by s, in the
-    direction of the same column of U. If it opens no loop (s near 0) and does not move the
-    output either, it gets 0 in place of 1 / s.
+    A column of V is a motion of the passive pairs, and the loops open by s in it. If s is
+    nearly 0 and the output does not move either, the motion does not matter. 1 / s is then
+    replaced by 0.
 
     Parameters
     ----------
@@ -362,9 +361,10 @@ def _output_motion_per_opening(output_motion: Floats, loop_equations: Floats) ->
 def _invert_openings(openings: Floats, output_speeds: Floats) -> Floats:
     """Return 1 / opening for each motion of the passive pairs, but 0 for harmless motions.
 
-    A motion that opens no loop is possible although the inputs are locked. If it moves the
-    output, nothing holds the output, and 1 / opening is practically infinite. If the output
-    rests, only other links move. Such a motion is harmless for this output.
+    Passive pairs (joints) are not locked by an input. A motion that opens no loop is
+    possible although the inputs are locked. If the output moves in it, 1 / opening is
+    practically infinite, which shows that nothing prevents the motion. If the output rests,
+    only other links move. The motion is then harmless for this output.
 
     Parameters
     ----------
@@ -377,7 +377,7 @@ def _invert_openings(openings: Floats, output_speeds: Floats) -> Floats:
     -------
     (n, motions) reciprocals.
     """
-    # An opening as small as this is a rounding error.
+    # An opening below this limit is a rounding error.
     opens_no_loop = openings < 1.0 / MAX_INVERSE_ENTRY
     output_rests = output_speeds < MIN_OUTPUT_MOTION
     # The limit 1e-300 prevents a division by zero.

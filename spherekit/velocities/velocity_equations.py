@@ -91,7 +91,7 @@ class VelocityEquations(ABC):
         variables: Sequence[Expr],
         about_centres: bool,
     ) -> None:
-        """Write the vectors of all variables as expressions in ground axes.
+        """Write the vectors of all pair (joint) variables as expressions in ground axes.
 
         The vector of a variable is the angular velocity of the second link of its pair
         relative to the first, per unit rate of the variable.
@@ -105,23 +105,23 @@ class VelocityEquations(ABC):
         variables
             Expressions (rad) of all pair variables. Contacts need them.
         about_centres
-            Whether the vector of two circles that roll on each other is the sum of two
-            vectors about their centres. This takes fewer expressions than a multiple of the
-            direction to the contact point, but loses digits if the circles are small.
+            How the vector is computed if two circles roll on each other. True: as the sum
+            of two vectors along the axes of the circles. This takes fewer expressions, but
+            loses digits if the circles are small. False: as a multiple of the direction to
+            the contact point.
         """
         self.mechanism = mechanism
         self.pairs = pairs
         self.placed = placed
         self.variables = variables
         self.tree = LoopTree.of_mechanism(mechanism)
-        # `carried` has for each variable its vector, the link with which the vector turns,
-        # and the derivative of the vector relative to this link. The vector of an R pair is
-        # fixed in the link. That of a contact changes its direction as the contact moves.
+        # For each variable, `carried` has its vector, the link with which the vector turns,
+        # and its derivative relative to this link. The vector of an R pair is fixed in the
+        # link. The vector of a contact moves in the link.
         #
-        # The contact line of a rolling contact is the direction to the contact point. It is
-        # stored because the vector of the variable, a multiple of it, can be 0: this
-        # happens if both curvatures are equal. Pairs whose vectors are computed about the
-        # centres have no contact line here.
+        # The contact line of a rolling contact is the direction to the contact point. The
+        # vector is a multiple of it, but can be 0, so the line is stored separately.
+        # Circles with vectors about their centres have no contact line here.
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
@@ -191,13 +191,12 @@ class VelocityEquations(ABC):
     def solve_accelerations(
         self, rates: Sequence[Expr], w: Sequence[Exprs]
     ) -> tuple[list[Expr], list[Exprs]]:
-        """Return the accelerations while no input accelerates.
+        """Return the accelerations of variables and pairs (joints) at constant input rates.
 
         The relative angular velocity of a pair is the sum of a_v x_v over its variables v,
-        with their vectors a_v and rates x_v. The derivative of this velocity by time has
-        two parts. The first is the sum of a_v dx_v, with the unknown accelerations dx_v.
-        The second is the sum of da_v x_v, which is called the bias and follows from
-        velocities alone.
+        with their vectors a_v and rates x_v. Its derivative by time has two parts. The
+        first is the sum of a_v dx_v, with the unknown accelerations dx_v. The second, the
+        bias, is the sum of da_v x_v. It follows from velocities alone.
 
         Parameters
         ----------
@@ -214,19 +213,16 @@ class VelocityEquations(ABC):
             (3,) derivative of the relative angular velocity of each pair.
         """
         # da_v x_v of each variable: the derivative of its vector by time, times its rate.
-        # The vector turns with a link, and on a contact also slides with the rate.
         vector_derivatives = [
             carried.derivative(w[carried.link], rate) * rate
             for carried, rate in zip(self.carried, rates, strict=True)
         ]
-        # The part of the acceleration of each pair that depends on velocities only.
+        # The bias of each pair, the part that depends on velocities only.
         bias = [
             vector_sum(vector_derivatives[v] for v in variables)
             for variables in self.pair_variables
         ]
-        # The relative accelerations of the pairs, sum of a_v dx_v + bias, have to add up to
-        # 0 around each loop. `solve_loops` solves this for sum of a_v x_v - e with given
-        # offsets e. So the offset of a pair is its bias with the opposite sign.
+        # Around each loop, the sum of a_v dx_v equals the sum of minus the bias.
         variable_accelerations = self.solve_loops(
             {pair: part * -1.0 for pair, part in enumerate(bias)}
         )
