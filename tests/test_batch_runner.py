@@ -40,9 +40,9 @@ def _from_the_first_row(monkeypatch):
 def compare_kernel_with_reference(mechanism, same_signs=True, **options):
     """Assert that a run with and without a row kernel has the same statuses and numbers.
 
-    A row kernel is a set of compiled functions that compute many rows at once. It certifies
-    a row if the error bounds of the row are small; other rows are computed without it.
-    Numbers may differ by the sum of their error bounds.
+    A row kernel is a set of compiled functions that compute many rows at once (a row is one
+    sample in one assembly mode). The kernel certifies a row if its error bounds are small;
+    other rows are computed without it. Numbers may differ by the sum of their error bounds.
 
     Parameters
     ----------
@@ -129,7 +129,9 @@ def set_slice_rows(monkeypatch, slice_rows):
 def record_continued_signs(monkeypatch):
     """Return a list to which every later run appends the signs of its pole directions.
 
-    Each entry is an array (poles, rows) of 1 and -1, in the order of the rows of a motion.
+    A pole is the axis of the relative rotation of two links. Its sign is arbitrary and is
+    continued from row to row. Each entry is an array (poles, rows) of 1 and -1, in the
+    order of the rows of a motion.
     """
     recorded_signs = []
 
@@ -156,9 +158,10 @@ def test_signs_of_pole_directions_continue_through_slices_as_without_a_kernel(
 ):
     """Pole directions are continuous along an assembly mode, although a sign is arbitrary.
 
-    A kernel (functions that compute many rows at once) continues the signs from row to row
-    in slices of consecutive rows, and from slice to slice. Directions are compared with
-    those of a run without a kernel, for slices of the usual number of rows and of one row.
+    A pole is the axis of the relative rotation of two links. A kernel (functions that
+    compute many rows at once) continues the signs from row to row, in slices of consecutive
+    rows. The reference is a run without a kernel (`evaluate_both_ways`). Slices have the
+    usual number of rows, or one row.
     """
     # The kernel is compiled for any number of rows, if the compiler heyoka is installed.
     if available():
@@ -218,10 +221,10 @@ def test_close_samples_interpolated_from_nodes_agree_with_the_reference(name):
 def test_columns_that_are_computed_when_read_equal_those_computed_at_once(
     name, samples, monkeypatch
 ):
-    """Tables of a run hold lazy columns, which are computed when they are first read.
+    """Lazy columns of a run, computed when they are first read, have the right numbers.
 
-    The same run is done with columns that are cut from complete arrays. A pickled copy of a
-    table that was not read yet must also have the same columns.
+    The reference is the same run with columns that are cut from complete arrays. A pickled
+    copy of a table that was not read yet must also have the same columns, bit for bit.
     """
     options = {"samples": samples, "block": 130}  # several blocks, the last one shorter
     lazy_tables = _tables_of(sk.run(name, **options))
@@ -259,17 +262,18 @@ def _assert_equal_columns(first, second, name):
 
 @pytest.mark.parametrize(("name", "block"), [("stephenson", 700), ("five_bar", 400)])
 def test_rows_do_not_depend_on_the_size_of_blocks(name, block, monkeypatch):
-    """One mode is evaluated in one block, in blocks, and without a kernel.
+    """Rows are the same in one block of samples, in several, and without a kernel.
 
     A kernel is a set of compiled functions that compute many rows at once. Columns of whole
-    numbers and statuses are equal. Pole directions and velocity coefficients are equal up
-    to rounding. The signs of directions are equal too: they continue from block to block,
-    and over gaps. About half of the rows of the five-bar are gaps: they are out of reach.
+    numbers and statuses must be equal, pole directions and velocity coefficients up to
+    rounding. The signs of directions are equal too: they continue from block to block, and
+    over gaps. About half of the rows of the five-bar are such gaps: they are out of reach.
     """
     options = {"samples": 2900, "assembly_mode": 0}
     mechanism = wide_five_bar() if name == "five_bar" else sk.load(name)
     whole = sk.run(mechanism, **options)
     in_blocks = sk.run(mechanism, block=block, **options)
+    # No run has so many rows, so no kernel is used.
     monkeypatch.setattr(batch_runner, "MIN_KERNEL_ROWS", 1 << 60)
     without_kernel = sk.run(mechanism, **options)
 

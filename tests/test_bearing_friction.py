@@ -11,15 +11,15 @@ import spherekit as sk
 def unbalanced_wheel(friction_per_moment, positions=(0.2, 0.7)):
     """Return a wheel out of balance that turns about z on two bearings, or on one.
 
-    A moment M (N m) across the axis loads two bearings at the distance d with M / d each.
-    The friction torque is the sum of the forces times coefficient and radius, 2 c r M / d.
-    With d = 0.5 m, c = 1 and r = 0.25 g it is g M. A single bearing at 0.25 m, with the
-    centre of the sphere as second support, carries M / 0.25, which is the same sum.
+    A moment M (N m) perpendicular to the axis loads two bearings at the distance d with M /
+    d each. Their friction torque is coefficient times radius times the sum of both forces.
+    Here it is g M, with the stated factor g. A single bearing at 0.25 m is supported by the
+    centre of the sphere too and carries M / 0.25, which is the same sum.
 
     Parameters
     ----------
     friction_per_moment
-        The factor g: friction torque (N m) per moment across the axis (N m).
+        The factor g: friction torque (N m) per moment perpendicular to the axis (N m).
     positions
         Positions of the bearings on the axis, m.
     """
@@ -37,14 +37,13 @@ def unbalanced_wheel(friction_per_moment, positions=(0.2, 0.7)):
 
 @pytest.mark.parametrize("positions", [(0.2, 0.7), (0.25,)])
 def test_an_unbalanced_wheel_is_slowed_by_the_friction_of_its_bearings(positions):
-    """The motion has a closed form.
+    """A simulated wheel out of balance is slowed as by a closed form.
 
-    With the products of inertia P (0.5 kg m^2), the rate w and the acceleration a, the
-    moment across the axis is M with M^2 = P^2 (a^2 + w^4). The friction torque is g M, with
-    the factor g of `unbalanced_wheel`. The equation of motion C a = -g M, with the moment
-    of inertia C, gives a = -k w^2 with k = g P / sqrt(C^2 - g^2 P^2). So the angle is
-    log(1 + k w0 t) / k and the rate w0 / (1 + k w0 t). This holds for two bearings at
-    `positions` (m) on the axis, and for one.
+    With the product of inertia P (0.5 kg m^2), the rate w and the acceleration a, the
+    moment M perpendicular to the axis is M^2 = P^2 (a^2 + w^4). The friction torque is g M,
+    with the factor g of `unbalanced_wheel`. The equation of motion C a = -g M, with the
+    moment of inertia C, gives a = -k w^2 with k = g P / sqrt(C^2 - g^2 P^2). So the angle
+    is log(1 + k w0 t) / k and the rate w0 / (1 + k w0 t).
     """
     friction_per_moment = 0.4
     initial_rate = 5.0
@@ -53,6 +52,7 @@ def test_an_unbalanced_wheel_is_slowed_by_the_friction_of_its_bearings(positions
     wheel = unbalanced_wheel(friction_per_moment, positions)
     simulation = sk.simulate(wheel, sk.Start(0.0, initial_rate), 1.0, tolerance=1e-11)
     assert simulation.end.kind == "time"
+    # The compiled engine cannot have loads that depend on reactions.
     assert simulation.engine.name == "numpy"
     assert "depends on the reaction" in simulation.engine.reason
 
@@ -109,11 +109,11 @@ def moving(name):
 
 
 def test_inverse_dynamics_with_friction_recovers_the_torque_of_a_simulation():
-    """A crank is driven by 5 sin(2 t) N m against a bearing with friction.
+    """Inverse dynamics of a simulated motion returns the torque that drove it.
 
-    The inverse problem finds the friction together with the torque, since friction follows
-    from reactions and reactions from the torque. Two analyses solve it: one by the equation
-    of Eksergian for a single input, the other for any number of inputs.
+    A crank is driven by 5 sin(2 t) N m against a bearing with friction. The friction
+    follows from reactions, and these from the torque, so both are solved together. Two
+    analyses do so: one by the equation of Eksergian, the other for any number of inputs.
     """
     bearings = sk.Bearings(
         "rub", "41", positions=(0.4, 0.9), radius=0.1, coefficient=0.8, speed=0.05
@@ -137,10 +137,11 @@ def test_inverse_dynamics_with_friction_recovers_the_torque_of_a_simulation():
     "name", ["four_bar", "five_bar", pytest.param("two_dof_spm", marks=pytest.mark.long)]
 )
 def test_simulations_with_bearing_friction_satisfy_euler_s_equations(name):
-    """Euler's equations of all links with all reactions (`oracles.newton_euler`).
+    """Simulations with bearing friction satisfy Euler's equations of all links.
 
-    The first input is driven by 5 sin(2 t) - 0.5 rate N m; two pairs have bearings with
-    friction, 0.5 m apart. Friction takes energy away all the time.
+    `check_simulated_motion` solves these equations with all reactions, independently of
+    spherekit. The first input is driven by 5 sin(2 t) - 0.5 rate N m; two pairs have
+    bearings with friction, 0.5 m apart. Friction must take energy away all the time.
     """
     q, dq, friction_pairs, duration = CASES[name]
     mechanism = moving(name)

@@ -44,11 +44,12 @@ def many_turns():
 @pytest.mark.many
 @pytest.mark.parametrize("size", [1, 7, 100])
 def test_angles_continue_from_block_to_block_as_in_one_motion(size):
-    """Total angles count whole turns, so a block needs the last angles of the one before.
+    """Angles that count whole turns continue from block to block of samples.
 
-    The angles of blocks of `size` samples equal those of the whole motion, for a four-bar
-    that turns four times and for a path of two inputs. One sample in five is missing, and
-    the state between two blocks passes through JSON, as in a run that is resumed.
+    A block needs the last angles of the block before. The angles of blocks of `size`
+    samples must equal those of the whole motion, for a four-bar that turns four times and
+    for a path of two inputs. One sample in five is missing. The state between blocks passes
+    through JSON, as in a run that is resumed.
     """
 
     def with_missing_samples(motion):
@@ -91,8 +92,7 @@ def test_angles_on_a_grid_grow_as_along_a_fine_path():
     """Angles grow from one corner of a grid of two inputs to the other as along a path.
 
     Growth is the angle at the last corner minus that at the first one, with full turns. The
-    path between the corners has 400 samples, which are close enough for `np.unwrap` to
-    count the turns. The mechanism has two assembly modes.
+    path between the corners has 400 samples, close enough for `np.unwrap` to count turns.
     """
     five_bar = sk.load("five_bar")
     inputs = tuple(
@@ -136,13 +136,12 @@ def data_of(result, name):
 @pytest.mark.many
 @pytest.mark.parametrize("course", RUN_OPTIONS)
 def test_eksergian_gives_the_same_tables_and_findings_in_blocks(course):
-    """The analysis "eksergian" computes driving torques, in one block and in blocks.
+    """The analysis "eksergian" has the same results in one block of samples and in several.
 
-    The four-bar has springs at three pairs, whose torques depend on total angles. Tables
-    and findings of a run in blocks of 7 samples equal those of one block, up to the
-    rounding of a motion that is evaluated in other blocks. `course` chooses how the
-    mechanism moves (`RUN_OPTIONS`). The findings are the largest conditioning of the loop
-    equations, with the mode and the input at which it occurs.
+    It computes driving torques of a four-bar with springs at three pairs, whose torques
+    depend on whole turns. `course` chooses how the mechanism moves (`RUN_OPTIONS`). Blocks
+    have 7 samples. The findings are the largest condition number of the loop equations,
+    with the mode and the input at which it occurs.
     """
     mechanism = four_bar_with_springs("21", "32", "43")
     options = RUN_OPTIONS[course]
@@ -188,7 +187,7 @@ def test_a_portrait_has_one_frame_whatever_the_blocks():
 @final
 @dataclass(frozen=True, kw_only=True)
 class Counting(MinimalAnalysis):
-    """An analysis whose findings are the number of rows in a block.
+    """Analysis for tests with the number of rows in a block of samples as its finding.
 
     If `joins` is False, it does not define how findings of two blocks are joined.
     """
@@ -222,10 +221,11 @@ def test_findings_of_blocks_are_joined():
 
 
 def test_findings_that_differ_between_blocks_need_a_way_to_join_them():
-    """Without `joined`, equal findings of all blocks are taken, others are a failure.
+    """An analysis without `joined` fails if its findings differ between blocks of samples.
 
-    25 samples make five equal blocks of 5 samples (10 rows of two modes), but not of 4.
-    Another analysis of the same run is complete.
+    Equal findings of all blocks are taken. 25 samples make five equal blocks of 5 samples
+    (10 rows of two modes), but not of 4. The analysis `Counting` counts the rows of a
+    block. The other analysis of the same run is complete.
     """
     analyses = [Counting(joins=False), "poles"]
     mechanism = sk.load("four_bar")
@@ -241,12 +241,12 @@ def test_findings_that_differ_between_blocks_need_a_way_to_join_them():
 @final
 @dataclass(frozen=True, kw_only=True)
 class SampleFreeAnalysis(MinimalAnalysis):
-    """An analysis that reads no samples of the run.
+    """Analysis for tests that reads no samples of the run.
 
     Its table has three rows and its page four, so that neither number is that of the
-    samples. Findings and values are arbitrary numbers, which tests look for in results.
-    `calls` has an item for each call of `compute`: the first sample of the batch. So tests
-    see that the analysis is called once, and not for every block.
+    samples. Findings and values are arbitrary numbers. `calls` gets an item for each call
+    of `compute`: the first sample of the batch. So tests see that the analysis is called
+    once, and not for every block of samples.
     """
 
     name: ClassVar = "apart"
@@ -270,10 +270,11 @@ ROW_AXIS = Axis("row", "", np.arange(4.0))
 
 
 def test_an_analysis_that_reads_no_samples_is_computed_once():
-    """The analysis is called once in a run of seven blocks, and shows its page once.
+    """An analysis that reads no samples is called once in a run of seven blocks.
 
-    Its table has three rows. The four rows of its page are spread over the range of the
-    input, 0 to 270 degrees in steps of 90, or over the duration of a run in time.
+    `SampleFreeAnalysis` counts its calls. Its page is shown once, and its four rows are
+    spread over the range of the input, 0 to 270 degrees in steps of 90, or over the
+    duration of a run in time. `SceneListener` collects the pages.
     """
     mechanism = sk.load("four_bar")
     listener = SceneListener()
@@ -311,9 +312,10 @@ def test_an_analysis_that_reads_no_samples_is_computed_once():
     ],
 )
 def test_no_motion_is_computed_for_analyses_that_read_no_samples(request_text, monkeypatch):
-    """No mode is searched, no sample is followed, and no table of a motion is written.
+    """Analyses that read no samples need no motion: no assembly mode is searched.
 
-    As soon as another analysis reads samples, the (disabled) search is called.
+    The search is replaced by an error. No table of a motion is written. As soon as another
+    analysis reads samples, the search is called.
     """
 
     def refuse_to_search(*arguments, **options):
@@ -333,9 +335,10 @@ def test_no_motion_is_computed_for_analyses_that_read_no_samples(request_text, m
 
 
 def test_an_analysis_that_reads_no_samples_is_not_repeated_in_a_resumed_run(tmp_path):
-    """A run is interrupted after two blocks and resumed: the analysis is called once.
+    """A run that is interrupted and resumed calls an analysis without samples only once.
 
-    The resumed run has its three rows, its finding and its remark from the first part.
+    `SampleFreeAnalysis` counts its calls. The run is interrupted after two blocks of
+    samples. The resumed run has the rows, finding and remark of the first part.
     """
 
     def interrupt_after_eight_samples(done, total):

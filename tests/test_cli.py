@@ -30,9 +30,11 @@ def run(capsys, *arguments):
 
 
 def test_plan_prints_the_published_table_of_poles(capsys):
-    """The order in which poles of the Stephenson mechanism are found (Di Gregorio 2019).
+    """The command `plan` prints the published order in which poles are found.
 
-    `LECTURE_TABLE` is printed as text, as JSON and as Markdown.
+    A pole is the axis of the relative rotation of two links. The table for the Stephenson
+    mechanism is that of Di Gregorio 2019 (`LECTURE_TABLE`). It is printed as text, as JSON
+    and as Markdown.
     """
     status, out, err = run(capsys, "plan", "stephenson")
     assert (status, err) == (0, "")
@@ -126,7 +128,7 @@ def test_view_says_what_to_do_without_display(capsys, tmp_path, monkeypatch):
 
 
 def start_serving_run(*words):
-    """Start a run with the option --serve in another process.
+    """Start the command `run --serve`, which serves its recording, in another process.
 
     Returns
     -------
@@ -150,7 +152,10 @@ def start_serving_run(*words):
 
 @pytest.mark.slow
 def test_a_served_run_can_be_reached_and_ends_with_an_interrupt():
-    """A finished run prints its address, accepts viewers, and exits with 0 on Ctrl-C."""
+    """A finished run prints its address, accepts viewers, and exits with 0 on Ctrl-C.
+
+    `start_serving_run` starts the command in another process.
+    """
     process, port = start_serving_run("four_bar", "--samples", "20")
     try:
         first_lines = [process.stderr.readline(), process.stderr.readline()]
@@ -180,9 +185,10 @@ SERVED_LONG = [
 @pytest.mark.slow
 @pytest.mark.parametrize("words", SERVED_LONG)
 def test_a_long_run_prints_its_address_before_it_computes(words):
-    """Viewers can connect while the run, which takes minutes, is at work.
+    """Viewers can connect while a run, which takes minutes, is at work.
 
-    Interrupted on the way, it exits with 130.
+    `start_serving_run` starts the command in another process. Interrupted on the way, it
+    exits with 130.
     """
     process, port = start_serving_run(*words)
     try:
@@ -226,7 +232,11 @@ def test_an_output_without_legs_says_so(tmp_path):
 
 
 def test_progress_says_how_long_the_rest_will_take(monkeypatch):
-    """A resumed run had 200 samples before it began; then 100 samples take 4 s."""
+    """The forecast of the remaining time counts only samples of this run.
+
+    A resumed run had 200 samples before it began. Then 100 samples take 4 s, so that the
+    remaining 700 take 28 s. The clock is replaced by `clock`.
+    """
     clock = iter([0.0, 10.0, 14.0, 42.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     reports = []

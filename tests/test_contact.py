@@ -47,16 +47,17 @@ HUMPAGE = mechanism_text("humpage")
 
 
 def test_humpages_gear_has_the_speed_ratios_of_its_pitch_cones(tmp_path):
-    """In Humpage's gear the sun, the fixed ring, the output and the arm are coaxial.
+    """Humpage's reduction gear turns by the ratios of the sines of its pitch cones.
 
-    The planet on the arm has two wheels on one axis. Its larger wheel meshes with the sun
-    and the ring, its smaller wheel with the output wheel. The pitch cones have the half
-    angles 18 (sun), 78 (ring), 42 and 25 (planet), 95 deg (output).
+    Sun, fixed ring, output and arm are coaxial. The planet on the arm has two wheels on one
+    axis. Its larger wheel meshes with the sun and the ring, its smaller one with the output
+    wheel. The pitch cones have the half angles 18 (sun), 78 (ring), 42 and 25 (planet), 95
+    deg (output).
 
     Relative to the arm, two wheels in mesh turn at rates in inverse proportion to the sines
-    of their half angles. With the sines s and r of sun and ring, the arm turns by
-    s / (s + r) of the sun. With the sines p and q of the planet and o of the output, the
-    output turns by (1 - r q / (p o)) of the arm.
+    of their half angles. With the sines s and r of sun and ring, the arm turns by s / (s +
+    r) of the sun. With the sines p and q of the planet and o of the output, the output
+    turns by (1 - r q / (p o)) of the arm.
     """
     path = tmp_path / "humpage.toml"
     path.write_text(HUMPAGE)
@@ -72,13 +73,13 @@ def test_humpages_gear_has_the_speed_ratios_of_its_pitch_cones(tmp_path):
 
 
 def test_humpages_gear_is_kept_in_files_and_certified(tmp_path, capsys):
-    """Humpage's gear is read from a file, written again, and its ratio is certified.
+    """Humpage's gear is read from a file, written again, and its ratio is proven.
 
-    The certificate prints the turns of the arm per turn of the sun, s / (s + r). Here s and
-    r are the sines of the half angles of the pitch cones of sun (18 deg) and ring (78 deg).
+    The command `certify` prints the turns of the arm per turn of the sun, s / (s + r), with
+    the sines s and r of the half angles of the pitch cones of sun and ring.
 
-    The sun has an R pair with the case, and the planet one with the arm. They can mesh
-    because the arm turns about the axis of the sun. The file is refused if it does not.
+    Sun and planet can mesh because the arm, on which the planet turns, turns about the axis
+    of the sun. A file in which it does not is refused.
     """
     path = tmp_path / "humpage.toml"
     path.write_text(HUMPAGE)
@@ -90,7 +91,7 @@ def test_humpages_gear_is_kept_in_files_and_certified(tmp_path, capsys):
     assert main(["certify", str(path)]) == 0
     assert f"arm_shaft turns by {sun / (sun + ring):+.10f}" in capsys.readouterr().out
 
-    # The arc between the axes of the sun's pair and the arm's pair becomes 10 deg.
+    # The arc between the axes of sun and arm becomes 10 deg.
     path.write_text(HUMPAGE.replace("arcs = [0.0, 180.0]", "arcs = [10.0, 180.0]"))
     with pytest.raises(sk.SpherekitError, match="nor does a pair coaxial"):
         sk.load(path)
@@ -110,9 +111,11 @@ def test_shipped_contact_mechanisms_run_over_their_whole_range(name, by_graph):
 
 
 def test_internal_bevel_gears_turn_by_the_ratio_of_their_teeth():
-    """sin d1 / sin d2 = N1 / N2, and d2 - d1 is the shaft angle (30 degrees).
+    """Internal bevel gears turn by the ratio of their teeth, here 20 / 50.
 
-    A mechanism with circles of these half angles has the velocity coefficient N1 / N2.
+    `pitch_angles` returns half angles d1 and d2 of the pitch cones with sin d1 / sin d2 =
+    N1 / N2, and with the difference d2 - d1 equal to the shaft angle. A mechanism with
+    circles of these half angles must have the velocity coefficient N1 / N2.
     """
     from spherekit.mechanism.bevel_gears import pitch_angles
 
@@ -195,15 +198,16 @@ def test_what_cannot_be_a_contact_is_refused(call):
 
 
 def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
-    """The pole of two links that touch at two sliding contacts, against the null space.
+    """The pole of two links that touch at two sliding contacts is that of the null space.
 
     The pole is the axis of the relative rotation of both links. It lies in the plane of
-    each contact, which contains the contact and the normal of the profiles there. The line
-    common to both planes is the pole, which is case (c) of Di Gregorio's lecture.
+    each contact, which contains the contact and the normal of the profiles there. So the
+    pole is the line common to both planes, case (c) of Di Gregorio's lecture. The reference
+    are the angular velocities of all links by `null_space`.
     """
     mechanism = sk.load("two_contacts")
-    # A pole can also follow from poles with a third link, which are in `via`. Here are the
-    # steps of the plan that use the contacts of the two links alone.
+    # The steps of the plan that use only the contacts of the two links (`via` would name a
+    # third link).
     steps = [s for s in plan(mechanism).steps if getattr(s, "contacts", ()) and not s.via]
     assert [step.case for step in steps] == ["c"]
     # Only the assembly mode of the reference pose: no other modes are searched.

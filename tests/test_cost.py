@@ -54,10 +54,12 @@ def test_an_irreducible_part_gives_the_poles_that_are_needed():
 
 
 def test_no_derivatives_are_evaluated_if_none_are_needed(twelve_bar):
-    """The pole of links 6 and 1 of the twelve-bar is computed without derivatives.
+    """A pole is computed without derivatives if no analysis needs them.
 
-    By default, each evaluated pole has a derivative of its axis. The pole needs fewer than
-    20 of all 66 poles. Its rates are the same with and without derivatives.
+    A pole is the axis of the relative rotation of two links, here 6 and 1 of the
+    twelve-bar. By default, each evaluated pole has a derivative of its axis. The pole 6/1
+    follows from fewer than 20 of all 66 poles. Its rates must be the same with and without
+    derivatives.
     """
     needs = unite_needs(twelve_bar, [create_analysis(ONE_POLE)])
     (request,) = plan_requests(twelve_bar, replace(needs, derivatives=False))
@@ -88,12 +90,12 @@ def logged(path):
 
 @pytest.mark.slow
 def test_a_recording_holds_the_requested_poles_only(twelve_bar, tmp_path):
-    """Recordings of one pole of the twelve-bar and of all 66 poles are read back.
+    """A recording of one pole of the twelve-bar shows this pole only, not all 66.
 
-    A recording (file of the viewer Rerun) has entities, such as an arrow or a plot, by
-    their paths. The size of the file and its numbers of entities and rows are those in the
-    summary of the run. The recording of one pole has the arrow and the plots of the
-    velocity and acceleration coefficient of this pole only.
+    A pole is the axis of the relative rotation of two links. A recording (file of the
+    viewer Rerun) has entities, such as an arrow or a plot, by their paths; `logged` reads
+    them back. The size of the file and its numbers of entities and rows must be those in
+    the summary of the run.
     """
     rows = {}
     sizes = {}
@@ -116,9 +118,9 @@ def test_a_recording_holds_the_requested_poles_only(twelve_bar, tmp_path):
     assert poles_of(narrow) == {"6_1"}
     assert len(poles_of(wide)) == 66
     plots = {x for x in narrow if "/plots/" in x}
+    # Velocity and acceleration coefficient of the pole.
     assert len(plots) == 2
-    # Both recordings show all links. That of all poles shows them once more on a page that
-    # explains the construction of the poles.
+    # Both recordings show all links. That of all poles has a second page with links.
     links = {x for x in narrow if "/link/" in x}
     all_links = {x for x in wide if "/link/" in x}
     assert links == {x for x in all_links if "/construction/" not in x}
@@ -128,10 +130,11 @@ def test_a_recording_holds_the_requested_poles_only(twelve_bar, tmp_path):
 
 @pytest.mark.slow
 def test_tables_hold_the_requested_poles_only(twelve_bar, tmp_path):
-    """The table of the twelve-bar's 66 poles has 66 times the rows of that of one pole.
+    """A table of one pole of the twelve-bar has only the rows of this pole.
 
-    The summary of the run states the rows and bytes of every file as they are. The bytes of
-    a CSV file are roughly in proportion to its rows.
+    A pole is the axis of the relative rotation of two links. The table of all 66 poles has
+    66 times as many rows. The summary of the run must state the rows and bytes of every
+    file as they are.
     """
     csv_bytes = {}
     row_counts = {}
@@ -149,15 +152,17 @@ def test_tables_hold_the_requested_poles_only(twelve_bar, tmp_path):
         summary = json.loads((folder / "summary.json").read_text())
         assert summary["cost"]["tables"] == tables
     assert row_counts["wide"] == 66 * row_counts["narrow"]
+    # Bytes of text are only roughly proportional to rows.
     assert 50 < csv_bytes["wide"] / csv_bytes["narrow"] < 90
 
 
 def test_the_needed_part_of_a_mechanism_moves_as_the_whole(twelve_bar):
-    """With `only_needed`, links 7 to 12 of the twelve-bar are left out for the pole 6/1.
+    """With `only_needed`, a part of the twelve-bar moves as in the whole mechanism.
 
-    The 32 modes of the whole have only four different motions of the part. They are
-    compared as sets of rounded tables: cosines and sines of angles, and the angular
-    velocity of the pole.
+    Links 7 to 12 are left out, because the pole (axis of relative rotation) of links 6 and
+    1 does not depend on them. The 32 modes of the whole have only four different motions of
+    the part. They are compared as sets of rounded tables: cosines and sines of angles, and
+    the angular velocity of the pole.
     """
     whole = sk.run(twelve_bar, ONE_POLE, samples=13)
     part = sk.run(twelve_bar, ONE_POLE, samples=13, only_needed=True)
@@ -220,13 +225,13 @@ def test_only_needed_refuses_what_looks_at_the_whole(twelve_bar):
 
 @pytest.mark.slow
 def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(twelve_bar):
-    """Singularities of an output that only a part of the mechanism moves.
+    """A singularity of an output is listed once, with all assembly modes that have it.
 
     Links 4 and 1 of the twelve-bar belong to a part that has two assembly modes (ways to
-    assemble it). The whole mechanism has 32 modes, 16 for each of these two. Each of the
-    four singularities of the output 4/1 is listed once, with the 16 modes in which the
-    velocity coefficient of the pole 4/1 changes its sign there. The singularities are at
-    the same inputs as those of the part alone.
+    assemble the links). The whole mechanism has 32 modes, 16 for each of these two. Each of
+    the four singularities of the output 4/1 must be listed with the 16 modes in which the
+    velocity coefficient of the pole 4/1 changes its sign there. The inputs are those of the
+    part alone.
     """
     text = "singularities:output=4/1"
     run = sk.run(twelve_bar, [text, "poles:only=41"], samples=73)
@@ -248,9 +253,8 @@ def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(tw
         assert singularity["assembly_mode"].split("+") == [str(mode) for mode in modes]
         assert len(modes) == 16
 
-    # The table `relation` repeats the velocity coefficient of the output 4/1. It has two
-    # forms of the relation between the rates of output and input; form i is for the motion
-    # of link 4 relative to 1.
+    # The table `relation` repeats the velocity coefficient. Its form i is that for the
+    # motion of link 4 relative to 1.
     relation = run.frame("singularities", "relation")
     for mode, rows in relation[relation["form"] == "i"].groupby("assembly_mode"):
         coefficients = rows["velocity_coefficient"].to_numpy()
@@ -264,10 +268,10 @@ DERIVATIVE = "sensitivity:of=theta_14,by=links.2.arc,draws=0"
 def test_only_needed_leaves_the_numbers_of_dynamics_statics_and_sensitivity(analysis):
     """With `only_needed`, a run of a part of the mechanism has the same numbers.
 
-    The first four-bar of Watt's six-bar has a mass and a spring at its rocker. The second
-    dyad (two links, three pairs) does not matter and is left out. The whole mechanism has
-    more assembly modes than the part, with the same columns in several of them. The rounded
-    columns of all modes are therefore compared as sets.
+    The first four-bar of Watt's six-bar has a mass and a spring at its rocker. The other
+    two links do not matter and are left out, with three pairs. The whole mechanism has more
+    assembly modes than the part, several of them with the same columns. So the rounded
+    columns of all modes are compared as sets.
     """
     column = "derivative" if analysis == DERIVATIVE else "tau"
     spring = sk.Spring("spring", "14", 1.0, 0.2)
@@ -289,9 +293,9 @@ def test_only_needed_leaves_the_numbers_of_dynamics_statics_and_sensitivity(anal
 def test_explain_predicts_rows_and_bytes_of_a_run(tmp_path, capsys):
     """The command `explain` predicts the files that a run of the four-bar writes.
 
-    Rows and columns of tables are predicted exactly, bytes of CSV files to 3 %, of Parquet
-    files to 30 % and of the recording to 40 %. An entity of a recording is one object in
-    it, such as an arrow or a plot.
+    Rows and columns of tables are predicted exactly. Bytes may be off: of CSV files by 3 %,
+    of Parquet files by 30 % and of the recording by 40 %. An entity of a recording is one
+    object in it, such as an arrow or a plot.
     """
     options = ["four_bar", "--samples", "2000", "--json"]
     assert main(["explain", *options, "--recording"]) == 0

@@ -23,12 +23,13 @@ def assert_direction_derivatives_are_whole(rows):
 
 
 def assert_direction_derivatives_are_uncertain(rows):
-    """Assert that du/dq would have a large error in each of these rows.
+    """Assert that the derivative du/dq of pole directions would have a large error.
 
-    With the relative angular velocity v per unit rate of the input, the direction is
-    u = v / |v|, and du/dq is the part of dv/dq at right angles to u, over |v|. The error of
-    du/dq times |v| is about the sum of three errors: those of v, of dv/dq, and of u times
-    |dv/dq|. The acceleration coefficient, the part of dv/dq along u, stands for |dv/dq|.
+    Only then may it be missing in these rows. With the relative angular velocity v per unit
+    rate of the input, the direction is u = v / |v|, and du/dq is the part of dv/dq
+    perpendicular to u, over |v|. The error of du/dq times |v| is about the sum of three
+    errors: those of v, of dv/dq, and of u times |dv/dq|. The acceleration coefficient, the
+    part of dv/dq along u, stands for |dv/dq|.
     """
     velocity_size = rows["velocity_coefficient"].abs()  # |v|
     velocity_error = rows["velocity_coefficient_error_bound"].abs()
@@ -40,10 +41,10 @@ def assert_direction_derivatives_are_uncertain(rows):
 
 
 def run(mechanism, samples=7, search=False):
-    """Run `poles` with warnings as errors, check its table, and return it.
+    """Run the analysis `poles` with warnings as errors, check its table, and return it.
 
-    Rows with status OK have no NaN, except in the derivative du/dq of a pole direction u by
-    the input q. It is missing only if its error would be large. Rows out of reach have no
+    Rows with status OK have no NaN. Only the derivative du/dq of a pole direction u by the
+    input q may be missing, if its error would be large. Rows out of reach have no
     coefficient.
     """
     with warnings.catch_warnings():

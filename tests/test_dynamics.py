@@ -48,18 +48,17 @@ DRIVING = "10*sin(2*t)"
 def exact():
     """Return exact quantities of the four-bar of Di Gregorio (2024), by mode p = 0 and 1.
 
-    For each mode they are a table (121, 13) with a row for each input angle q of `TURN`.
-    The columns are:
+    The closed forms of the source are evaluated in 60 digits. Derivatives are central
+    differences with a step of 1e-18, with an error of about 1e-36. For each mode there is a
+    table (121, 13) with a row for each input angle q of `TURN`; the input has the rate 1
+    rad/s. The columns are:
 
     - 0: theta41, the angle of the rocker;
-    - 1 to 3: u31, the pole axis of coupler and ground; 4, 5: the velocity coefficients w31
-      and w41; 6, 7: the derivatives of w31 and w41 by q;
-    - 8, 9: the equivalent inertia B and dB/dq;
+    - 1 to 3: u31, the pole axis (axis of relative rotation) of coupler and ground; 4, 5:
+      the velocity coefficients w31 and w41; 6, 7: the derivatives of w31 and w41 by q;
+    - 8, 9: the inertia B reduced to the input, and dB/dq;
     - 10, 11: the generalized forces of both loads of the file, torques on the crank and on
       the rocker; 12: the driving torque tau = dB/dq / 2 - sum of the forces.
-
-    The input has the rate 1 rad/s. The closed forms are evaluated in 60 digits; derivatives
-    are central differences with a step of 1e-18, whose error is about 1e-36.
     """
     columns = {}
     with mp.workdps(60):
@@ -118,9 +117,10 @@ def mode_of(exact, theta41):
 def test_tables_1_and_2_of_the_source(four_bar_run, exact, assembly_mode):
     """All columns of a run of 121 samples are those of the closed forms, to 1e-12.
 
-    The source is Di Gregorio (2024), whose Tables 1 and 2 have these quantities. The sign
-    of a pole direction is arbitrary, and the coefficients of the pole 31 change their sign
-    with it.
+    The source is Di Gregorio (2024), whose Tables 1 and 2 have these quantities.
+    `four_bar_run` is the run, and `exact` has the closed forms in 60 digits, by the mode
+    that `mode_of` finds. The sign of a pole direction is arbitrary, and the coefficients of
+    the pole 31 change their sign with it.
     """
     tolerance = 1e-12
     motion = rows_of(four_bar_run.frame("motion"), assembly_mode)
@@ -176,17 +176,16 @@ def test_torque_at_another_pair_does_the_same_work(four_bar):
 def test_a_reduced_model_moves_as_the_mechanism(four_bar):
     """A reduced model moves as the mechanism itself, up to the tolerance asked for.
 
-    A reduced model stores the equation of motion of one input, sampled along its range. Its
-    input angle deviates by less than the tolerance. The variables of all pairs and the
-    energy balance deviate by less than ten times the tolerance.
+    A reduced model has the equation of motion of one input as stored functions. The
+    reference is a simulation of the mechanism with a tolerance of 1e-11. Pair variables and
+    energy may deviate by ten times the tolerance of the input angle.
     """
     t = np.linspace(0.0, 10.0, 101)
     simulation = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
     history = simulation.at(t)
-    # Rotation axes (poles) are not needed for the motion, so none are stored.
+    # Poles (axes of rotation) are not needed for the motion.
     model = sk.reduced_model(four_bar, poles=()).with_torque(DRIVING)
-    # `by` is the coordinate on which the functions of the model depend. It is the input
-    # angle q, because the crank turns fully.
+    # The functions depend on the input angle q, because the crank turns fully.
     assert model.heading.by == ("q",)
     for tolerance in (1e-7, 1e-9):
         # The input starts at 0.3 rad with 1 rad/s, as above.
@@ -200,9 +199,10 @@ def test_a_reduced_model_moves_as_the_mechanism(four_bar):
 def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path):
     """A reduced model moves as the loaded mechanism until the crank reaches its limit.
 
-    A reduced model stores the equation of motion of one input. The four-bar has a load of
-    every kind, a table of torques over time, and a limit of its crank. The model is written
-    to a file and read from it. Its rows after the limit are NaN.
+    A reduced model has the equation of motion of one input as stored functions. The
+    four-bar has a load of every kind (`with_masses_and_loads`), a table of torques over
+    time, and a limit of its crank. The model is written to a file and read from it. Its
+    rows after the limit are NaN.
     """
     mechanism, joint = with_masses_and_loads("four_bar", np.random.default_rng(8))
     table = sk.TorqueTable(
@@ -219,8 +219,8 @@ def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path
 
     sk.reduced_model(mechanism, poles=()).save(tmp_path / "loads.npz")
     model = sk.load_reduced(tmp_path / "loads.npz")
-    # `by` is the coordinate on which the functions of the model depend. The crank does not
-    # turn fully, so it is s, the arc length of the curve of configurations.
+    # The crank does not turn fully, so the functions depend on s, the arc length of the
+    # curve of configurations.
     assert model.heading.by == ("s",)
     assert not model.heading.periodic
     # The arc length at the start. An added revolution must make no difference.
@@ -231,8 +231,7 @@ def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path
     is_before_end = t < simulation.end.t
     q = simulation.at(t[is_before_end]).q
     assert np.max(np.abs(reduced.q[is_before_end] - q)) < 1e-8
-    # Both simulations may reach the limit at slightly different times. 0.1 s are four
-    # steps of t.
+    # 0.1 s are four steps of t: both may reach the limit at slightly different times.
     assert np.all(np.isnan(reduced.q[t > simulation.end.t + 0.1]))
     assert "the curve ends" in reduced.message
 
@@ -240,9 +239,10 @@ def test_a_loaded_reduced_model_has_all_loads_and_ends_at_a_joint_limit(tmp_path
 def differences_of_the_source(mechanism, start, duration, torque, step):
     """Return q (rad) at equal time steps by the finite differences of Di Gregorio (2024).
 
-    With the step D, q_1 = q_0 + q'_0 D, and by eqs. (30) and (31)
-    q_{i+1} = (D^2 Q - 1/2 dB/dq (q_i - q_{i-1})^2) / B + 2 q_i - q_{i-1}. The generalised
-    inertia B is that of the closed forms of the source, in mode p = 1 of its eq. (25).
+    This is an independent integration of the equation of motion. With the step D, q_1 = q_0
+    + q'_0 D, and by eqs. (30) and (31) q_{i+1} = (D^2 Q - 1/2 dB/dq (q_i - q_{i-1})^2) / B
+    + 2 q_i - q_{i-1}. The inertia B, reduced to the input, is that of the closed forms of
+    the source, in mode p = 1 of its eq. (25).
 
     Parameters
     ----------
@@ -275,10 +275,11 @@ def differences_of_the_source(mechanism, start, duration, torque, step):
 
 @pytest.mark.slow
 def test_the_finite_differences_of_the_source_converge_to_the_simulation(four_bar):
-    """Differences of Di Gregorio (2024) are of first order: half the step, half the error.
+    """The finite differences of Di Gregorio (2024) converge to the simulation.
 
-    `differences_of_the_source` takes one torque, as a function of time: that of `DRIVING`.
-    The loads of the file are therefore removed from the simulation.
+    They are of first order: half the step, half the error. `differences_of_the_source` has
+    only one torque, a function of time. So the loads of the file are removed from the
+    simulation.
     """
     mechanism = replace(four_bar, loads=())
     start = Start(0.3, 1.0)
@@ -322,10 +323,11 @@ def rocker_driven(four_bar, crank_driven):
 
 @pytest.mark.slow
 def test_a_motion_by_the_rocker_is_that_by_the_crank(crank_driven, rocker_driven):
-    """The same motion is simulated twice: with the crank and with the rocker as input.
+    """The same free motion is simulated with the crank and with the rocker as input.
 
-    It passes the dead centres of the rocker, where the rate of the rocker is zero. They are
-    events of the simulation with the rocker as input, two in each turn of the crank.
+    `crank_driven` and `rocker_driven` are the two simulations. The motion passes dead
+    centres of the rocker, where its rate is zero. They must be events of the second
+    simulation only, two in each turn of the crank.
     """
     t = np.linspace(0.0, 5.0, 101)
     gap = rocker_driven.at(t).values - crank_driven.at(t).values
@@ -348,9 +350,9 @@ def test_a_motion_by_the_rocker_is_that_by_the_crank(crank_driven, rocker_driven
 def test_a_start_at_a_dead_centre_needs_the_rate_of_another_pair(four_bar, rocker_driven):
     """At a dead centre of the rocker (41), its rate says nothing about the motion.
 
-    The rocker is the input of both simulations here, whose coordinate is the arc length of
-    the configuration curve. A start that states the rate of the rocker is refused. A start
-    that states the rate of the crank (21) continues the motion from there to the same end.
+    `rocker_driven` is a simulation with the rocker as input, which passes dead centres. A
+    start there that states the rate of the rocker is refused. A start that states the rate
+    of the crank (21) continues the motion to the same end.
     """
     free = replace(four_bar, loads=())
     time = next(event.t for event in rocker_driven.events if event.kind == "dead_centre")
@@ -381,14 +383,14 @@ def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
 def test_a_simulation_ends_where_a_contact_leaves_its_profile():
     """A cam with an open profile moves until its roller reaches the end of the profile.
 
-    It starts with 2 rad/s and has no loads, so the kinetic energy stays constant. The last
-    cam angle at which the mechanism can be assembled is taken from 61 equally spaced
-    angles. The simulation must reach this angle, up to 0.01 rad.
+    It starts with 2 rad/s and has no loads, so the kinetic energy stays constant. The
+    expected last cam angle is the last of 61 equally spaced ones at which the mechanism can
+    be assembled. The simulation must come within 0.01 rad of it.
     """
     tensor = (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15)
     cam = replace(example_mechanisms.open_cam(), masses=(Mass("2", tensor),))
-    # At 1 rad/s, the cam angles (rad) are equal to the times. Inverse dynamics is used for
-    # its configurations only: its rows are OK where the mechanism can be assembled.
+    # At 1 rad/s the cam angles (rad) equal the times. Inverse dynamics is used for its
+    # configurations only.
     times = TURN[::2]  # every other one of 121 numbers from 0 to 2 pi
     solution = sk.inverse_dynamics(
         cam, ConstantSpeed(1.0), times, assembly_mode=0, search=False
@@ -409,10 +411,10 @@ def test_a_simulation_ends_where_a_contact_leaves_its_profile():
 def test_a_crossing_of_curves_ends_a_simulation_unless_it_may_be_passed():
     """A flattened parallelogram may continue as a parallelogram or an antiparallelogram.
 
-    The curves of both kinds of configurations cross in the flat configuration. By default
-    the simulation ends there. With `crossings="pass"` it continues smoothly, on the same
-    curve. Let t1 and t2 be tan(angle / 2) of crank and rocker. On one of the curves t1 / t2
-    is constant, on the other t1 t2. So one of these two must be constant in the simulation.
+    The curves of both kinds of configurations cross in the flat pose. By default the
+    simulation ends there. With `crossings="pass"` it must continue on the same curve. With
+    t1 and t2, tan(angle / 2) of crank and rocker, t1 / t2 is constant on one of the curves,
+    and t1 t2 on the other one.
     """
     start = Start(1.0, -1.0)
     stopped = simulate(PARALLELOGRAM, start, 5.0)
@@ -549,11 +551,11 @@ def test_bad_input_is_refused_before_anything_is_integrated(call):
 
 @pytest.mark.parametrize("left_out", ["masses", "loads"])
 def test_totals_of_no_masses_or_no_loads_are_nan_in_failed_rows(four_bar, left_out):
-    """A sum over no loads, or over no masses, is 0 where a row is OK, and NaN elsewhere.
+    """A sum over no loads, or over no masses, is 0 in rows that are OK, and NaN elsewhere.
 
-    The four-bar is driven at its rocker (41), which oscillates. It cannot be assembled at
-    rocker angles outside of this motion, so rows fail there. Checked are the run and
-    `inverse_dynamics`.
+    The four-bar is driven at its rocker (41), which can only oscillate. At other rocker
+    angles it cannot be assembled, so rows fail. Both a run and `inverse_dynamics` are
+    checked, for the inertia B, its derivative, the load Q and the torque tau.
     """
     mechanism = replace(four_bar, loads=(Spring("spring", "43", 0.3),))
     if left_out == "masses":

@@ -43,17 +43,18 @@ def with_masses(mechanism):
 
 
 def evaluate_with_numpy(mechanism, motion):
-    """Return poles, effective inertia and its derivative of a motion by NumPy.
+    """Return poles, inertia at the input and its derivative of a motion, by NumPy.
 
-    The inertia felt at the input is B = sum over links of w^T J w, where w is the angular
-    velocity of the link at unit input speed and J its inertia tensor in the ground frame.
-    The tensor turns with the link, so dJ/dq has terms with w x, whose products with w are
-    zero. Therefore dB/dq = sum of 2 (dw/dq)^T J w.
+    They are the reference for symbolic expressions. A pole is the axis of the relative
+    rotation of two links. The inertia reduced to the input is B = sum over links of w^T J
+    w, where w is the angular velocity of the link at unit input speed and J its inertia
+    tensor in the ground frame. J turns with the link; the terms of dJ/dq vanish in the
+    product with w. So dB/dq = sum of 2 (dw/dq)^T J w.
 
     Returns
     -------
     field
-        Poles of all pairs of links with their coefficients.
+        Poles of each two links with their coefficients.
     inertia, inertia_rate
         (n,) B and its derivative dB/dq by the input, for each row of the motion.
     """
@@ -76,8 +77,9 @@ def evaluate_with_numpy(mechanism, motion):
 def assert_expressions_agree(values, field, inertia, inertia_rate, tolerance):
     """Assert that quantities by expressions equal those of `evaluate_with_numpy`.
 
-    A pole and its coefficients may change sign together, so that their product is compared.
-    Poles of links that hardly move relative to each other have no direction.
+    A pole (axis of relative rotation) and its coefficients may change sign together, so
+    their product is compared. Poles of links that hardly move relative to each other have
+    no direction.
 
     Parameters
     ----------
@@ -112,13 +114,18 @@ def assert_expressions_agree(values, field, inertia, inertia_rate, tolerance):
 
 
 def expression_values(mechanism, configurations, closed_form, engine):
-    """Evaluate poles, coefficients, B and dB/dq by symbolic expressions.
+    """Evaluate poles, coefficients, inertia B and dB/dq by symbolic expressions.
+
+    A pole is the axis of the relative rotation of two links. The result is compared with
+    `evaluate_with_numpy`.
 
     Parameters
     ----------
+    mechanism
+        Mechanism with masses and one input.
     configurations
         (k, n) configurations, one per column: all variables, or in closed form the input
-        and the signs of the dyads.
+        and the signs of the dyads (two links each), which distinguish the assembly modes.
     closed_form
         Whether the positions are expressions of the input and the signs too.
     engine
@@ -183,10 +190,12 @@ def test_expressions_of_joint_angles_equal_numpy(name, engine):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "watt", "eight_bar_01"])
 def test_expressions_in_closed_form_equal_numpy_in_every_mode(name, engine):
-    """Quantities by expressions of the input and the signs of dyads equal those by NumPy.
+    """Symbolic expressions in closed form give the numbers of NumPy in every mode.
 
-    Each assembly mode of these chains of dyads has one sign (+1 or -1) per dyad. The inputs
-    are inside of the range, away from its ends.
+    The expressions depend on the input and the signs of the dyads (two links joined by a
+    pair). Each assembly mode (way to assemble the links) has one sign per dyad.
+    `expression_values` evaluates them, `evaluate_with_numpy` is the reference. The inputs
+    are away from the ends of the range.
     """
     mechanism = with_masses(load(name))
     position_analysis = PositionAnalysis(mechanism)
@@ -242,9 +251,9 @@ def with_all_loads(name):
 def simulation_case(name):
     """Return a mechanism, its start, and further arguments of its simulation.
 
-    "paper" is the four-bar driven by a torque over time, "rocker" a four-bar that swings
-    over dead centres of its input, "stephenson" has weight and a spring; all others are
-    shipped mechanisms with loads of every kind.
+    "paper" is the four-bar of a publication, driven by a torque over time. "rocker" is a
+    four-bar that swings over dead centres of its input. "stephenson" has weight and a
+    spring. All others are shipped mechanisms with loads of every kind.
     """
     if name == "paper":
         return load("four_bar"), Start(0.3, 1.0), {"torque": DRIVING_TORQUE}
@@ -266,10 +275,10 @@ CASES = "paper", "stephenson", "rocker", "four_bar", "roller_cam", "planetary_be
 @needs_heyoka
 @pytest.mark.parametrize("case", CASES)
 def test_both_engines_find_the_same_motion(case):
-    """Simulations by the compiled (Taylor series) and the NumPy engine agree.
+    """Simulations by the compiled engine (Taylor series) and by NumPy agree.
 
-    Compared are events, all quantities at 31 times (s), and the balance of energy, which
-    is known independently of both.
+    Compared are events, all quantities at 31 times (s), and the balance of energy, which is
+    independent of both. `simulation_case` has the mechanism, start and further arguments.
     """
     mechanism, start, options = simulation_case(case)
     compiled, numpy_result = (
@@ -307,12 +316,11 @@ def load_free_four_bar(*arcs):
 @pytest.mark.parametrize("arcs", [(60, 40, 60, 40), (60, 50, 70, 40)])
 @pytest.mark.parametrize("assembly_mode", [0, 1])
 def test_a_simulation_ends_where_curves_cross_at_any_tolerance(arcs, assembly_mode):
-    """Both engines stop at the change point, where the motion is not determined.
+    """Both engines stop at a change point, where the motion is not determined.
 
-    The sums of opposite arcs (deg) are equal or the arcs are equal in pairs, so that the
-    linkage is flat at q = pi. There the curves of configurations of its two assembly modes
-    cross. All simulations end within 0.01 rad of it, and the compiled ones nearer, whatever
-    their tolerance.
+    With these arcs (deg) the linkage is flat at q = pi, where the configuration curves of
+    its two assembly modes cross. All simulations end within 0.01 rad of it. The compiled
+    ones end within 1e-4 rad, whatever their tolerance.
     """
     mechanism = load_free_four_bar(*arcs)
     coarse, fine, numpy_result = (
@@ -363,13 +371,13 @@ def rocker():
 
 @needs_heyoka
 def test_a_rocker_swings_over_its_dead_centre_1000_times():
-    """Dead centres stay exact and energy is conserved over 400 s of swinging.
+    """A simulation of 400 s of swinging has exact dead centres and constant energy.
 
-    A torque at the rocker (pair 41), like that of a pendulum, makes the linkage swing. The
-    input is the crank (pair 21), which swings, too. It turns back at its dead centres,
-    where the coupler (70 deg) and the rocker (40 deg) are in one plane. They form one arc
-    of 70 - 40 or 70 + 40 degrees there, from the crank's end to the rocker's axis. By
-    spherical trigonometry with ground and crank (60 and 55 degrees), the input follows.
+    A torque at the rocker (pair 41), like that of a pendulum, makes the four-bar swing. The
+    input is the crank (pair 21). It turns back where the coupler (70 deg) and the rocker
+    (40 deg) are in one plane, and form one arc of 30 or 110 degrees from the crank's end to
+    the rocker's axis. The input follows by the spherical law of cosines with ground and
+    crank (60 and 55 degrees).
     """
     mechanism = with_torque(rocker(), "41", "-5*sin(theta_41)")
     start = PoseStart(configuration_at(mechanism, 2.0), "41", 5.0)
@@ -396,7 +404,8 @@ def test_a_rocker_swings_over_its_dead_centre_1000_times():
 def test_a_stop_beyond_a_turn_ends_the_motion_at_its_angle(engine):
     """A joint limit at 9 rad, more than a turn away, stops the crank at 9 rad.
 
-    A limit farther away changes nothing of the motion before, and needs no new compilation.
+    `with_crank_limits` returns a four-bar with such limits. A limit farther away changes
+    nothing of the motion before, and needs no new compilation.
     """
     mechanism = with_crank_limits(-1.0, 9.0)
     farther = with_crank_limits(-1.0, 9.5)
@@ -456,10 +465,9 @@ def test_a_load_without_a_value_ends_the_motion(text, engine):
 def geared_five_bar():
     """Return a five-bar whose cranks a and b carry equal wheels in mesh.
 
-    The mesh ("Cr", a rolling contact) adds a loop. The three equations of this loop and the
-    three of the five-bar have one equation too many, which follows from the others. The
-    axes are arbitrary. That of the second crank is in the plane of x and z; its wheels
-    touch in the middle of the arc between both cranks' axes.
+    The mesh ("Cr", a rolling contact) adds a loop. Its three equations and the three of the
+    five-bar have one equation too many, which follows from the others. The axes are
+    arbitrary. The wheels touch in the middle of the arc between the axes of both cranks.
     """
     pair_links = {"left": "ga", "right": "gb", "ac": "ac", "cd": "cd", "bd": "bd"}
     ground_axes = np.array([[0, 0, 1], [0.846889512904878, 0, 0.531768890526456]])
@@ -482,17 +490,15 @@ def geared_five_bar():
 @pytest.mark.slow
 @needs_heyoka
 def test_dependent_equations_of_a_redundant_loop_are_no_crossing(monkeypatch):
-    """The compiled engine refuses where its chosen equations become dependent.
+    """The compiled engine refuses to go on where its chosen equations become dependent.
 
     With a redundant loop there are more closure equations than unknowns. The compiled
     engine chooses equations that are independent at the start. Later they can be dependent
-    although the mechanism is regular. This is no crossing of configuration curves. The
-    compiled engine says that it cannot go on. With the automatic choice, NumPy takes over.
-
-    Usually wheels on a common carrier need no loop, since they have a constant ratio. Here
-    the function that finds such wheels is replaced by one that finds none. So there is a
-    redundant loop.
+    although the mechanism is regular, which must not be called a crossing of curves. With
+    the automatic choice, NumPy takes over. The reference is a simulation by NumPy.
     """
+    # Normally wheels on a common carrier need no loop, because their ratio is constant.
+    # Without this knowledge there is a redundant loop.
     monkeypatch.setattr(
         "spherekit.planning.assembly_plan.find_carried_contacts",
         lambda mechanism: frozenset(),
@@ -536,10 +542,11 @@ def test_both_engines_move_a_geared_five_bar():
 
 @needs_heyoka
 def test_torque_tables_move_a_crank_exactly_and_share_one_compilation():
-    """A second torque table reuses the compiled equation, and both motions are exact.
+    """Torque tables move a crank as computed by hand, and share one compiled equation.
 
-    Only the crank has mass, with inertia 0.5 about its fixed axis, so that its angle is the
-    torque, linear between the nodes of the table, integrated twice and divided by 0.5.
+    Only the crank has inertia, 0.5 kg m^2 about its fixed axis. So its angle is the torque,
+    linear between the nodes of the table, integrated twice and divided by 0.5. The second
+    table must need no compilation.
     """
     four_bar_of_file = load("four_bar")
     masses = (Mass("2", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.5))),)
@@ -581,9 +588,10 @@ def test_a_compiled_equation_is_used_again():
 @pytest.mark.slow
 @needs_heyoka
 def test_a_short_run_is_not_compiled_and_a_long_one_is():
-    """The automatic choice takes the engine with the smaller forecast of seconds.
+    """By default a simulation uses the engine with the smaller forecast of seconds.
 
-    A torque with a kink is always compiled, without a forecast.
+    A short one uses NumPy, a long one is compiled. A torque with a kink is always compiled,
+    without a forecast.
     """
     heavy = with_masses(load("double_butterfly"))
     pose = PoseStart(configuration_at(heavy, 0.5), heavy.inputs[0].pair, 1.0)
@@ -613,7 +621,10 @@ def test_two_threads_compile_an_equation_once():
 
 @needs_heyoka
 def test_simulations_in_two_threads_equal_those_in_turn():
-    """Twelve simulations in two threads equal those one after the other bit for bit."""
+    """Simulations in two threads equal those one after the other, bit for bit.
+
+    Four starts are simulated three times each in threads. Values and events are compared.
+    """
     mechanism = load("four_bar")
     starts = [Start(0.3, rate) for rate in (1.0, -1.0, 2.0, 0.5)]
 

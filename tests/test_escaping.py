@@ -132,8 +132,9 @@ def assert_compiles(paths, language):
 def code_without_comments(path, language):
     """Return a source without its comments: the code that a program of the language sees.
 
-    For C and C++ the preprocessor removes the comments. The test fails if the preprocessor
-    warns, for example of a comment that begins within another comment.
+    Tests check that hostile texts in comments do not change this code. For C and C++ the
+    preprocessor removes the comments. Its warnings are errors, for example of a comment
+    that begins within another comment.
     """
     if language in ("c", "cpp"):
         words = [*compiler_of(language), "-E", "-P", str(path)]
@@ -177,11 +178,12 @@ def sources_with_hostile_citations(language, folder):
 def test_hostile_citations_change_only_the_comments_of_sources(
     language, harmless, tmp_path
 ):
-    """Whatever a citation contains, the code of the source stays the same.
+    """Whatever a citation contains, the code of an exported source stays the same.
 
-    `TEXTS` are hostile citations. They try to end a comment, to hide characters or to
-    change the direction of writing. The fixture `harmless` exports the same mechanism with
-    a plain citation. Its code without comments is the expected one.
+    The citation stands in a comment. `TEXTS` are hostile citations: they try to end the
+    comment, to hide characters or to change the direction of writing. `harmless` exports
+    the same mechanism with a plain citation; its code without comments is the expected
+    code.
     """
     skip_without_compiler(language)
     expected_code = code_without_comments(harmless(language), language)
@@ -194,12 +196,11 @@ def test_hostile_citations_change_only_the_comments_of_sources(
 @pytest.mark.many
 @pytest.mark.parametrize("language", MARK)
 def test_sources_with_hostile_citations_compile(language, harmless, tmp_path):
-    """The compiler accepts the source with all hostile citations together.
+    """The compiler accepts a source with all hostile citations (`TEXTS`) in its comment.
 
-    Sources with a single hostile citation are compiled in JavaScript only. In C and C++
-    their comments are judged by the preprocessor, and in Python by the parser, in the test
-    before this one. For JavaScript that test only drops lines that begin with //, so that
-    Node has to read each source.
+    Sources with a single hostile citation are compiled in JavaScript only. In other
+    languages the test before this one already has the preprocessor or the parser read each
+    of them.
     """
     skip_without_compiler(language)
     paths = [
@@ -238,10 +239,10 @@ def test_a_module_of_hostile_texts_runs(tmp_path):
 
 
 def test_hostile_texts_are_comments_of_models(harmless, tmp_path):
-    """A hostile citation (`TEXTS`) changes only the comment of a MuJoCo model.
+    """A hostile citation (`TEXTS`) changes only the comment of an exported MuJoCo model.
 
-    The fixture `harmless` exports the model with a plain citation. XML comments may not
-    contain two hyphens. All words of the citation are still in the comment.
+    `harmless` exports the model with a plain citation. Comments of XML may not contain two
+    hyphens. All words of the citation must still be in the comment.
     """
     # Canonical XML has no comments.
     bare = ElementTree.canonicalize(harmless("mjcf").read_text("utf-8"))
@@ -277,7 +278,7 @@ def test_exports_without_comments_do_not_depend_on_the_citation(
 @pytest.mark.many
 @pytest.mark.parametrize("title", TEXTS)
 def test_hostile_texts_come_back_from_files(title, tmp_path):
-    """A hostile citation is the same after writing and reading, also from a page.
+    """A hostile citation is the same after writing and reading, also from an HTML page.
 
     A page can save the mechanism file with the sizes that its user has chosen. It stores
     the file as a list of texts, with a gap for each size that has a slider. Here no size
@@ -310,7 +311,8 @@ def test_hostile_files_fill_every_free_text_field():
 def test_names_and_expressions_are_refused_in_visible_letters(title, tmp_path, capsys):
     """Hostile texts are refused as names and expressions, and the message is safe to print.
 
-    The message has some words, and no hidden characters.
+    The text is tried as the name of the mechanism, of an output and of an assembly mode,
+    and as a torque. The message must have some words, and no hidden characters.
     """
     text = TEXTS[title]
     quoted = escaping.toml_string(text)
@@ -346,7 +348,8 @@ def test_a_path_with_hidden_characters_is_printed_visibly(tmp_path, capsys):
 def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
     """The list of mechanisms prints hidden characters of a citation as visible codes.
 
-    Citations can come from packs of mechanisms by other people.
+    Citations can come from packs of mechanisms by other people. Here every mechanism has a
+    hostile one. In JSON the citation must still be complete.
     """
     hostile = loads(hostile_file(ALL_HOSTILE_TEXTS), "hostile")
     monkeypatch.setattr("spherekit.files.mechanism_reader.load", lambda name: hostile)
@@ -409,12 +412,12 @@ def test_curves_of_names_with_an_underscore_are_in_legends():
 
 @pytest.mark.parametrize("title", TEXTS)
 def test_literals_of_json_html_and_julia_are_read_as_the_same_text(title):
-    """JSON, HTML and Julia literals of a text are read as the same text.
+    """JSON, HTML and Julia literals of a hostile text are read as the same text.
 
     - JSON has no "<", so that it can stand in a page.
     - HTML shows a hidden character, such as a mark of the writing direction, as its code
       (`escaping.visible` writes U+202E as "[U+202E]").
-    - Julia strings have no active "$", which would put in the value of an expression.
+    - Julia strings have no active "$", which would insert the value of an expression.
     """
     text = TEXTS[title]
     value = {"text": text, text: [text, 1.5]}
@@ -470,8 +473,9 @@ def write_page(tmp_path_factory):
 def test_pages_show_hostile_texts_and_run_none(write_page, browser):
     """A page shows a hostile citation as visible text and executes nothing of it.
 
-    It has as many elements as a harmless page, no message in the console, no dialog and no
-    request to the network; the file that it saves is the one from which it was made.
+    `write_page` writes the page of a mechanism with the citation, and `browser` opens it.
+    It must have as many elements as a harmless page, no message in the console, no dialog
+    and no request to the network. The file that it saves must be the original one.
     """
     events = []
     tab = browser.new_page()

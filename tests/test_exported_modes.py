@@ -62,7 +62,11 @@ def special_four_bar(seed):
 
 
 def functions_in_installed_languages(exported_formulas, folder):
-    """Yield each installed language with the function of its source."""
+    """Yield each installed language with the function of an exported source.
+
+    The sources of the formulas are written into `folder`. The functions take arrays of
+    numbers, one column for each row of results.
+    """
     name = exported_formulas.mechanism.name
     path = folder / name
     path.with_suffix(".py").write_text(source(exported_formulas, "python"))
@@ -158,8 +162,9 @@ def check_modes(mechanism, folder, least=0.5):
 def evaluate_mode(exported_formulas, mode, q, results_by_name):
     """Return the configurations and rates of a mode at inputs, by `sk.evaluate`.
 
-    With several inputs a mode can have another number at other inputs. The configuration of
-    the mode is then the one that is nearest to the results of the formulas.
+    They are the reference for exported formulas. With several inputs an assembly mode (way
+    to assemble the links) can have another number at other inputs. The configuration is
+    then the one nearest to the results of the formulas.
 
     Parameters
     ----------

@@ -52,11 +52,11 @@ def slope(function, q, h=1e-3):
 
 @pytest.mark.parametrize("assembly_mode", [0, 1])
 def test_a_changed_arc_gives_the_motion_of_the_closed_form(assembly_mode):
-    """With a crank of 25 deg, coefficients and frames are those of spherical trigonometry.
+    """A four-bar with a crank of 25 deg moves as the closed form of Di Gregorio says.
 
-    The closed form is that of Di Gregorio (`oracles.closed_forms`). Its assembly mode is
-    the one with the same rocker angle. The acceleration coefficient is compared with the
-    derivative of the velocity coefficient by finite differences.
+    Coefficients, angular velocities and frames are compared (`oracles.closed_forms`).
+    `closed_form_mode` finds the assembly mode with the same rocker angle. The acceleration
+    coefficient is compared with finite differences of the velocity coefficient (`slope`).
     """
     original = sk.load("four_bar")
     longer = original.with_sizes(angle_unit="deg", arcs={"2": 25.0})
@@ -83,8 +83,8 @@ def test_a_changed_arc_gives_the_motion_of_the_closed_form(assembly_mode):
     coupler_velocity = rows.velocity_coefficient("3/1")[:, None] * rows.direction("3/1")
     assert np.max(np.abs(rows.angular_velocity("3") - coupler_velocity)) < 1e-12
 
-    # The rotation of link 4 relative to link 2. The mechanism and the closed form have the
-    # same frames of these links: the first axis is 21 in link 2, and 43 in link 4.
+    # The rotation of link 4 relative to link 2. The frames of both links are the same in
+    # the mechanism and in the closed form.
     frames = four_bar_frames(q, arcs, mode)
     relative = np.einsum("nji,njk->nik", rows.rotation("2"), rows.rotation("4"))
     expected_relative = np.einsum("nji,njk->nik", frames[2], frames[4])
@@ -119,11 +119,11 @@ def test_many_inputs_at_once_have_the_rows_of_a_run(name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["four_bar", "single_flier", "roller_cam"])
 def test_one_input_alone_has_the_values_of_its_row_among_many(name):
-    """Each row of many inputs equals the row of its input alone.
+    """Each row of many inputs equals the evaluation of its input alone.
 
-    An axis has two directions, so a pole may have the opposite sign. The sign is chosen in
-    the first sample of a mode, and continued along its further rows. In sample 0 it is
-    therefore the same as alone.
+    A pole axis has two directions, so a direction may have the opposite sign. The sign is
+    chosen in the first sample of a mode and continued from there. So in sample 0 it must be
+    the same as alone.
     """
     mechanism = sk.load(name)
     q = np.linspace(*PositionAnalysis(mechanism).range, 7)
@@ -166,9 +166,10 @@ def test_a_single_configuration_is_evaluated_without_the_plan_of_poles(name, mon
 
 
 def test_a_single_configuration_has_no_axis_of_rows():
-    """One input in one assembly mode gives numbers, (3,) directions and (3, 3) rotations.
+    """One input in one assembly mode gives numbers, not arrays of one row.
 
-    The axis of rows remains if all modes are asked for, or if the input is an array (1,).
+    Directions are then (3,) and rotations (3, 3). The first axis remains if all modes are
+    asked for, or if the input is an array (1,).
     """
     alone = sk.evaluate("four_bar", 0.7, assembly_mode=0)
     rows = sk.evaluate("four_bar", [0.7], assembly_mode=0)
@@ -200,6 +201,7 @@ def test_a_single_configuration_has_no_axis_of_rows():
         ),
         "direction_dq_error_bound": lambda at: at.direction_dq_error_bound("3/1"),
     }
+    # So that no public method is forgotten here.
     public = {name for name in vars(sk.Kinematics) if not name.startswith("_")}
     assert public - {"frame", "input_pairs", "search"} == set(values)
     for name, value in values.items():
@@ -255,11 +257,10 @@ def test_a_mechanism_without_a_file():
 
 
 def test_a_mechanism_built_by_axes_stands_in_its_pose_at_zero():
-    """A mechanism can be given by its axes in a reference pose, which has the input 0.
+    """A mechanism that is stated by its axes in a pose stands in this pose at input 0.
 
-    The rotation of every link in this pose is the identity. Here axes are given by
-    longitude and latitude (deg). `with_sizes` changes an axis, given by components, and the
-    angle that a pair has in the pose (`values`).
+    All links then have the identity as their rotation. Axes are stated by longitude and
+    latitude (deg). `with_sizes` changes an axis, and the angle that a pair has in the pose.
     """
     links = ["base", "crank", "coupler", "rocker"]
     lonlat = {"drive": (0, 90), "tip": (90, 70), "joint": (20, 15), "hinge": (70, 30)}
@@ -280,7 +281,10 @@ def test_a_mechanism_built_by_axes_stands_in_its_pose_at_zero():
 
 
 def test_gears_built_in_code_turn_by_their_teeth():
-    """Wheels of 20 and 40 teeth on crossing axles turn at the ratio -1/2."""
+    """Bevel wheels of 20 and 40 teeth, built in code, turn at the ratio -1/2.
+
+    The variable coefficient is the rate of the second wheel per rate of the input.
+    """
     gears = sk.build(
         "gears",
         angle_unit="deg",
@@ -302,9 +306,10 @@ def test_gears_built_in_code_turn_by_their_teeth():
 
 
 def test_changes_by_methods_are_changes_of_the_file():
-    """Sizes, inputs, masses and loads changed by `with_...` give the changed file.
+    """Changes of a mechanism by its methods `with_...` equal changes of its file.
 
-    The same changes are made in the data of the file, from which a mechanism is built.
+    The same sizes, inputs, masses and loads are changed in the data of the file, from which
+    a second mechanism is built.
     """
     data = tomllib.loads(find("four_bar").read_text(encoding="utf-8"))
     data.pop("format")
@@ -341,7 +346,10 @@ def test_a_new_input_has_a_range_of_one_turn():
 
 
 def test_a_torque_is_a_number_a_text_or_a_function():
-    """Three ways to state a constant torque give the same motion, also as a load."""
+    """A constant torque as a number, a text or a function gives the same motion.
+
+    A function that is a load of the mechanism does so too. Each motion lasts 0.5 s.
+    """
     start = sk.Start(0.3, 1.0)
 
     def angle_after_half_a_second(torque):
@@ -387,7 +395,7 @@ def test_an_over_constrained_mechanism_has_a_plan_and_a_notebook_table():
 
 
 def test_objects_show_themselves_in_a_line():
-    """The text of each public object is one line with its class and mechanism name."""
+    """The text (`repr`) of each public object is one line with its class and mechanism."""
     mechanism = sk.load("four_bar")
     shown = {
         "Mechanism": mechanism,
@@ -405,20 +413,19 @@ def test_objects_show_themselves_in_a_line():
 
 
 def test_the_example_in_the_help_of_the_package_runs(tmp_path, monkeypatch, capsys):
-    """The lines of the help of `spherekit` run as they stand.
+    """The example in the docstring of `spherekit` runs as it stands.
 
-    They evaluate a four-bar with a crank of 25 deg at one input (`here`) and at 50 inputs
-    (`turn`). They also build a mechanism (`made`), compute its motion at 361 samples
-    (`motion`), simulate a mechanism (`falling`), and run an analysis (`result`).
-    Coefficients are compared with those of the closed form, without their sign, because an
-    axis has two directions.
+    It evaluates a four-bar with a crank of 25 deg at one input (`here`) and at 50 inputs
+    (`turn`), builds a mechanism (`made`), computes a motion (`motion`), simulates
+    (`falling`), and runs an analysis (`result`). Coefficients are compared with the closed
+    form, without their sign, because an axis has two directions.
     """
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(sk.__doc__[sk.__doc__.index("import numpy") :], names)
-    # The row of link 1 in the printed plan of poles. Its columns are the links 1 to 4: "x"
-    # is the axis of a pair, and "I" a pole of the first pass of the construction.
+    # Row of link 1 in the printed plan, with columns for the links 1 to 4. x: axis of a
+    # pair; I: pole that the first pass of the construction finds.
     assert "1  ■  x  I  x" in capsys.readouterr().out
     row = names["here"]
     rows = names["turn"]

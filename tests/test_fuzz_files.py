@@ -25,10 +25,11 @@ TEXTS = st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=4
 @settings(max_examples=100 * EFFORT)
 @given(files | TEXTS)
 def test_damaged_mechanism_files_are_refused_with_their_place_or_can_be_written(text):
-    """`text` is a shipped file with random damage, or random text.
+    """A damaged mechanism file is refused in words, or read and written without change.
 
-    A refusal has one short, printable line for each fault. A mechanism that is read comes
-    from valid TOML and is the same after writing and reading.
+    `text` is a shipped file with random damage, or random text, drawn by hypothesis. A
+    refusal has one short, printable line for each fault, with the line in the file. A file
+    that is read must be valid TOML.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -81,9 +82,11 @@ def test_shipped_mechanisms_and_studies_are_the_files_that_are_damaged():
 @settings(max_examples=400 * EFFORT)
 @given(expressions | st.text(max_size=30))
 def test_random_load_expressions_are_refused_with_their_column_or_evaluated(text):
-    """Both ways of evaluation agree: on arrays, and as a function of floats.
+    """A random formula of a load is refused with the column of the fault, or evaluated.
 
-    If the function of floats raises an error, the array holds no finite value.
+    hypothesis draws the text. Both ways of evaluation must agree: on arrays, and as a
+    function of floats. If the function of floats raises an error, the array has no finite
+    value.
     """
     names = load_names(["a", "b"])
     with warnings.catch_warnings():

@@ -103,6 +103,11 @@ def check_console(text, capsys):
 def test_a_reader_can_type_a_guide_from_an_empty_folder(
     page, tmp_path, capsys, monkeypatch
 ):
+    """A reader can follow each guide of the documentation, block by block, in a new folder.
+
+    Files that a page shows are saved, commands are run, and Python blocks run in one
+    namespace. `check_console` compares what commands print with the page.
+    """
     blocks = page_blocks(page)
     if any(NEEDS_MUJOCO in block.text for block in blocks):
         pytest.importorskip("mujoco")

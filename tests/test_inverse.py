@@ -63,10 +63,11 @@ def mechanism(request):
 
 
 def test_tilt_and_torsion_and_euler_angles_lead_back():
-    """Angles of a rotation give the rotation again, also without tilt and at 180 deg.
+    """Angles of a rotation give the rotation again, also in singular cases.
 
-    Of 500 random rotations 100 are replaced by turns about z, 100 have the tilt pi, and
-    10 are the identity.
+    Tilt and torsion, and Euler angles z-y-z, are tried. Of 500 random rotations 100 are
+    replaced by turns about z, 100 have the tilt pi, and 10 are the identity. There the
+    angles are not unique.
     """
     rotations = random_rotations(500, 1)
     rotations[:100] = Rotation.from_rotvec(rotations[:100, 0] * [0, 0, 1]).as_matrix()
@@ -93,13 +94,14 @@ def test_tilt_and_torsion_are_euler_angles_of_scipy():
 
 
 def test_vectors_agree_with_the_positions_of_all_links(mechanism):
-    """Inputs computed by vectors agree with the positions of all links, in every mode.
+    """Inputs by inverse kinematics agree with the positions of all links, in every mode.
 
-    Inverse kinematics has closed forms in vectors. The reference is a position solver of
-    the mechanism with a wrist, a chain of three virtual pairs from the base to the output.
-    Its inputs are the angles of the wrist: azimuth and tilt if the output is a direction
-    (`wrist.points`), otherwise Euler angles z-y-z. A working mode has one sign per leg.
-    Errors grow with 1 / type_1, the distance of a leg from its dead centre (0 to 1).
+    Inverse kinematics computes inputs for a pose in closed form. The reference is a
+    position solver of the mechanism with a wrist, a chain of three virtual pairs from the
+    base to the output. Its inputs are the angles of the wrist: azimuth and tilt if the
+    output is a direction (`wrist.points`), otherwise Euler angles z-y-z. A working mode has
+    one sign per leg. Errors grow with 1 / type_1, the distance of a leg from its dead
+    centre (0 to 1).
     """
     kinematics = sk.InverseKinematics(mechanism)
     poses = random_poses(kinematics, 60, 3)
@@ -134,11 +136,11 @@ def pair_frames(mechanism):
 
 
 def test_the_margin_of_a_three_legged_wrist_is_that_of_its_nearest_leg():
-    """The margin is the least distance (rad) of a leg from being stretched or folded.
+    """The margin of a pose is the least distance (rad) of a leg from its limit of reach.
 
-    By the triangle inequality on the sphere, the arc between the ends of a leg is between
-    |crank - coupler| and the smaller of crank + coupler and 2 pi minus that. The margin is
-    negative if the pose is out of the reach of a leg.
+    The reference is the triangle inequality on the sphere. The arc between the ends of a
+    leg is between |crank - coupler| (folded) and the smaller of crank + coupler (stretched)
+    and 2 pi minus that. The margin is negative if the pose is out of the reach of a leg.
     """
     mechanism = sk.load("three_rrr")
     poses = random_rotations(500, 10)
@@ -176,13 +178,13 @@ def base_axis(mechanism, leg):
 def normals_of_leg_planes(mechanism, leg, poses, angles):
     """Return the unit normals (n, 3) of the planes of crank and coupler of a leg.
 
-    The plane contains the axis between crank and coupler, pair b, and the axis between
-    coupler and platform, pair c. The normal is their vector product, b x c.
+    The plane contains the axis between crank and coupler (pair b) and the axis between
+    coupler and platform (pair c). The normal is their vector product, b x c.
 
     Parameters
     ----------
     mechanism
-        The wrist `three_rrr`.
+        The wrist `three_rrr`, a platform on three legs.
     leg
         "1", "2" or "3".
     poses, angles
@@ -203,10 +205,11 @@ def normals_of_leg_planes(mechanism, leg, poses, angles):
 def test_the_type_i_measure_is_the_sine_between_base_axis_and_leg_plane(
     mode, leg, wrist_in_random_poses
 ):
-    """A leg is at a dead centre where its base axis is in the plane of crank and coupler.
+    """The measure of type I of a leg is the sine between its base axis and its plane.
 
-    The normal that is returned points in the sense in which the rate of the input is
-    positive: the side of the base axis.
+    A leg is at a dead centre (type I) where its base axis is in the plane of crank and
+    coupler. `wrist_in_random_poses` has a wrist, poses and their inverse kinematics. The
+    normal that inverse kinematics returns must point to the side of the base axis.
     """
     mechanism, poses, inverse = wrist_in_random_poses
     leg_number = int(leg) - 1
@@ -228,18 +231,21 @@ def test_the_type_ii_measure_is_the_least_singular_value_of_the_leg_planes(
 ):
     """The measure of type II is sigma_min(N) / sqrt(3), with the leg normals as rows of N.
 
-    By its definition it is sqrt(S / S_locked), with the following sums of squares. Suppose
-    that pairs have play: the links of a pair turn relative to each other not only about its
-    axis, but also at a small further angular velocity, the misfit of the pair. Let the
-    platform turn at the angular velocity w with |w| = 1. S is the least sum of squared
-    misfits over all w while the cranks are locked, S_locked the same if all pairs are.
+    `wrist_in_random_poses` has a wrist, poses and their inverse kinematics. By definition
+    the measure is sqrt(S / S_locked). Suppose that pairs have play: the links of a pair
+    turn relative to each other not only about its axis, but also at a small further angular
+    velocity, the misfit. Let the platform turn at the angular velocity w with |w| = 1. S is
+    the least sum of squared misfits over all w while the cranks are locked, S_locked the
+    same if all pairs are.
 
     1. Cranks locked: both passive axes of a leg are in its plane, so only its three misfits
-       turn the platform about the normal n of the plane. Their components along n add up to
-       n.w. Their squares add up to the least sum, (n.w)^2 / 3, if each is n.w / 3.
+    turn the platform about the normal n of the plane. Their components along n add up to
+    n.w. Their squares add up to the least sum, (n.w)^2 / 3, if each is n.w / 3.
+
     2. All legs together: S is the least |N w|^2 / 3, which is sigma_min(N)^2 / 3.
+
     3. All pairs locked: the three misfits of each leg add up to w, and each is w / 3.
-       S_locked = 3 legs x 3 pairs x (1/3)^2 = 1.
+    S_locked = 3 legs x 3 pairs x (1/3)^2 = 1.
     """
     mechanism, poses, inverse = wrist_in_random_poses
     is_valid = inverse.status[mode] == Status.OK
@@ -256,16 +262,15 @@ def test_the_type_ii_measure_is_the_least_singular_value_of_the_leg_planes(
 
 
 def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
-    """The Jacobian (output by inputs) is the inverse of the inputs' central differences.
+    """The Jacobian (output by inputs) is the inverse of central differences of the inputs.
 
-    The inverse kinematics is evaluated at poses turned by 1e-5 rad about x, y and z, away
-    from singularities. Poses are directions (n, 3) if the output of the mechanism is the
+    Inverse kinematics is evaluated at poses turned by 1e-5 rad about x, y and z, away from
+    singularities. Poses are directions (n, 3) if the output of the mechanism is the
     direction of a pointer, otherwise rotations (n, 3, 3).
     """
     kinematics = sk.InverseKinematics(mechanism)
     poses = random_poses(kinematics, 300, 11)
-    # The Jacobian is computed from normals, which are only returned if asked for: with one
-    # input locked, the output turns about the axes perpendicular to the input's normal.
+    # The Jacobian needs the normals of the legs, which are only returned if asked for.
     inverse = kinematics.at(poses, normals=True)
     is_regular = (inverse.status == Status.OK) & (np.min(inverse.type_1, axis=2) > 0.2)
     is_regular &= (inverse.type_2 > 0.2) & (inverse.margin > 0.05)
@@ -291,7 +296,11 @@ def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
 
 
 def test_rows_that_are_out_of_reach_do_not_disturb_others():
-    """A pose of NaN among 20 poses is out of reach, and changes no other row."""
+    """A pose of NaN among 20 poses is out of reach, and changes no other row.
+
+    Inverse kinematics of a platform, in one working mode (a sign for each leg). Without
+    poses the results have no rows.
+    """
     mechanism = sk.load("three_rrr")
     kinematics = sk.InverseKinematics(mechanism)
     poses = random_rotations(20, 12)
@@ -321,10 +330,11 @@ def test_coinciding_axes_are_a_singularity_and_no_failure_of_the_run():
 
 
 def test_an_output_relative_to_a_moving_link():
-    """Inverse kinematics works for a coupler relative to another leg's crank.
+    """Inverse kinematics works for a coupler relative to the crank of another leg.
 
-    The ground then moves relative to the crank like any other link. The configurations have
-    the given poses; a pose of NaN has none. Forward kinematics leads back to the poses.
+    The ground then moves relative to the crank like any other link. The solutions must have
+    the wanted poses; a pose of NaN has no solution. Forward kinematics must lead back to
+    the poses.
     """
     mechanism = sk.load("three_rrr")
     mechanism = replace(mechanism, outputs=(Output("o", "coupler2", "crank1"),))
@@ -360,10 +370,11 @@ def test_bad_arguments_of_inverse_kinematics_are_refused(call):
 
 
 def test_files_state_the_pointer_of_an_output_in_three_ways():
-    """The pointer of an output is a direction that is fixed in its link.
+    """A file can state the pointer of an output in three ways.
 
-    A file states it by the axis of an R pair of the link, by components, or by longitude
-    and latitude (deg).
+    The pointer is a direction that is fixed in the link. It is stated by the axis of a
+    revolute pair of the link, by components, or by longitude and latitude (deg). Other
+    axes, and two statements at once, are refused.
     """
     five = sk.load("five_bar")
     # The axis of pair 43 in the first of its two links.
@@ -405,13 +416,13 @@ def count_solutions_with_orientation(solutions, row, orientation):
 
 @pytest.mark.slow
 def test_all_mid_plane_symmetric_solutions_are_found():
-    """Solutions for a direction include the mid-plane symmetric ones, with all leg modes.
+    """Inverse kinematics finds all mid-plane symmetric solutions, in all modes of the legs.
 
     In `two_dof_spm` base and output link can be mirror images of each other about a plane,
     the mid-plane, in which the elbows of all legs are. The direction of the output then
     determines this plane. If the legs reach it, each of the two driven legs has two
-    possible elbows in it, which gives 2 x 2 modes. If not, no solution is symmetric. The
-    general inverse kinematics has to find these solutions among others.
+    possible elbows, which gives 2 x 2 modes. If not, no solution is symmetric.
+    `mid_plane_form` computes this in closed form.
     """
     mechanism = sk.load("two_dof_spm")
     form = sk.mid_plane_form(mechanism)
@@ -429,8 +440,8 @@ def test_all_mid_plane_symmetric_solutions_are_found():
     for row, orientation in enumerate(form.orientations(normals)):
         symmetric_solutions = count_solutions_with_orientation(solutions, row, orientation)
         assert symmetric_solutions == (2 * 2 if is_reached[row] else 0)
-    # A working mode has five signs: one for each of the four dyads (two links each) into
-    # which the mechanism is divided, and one for the last link, a bar between two axes.
+    # A working mode has five signs: one for each of the four dyads (two links each), and
+    # one for the last link, a bar between two axes.
     assert {len(signs) for signs in solutions.signs} == {5}
 
 
@@ -443,13 +454,12 @@ def test_solutions_close_where_the_axes_of_a_dyad_coincide():
 
 
 def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():
-    """Inverse kinematics at poses of a motion has the Jacobian of its link velocities.
+    """Inverse kinematics of a mid-plane mechanism has the Jacobian of its link velocities.
 
-    The output of the mid-plane mechanism, `two_dof_spm`, is the direction of a pointer. The
-    poses are those of its 16 configurations at driving angles of 14 and 23 deg. The
-    direction does not show a rotation about itself, so the component of the angular
-    velocity along the pointer is removed. For each pose whose pointer moves, a working mode
-    must have the same inputs and the same Jacobian.
+    The output of `two_dof_spm` is the direction of a pointer. The poses are those of its 16
+    configurations at driving angles of 14 and 23 deg. The angular velocity about the
+    pointer does not move it and is removed. For each pose whose pointer moves, some working
+    mode must have the same inputs and the same Jacobian.
     """
     mechanism = sk.load("two_dof_spm")
     kinematics = sk.InverseKinematics(mechanism)
@@ -461,9 +471,8 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
     along_pointer = np.einsum("ni,nij->nj", pointers, rates)
     rates = rates - pointers[:, :, None] * along_pointer[:, None]
 
-    # A direction leaves open how far the output has turned about it. Newton's method finds
-    # this turn, starting from the orientations `near`. The normals of the inputs are needed
-    # for the Jacobian.
+    # A direction leaves the turn about it open. Newton's method finds this turn, from the
+    # orientations `near`.
     inverse = kinematics.at(pointers, near=rotations, normals=True)
     # Results (modes, poses, ...) minus those of the motion (poses, ...).
     input_gaps = np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))

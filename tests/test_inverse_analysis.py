@@ -51,7 +51,10 @@ def solver(request):
 
 @dataclass(frozen=True)
 class RegularSolutions:
-    """Solutions of inverse kinematics, away from singularities of both types.
+    """Solutions of inverse kinematics (inputs for a wanted pose), away from singularities.
+
+    At a singularity of type I an input turns without moving the output. At type II the
+    output can move although all inputs are locked.
 
     Attributes
     ----------
@@ -60,7 +63,7 @@ class RegularSolutions:
     rates
         (n, inputs, 3) how fast the inputs turn per angular velocity of the output.
     type_1
-        (n, inputs) measure of type I of each leg, from 0 (dead centre) to 1.
+        (n, inputs) measure of type I of each leg, from 0 (singular, dead centre) to 1.
     type_2
         (n,) measure of type II, from 0 (singular) to 1.
     directions
@@ -76,7 +79,11 @@ class RegularSolutions:
 
 @pytest.fixture(scope="module")
 def regular(solver):
-    """Return the solutions at 60 poses in all working modes that are not near singular."""
+    """Return the solutions of inverse kinematics at 60 poses that are not near singular.
+
+    Solutions in all working modes are taken. A working mode is a choice of one of two ways
+    to bend each leg (chain from an input to the output). `solver` has the mechanism.
+    """
     all_pairs = range(len(solver.mechanism.pairs))
     poses = poses_for(solver, 60)
     rows = solver.inverse(poses, solver.labels, all_pairs)
@@ -101,7 +108,9 @@ def test_joint_angles_of_inverse_kinematics_close_the_loops(solver, regular):
 def test_rates_and_type_i_measures_invert_the_velocities_of_the_output(solver, regular):
     """Rates of the inputs per rate of the output are the inverse of forward kinematics.
 
-    Forward kinematics gives the velocities of the output per rate of the inputs.
+    `regular` has solutions of inverse kinematics of the mechanism of `solver`. For their
+    joint angles, forward kinematics gives the velocities of the output per rate of the
+    inputs. The measure of type I follows from the same matrix.
     """
     position_solver = ForwardKinematics(solver.mechanism).solver
     motion = make_motion(position_solver, regular.values)
@@ -119,11 +128,12 @@ def test_rates_and_type_i_measures_invert_the_velocities_of_the_output(solver, r
 
 
 def test_the_type_ii_measure_is_the_least_misfit_of_the_velocity_equations(solver, regular):
-    """The measure of type II says how strongly locked inputs keep the output from turning.
+    """The measure of type II is that of an independent computation by velocity equations.
 
-    `oracles.velocity_equations` computes it from the velocity equations of all links.
-    Every fifth solution is compared. If the output is a pointer, its rotation about the
-    direction in which it points is not counted.
+    It says how strongly locked inputs keep the output from turning. `least_misfit` computes
+    it from the velocity equations of all links. `regular` has solutions of inverse
+    kinematics, of which every fifth is compared. If the output is a pointer, its rotation
+    about the direction in which it points is not counted.
     """
     mechanism = solver.mechanism
     position_solver = ForwardKinematics(mechanism).solver
@@ -170,11 +180,12 @@ def text_of_inputs(input_pairs, inputs):
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
 def test_forward_of_inverse_names_the_working_mode(name):
-    """Forward kinematics of inverse solutions gives their direction and working mode.
+    """Forward kinematics of inverse solutions returns their direction and working mode.
 
     The inputs that inverse kinematics computes for a direction are passed to the forward
-    analysis, in radians as text. Among its solutions must be that direction, and all
-    solutions with this direction must have the same signs of the driven legs.
+    analysis, as text in radians. That direction must be among its solutions. All solutions
+    with it must have the same signs of the driven legs: the sign of a leg (chain from an
+    input to the output) says to which side it is bent.
     """
     solver = output_kinematics(sk.load(name))
     directions = spiral_directions(40)
@@ -218,8 +229,8 @@ def test_derivatives_of_phi_and_gamma_by_differences():
     """Derivatives of the mid-plane's angles by the inputs agree with central differences.
 
     Base and output link of this mechanism are mirror images in a plane, the mid-plane,
-    which the angles phi and gamma describe. In every working mode the forward kinematics is
-    evaluated 1e-6 rad beside each input.
+    which the angles phi and gamma describe. For each row of the analysis, forward
+    kinematics is evaluated 1e-6 rad beside each input.
     """
     step = 1e-6
     result, _ = found_in("two_dof_spm", poses="phi=40+gamma=9")
@@ -260,10 +271,11 @@ def test_remarks_list_the_configurations_at_each_set_of_inputs():
 
 
 def test_columns_of_a_file_state_an_orientation_in_five_ways(tmp_path):
-    """Quaternion, rotation vector, tilt and torsion, or a matrix give the same inputs.
+    """An orientation in a file gives the same inputs in each of five notations.
 
-    The fifth way is a quaternion with its columns in another order. SciPy computes the
-    numbers from one rotation. Other columns, such as a note, are ignored.
+    They are a quaternion, the same with its columns in another order, a rotation vector,
+    tilt and torsion, and a matrix. SciPy computes their numbers from one rotation. Other
+    columns of the file, such as a note, are ignored.
     """
     rotation = Rotation.from_euler("ZYZ", [0.5, 0.7, -1.4])
     x, y, z, w = rotation.as_quat()
@@ -283,6 +295,7 @@ def test_columns_of_a_file_state_an_orientation_in_five_ways(tmp_path):
         path.write_text(f"{columns},note\n{line},7\n")
         poses = read_poses(solver, "test", file=str(path), unit="rad").poses
         inputs.append(solver.inverse(poses, solver.labels).inputs)
+    # Three legs with two ways to bend each.
     assert len(inputs[0]) == 8
     assert np.isfinite(inputs[0]).all()
     for other_inputs in inputs[1:]:
@@ -298,9 +311,10 @@ def test_a_file_of_poses_may_be_empty(tmp_path):
 
 
 def test_written_tables_are_read_again(tmp_path):
-    """Tables of the analysis in Parquet or CSV are read as poses, in their units.
+    """Tables that the analysis has written, in Parquet or CSV, can be read as its poses.
 
-    The unit is in the Parquet file, in a file beside the CSV, or in the CSV's heading.
+    The angles have the right units: the unit is in the Parquet file, in a file beside the
+    CSV, or in the heading of the CSV. The inputs must be those of the first analysis.
     """
     result, _ = found_in(
         "five_bar", window="azimuth:10:50:3+tilt:60:70:2", working_mode="+-"
@@ -359,12 +373,12 @@ def test_forward_of_one_freedom():
 
 
 def test_rows_out_of_reach_offer_the_nearest_pose():
-    """A direction out of reach has NaN inputs and a negative margin.
+    """A direction out of reach has no inputs, but the nearest direction that is in reach.
 
-    The margin is the angle (rad) that is left until a leg is stretched or folded. The
-    column `limiting` names this limit of the angle between the two end axes of the leg, as
-    "axes ... at most ...". The row also has the nearest direction that can be reached, and
-    `away` is its angle (rad) to the wanted one.
+    The margin is the angle (rad) that is left until a leg is stretched or folded; here it
+    is negative. The column `limiting` names this limit, between the two end axes of the
+    leg, as "axes ... at most ...". `away` is the angle (rad) from the wanted direction to
+    the nearest one.
     """
     mechanism = sk.load("five_bar")
     directions = ["x=0+y=0+z=-1", "x=1+y=0+z=0", "x=0.3+y=1+z=0.2"]
@@ -397,10 +411,11 @@ def test_nearest_orientation_is_inside():
 
 @pytest.mark.parametrize("how", ["window", "poses"])
 def test_the_scene_shows_the_number_of_solutions_of_each_pose(how):
-    """A window of directions is drawn as a mesh, a list as points, coloured by solutions.
+    """The recording shows wanted directions on a sphere, coloured by their solutions.
 
-    A window of 36 x 18 directions has 2 x 35 x 17 triangles. Another page of the recording,
-    "Measure", shows the angle to the nearest singularity.
+    A window (grid of azimuths and tilts) is drawn as a mesh, a list as points. 36 x 18
+    directions have 2 x 35 x 17 triangles. `SceneListener` collects what is drawn, by page.
+    The values must be the numbers of solutions in the table.
     """
     scene_listener = SceneListener()
     if how == "window":
@@ -442,12 +457,12 @@ def test_at_the_image_of_the_output_nothing_is_determined():
 
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
 def test_closed_form_rows_equal_those_of_the_graph_of_links(name):
-    """The closed form has the rows of the position analysis of all links.
+    """Inverse kinematics in closed form equals that by the position analysis of all links.
 
-    The second way solves loops and velocity equations of the whole graph of links. Rows are
-    sorted by pose and working mode before they are compared. ``type_2`` is the transmission
-    measure, which is 0 at a singularity of type II. A pose without a solution has one row
-    without a working mode.
+    The second way solves the loops and velocity equations of the whole graph of links. Rows
+    are sorted by pose and working mode before they are compared. ``type_2`` is a measure
+    that is 0 at a singularity of type II. A pose without a solution has one row without a
+    working mode.
     """
     closed_form = output_kinematics(sk.load(name))
     graph = GraphKinematics(closed_form.kinematics)
@@ -479,7 +494,11 @@ def test_what_is_no_parquet_file_is_refused(tmp_path):
 
 
 def test_a_row_without_a_value_of_a_measure_is_at_a_singularity():
-    """The first row is regular. Then the measures of type I, type II and both are NaN."""
+    """A row of inverse kinematics with a measure of NaN gets the status of a singularity.
+
+    The first row has all measures. In the others, those of type I, of type II, or both are
+    NaN.
+    """
     type_1 = np.array([[0.5, 0.4], [0.5, np.nan], [0.5, 0.4], [np.nan, np.nan]])
     type_2 = np.array([0.3, 0.3, np.nan, np.nan])
     count = len(type_2)

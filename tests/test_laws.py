@@ -74,11 +74,12 @@ def test_a_table_is_not_extrapolated(time):
 
 @pytest.mark.parametrize("rest_at_ends", [False, True])
 def test_rates_of_a_table_integrate_to_its_angles(rest_at_ends):
-    """The integral of the rate over each interval is the difference of the angles.
+    """The rates of a law by a table are the derivatives of its angles.
 
-    The same holds for acceleration and rate. Gauss's rule of four points is exact for the
-    quintic pieces between the times of the table. With `rest_at_ends`, rate and
-    acceleration are zero at both ends, otherwise they are not.
+    The law has a quintic polynomial between any two times of the table. Over each interval,
+    the integral of the rate is the difference of the angles, and the integral of the
+    acceleration that of the rate. Gauss's rule of four points is exact for these. With
+    `rest_at_ends`, rate and acceleration are zero at both ends, otherwise they are not.
     """
     random = np.random.default_rng(5)
     angles = tuple(random.normal(size=TIMES_S.size).tolist())

@@ -106,13 +106,16 @@ def random_platform(random):
 
 
 def count_platform_configurations(position_analysis):
-    """Return how many configurations a 3-RRR has at each sample, -1 where in doubt.
+    """Return how many configurations a 3-RRR platform has at each sample.
 
-    Each leg has a crank, which the input turns about a base axis, and a coupler to the
-    platform. The inputs give the axes at the crank ends (pairs b1 to b3) in the frame of
-    the base. With these `count_configurations` solves the polynomial equations of the
-    platform. It calls no solver of spherekit; only the axes of the pairs are read from the
-    mechanism.
+    This is an independent count: it calls no solver of spherekit. Each leg has a crank,
+    which an input turns about an axis of the base, and a coupler to the platform. The
+    inputs give the axes at the ends of the cranks (pairs b1 to b3). With these,
+    `count_configurations` solves the polynomial equations of the platform.
+
+    Returns
+    -------
+    (samples,) number of configurations, -1 where the count is in doubt.
     """
     solver = position_analysis.solver
     mechanism = position_analysis.mechanism

@@ -38,11 +38,11 @@ def test_p_of_the_paper_names_the_modes():
 
 
 def test_a_name_chooses_the_mode(tmp_path):
-    """A name in place of the number of an assembly mode chooses this mode everywhere.
+    """An assembly mode can be chosen by its name in place of its number, everywhere.
 
-    The file of the four-bar names its mode 0 "p1" and its mode 1 "p0". A name may be given
-    to `run`, to `evaluate`, in a study file and for a simulation. The message about an
-    unknown name lists all modes as "number (sign of the dyad, name)".
+    The file of the four-bar names its mode 0 "p1" and its mode 1 "p0". The name is tried
+    with `run`, `evaluate`, in a study file and for a simulation. The message about an
+    unknown name lists all modes by number and name.
     """
     by_name = sk.run("four_bar", assembly_mode="p0", samples=9)
     by_number = sk.run("four_bar", assembly_mode=1, samples=9)

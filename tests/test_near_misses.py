@@ -25,11 +25,11 @@ def near_misses(made, samples=361, analysis=NAME):
 
 
 def least_velocity_coefficients(mechanism, pole, samples=3601):
-    """Return the local minima of a velocity coefficient at which the output nearly rests.
+    """Return the inputs at which an output nearly rests, as an independent reference.
 
-    Minima of the absolute value count if they are at most `NEAR_COEFFICIENT`. The output of
-    a gear reducer is slow everywhere. If the coefficient of a mode is always below 1, the
-    limit is therefore that fraction of its greatest value.
+    They are local minima of the absolute velocity coefficient that are at most
+    `NEAR_COEFFICIENT`. If the coefficient is always below 1, as for the output of a gear
+    reducer, the limit is this fraction of its greatest value.
 
     Parameters
     ----------
@@ -69,16 +69,15 @@ def least_velocity_coefficients(mechanism, pole, samples=3601):
 @pytest.mark.many
 @pytest.mark.parametrize("name, pole", [("single_flier", "61"), ("double_butterfly", "41")])
 def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
-    """Near misses are inputs at which the output nearly stands still, but does not.
+    """Near misses of the analysis are inputs at which the output nearly stands still.
 
     At a type I singularity the output stands still: its velocity coefficient is zero. A
-    near miss is a local minimum of the coefficient below tan(5 deg). It is stated as the
-    angle whose tangent is the coefficient, and the warning names the least of these angles.
-    The expected minima are those of parabolas through 3601 samples.
+    near miss is a local minimum of the coefficient below tan(5 deg), stated as the angle
+    with this tangent. The expected minima are those of parabolas through 3601 samples
+    (`least_velocity_coefficients`). The warning names the least angle.
 
-    Of the relation c y' = d q' between output and input rates, c and d are only determined
-    up to a factor. In mode 4 of the six-bar "single_flier" this factor vanishes at 359 deg,
-    although the mechanism is regular. This is no near miss.
+    In mode 4 of "single_flier" an arbitrary factor of the relation of both rates vanishes
+    at 359 deg, although the mechanism is regular. This must not be reported.
     """
     misses, warnings = near_misses(name)
     expected = least_velocity_coefficients(name, pole)
@@ -121,10 +120,11 @@ def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end(low, high,
 @pytest.mark.many
 @pytest.mark.parametrize("samples, start", [(4, 180.0), (5, 33.0), (181, 33.0)])
 def test_the_least_transmission_angle_is_the_same_whatever_the_samples(samples, start):
-    """The transmission angle of the four-bar is least where ground and crank are in line.
+    """The least transmission angle that a run reports does not depend on the samples.
 
-    Its cosine follows from the spherical law of cosines. The input turns once from `start`
-    (deg), so that 360 deg is between samples and, in two cases, not at an end of the range.
+    The angle of the four-bar is least where ground and crank are in line, at the input 360
+    deg. It follows from the spherical law of cosines. The input turns once from `start`
+    (deg), so that 360 deg is between samples.
     """
     turned_input = Input("21", *np.radians([start, start + 360.0]))
     made = replace(sk.load("four_bar"), inputs=(turned_input,))
@@ -142,8 +142,8 @@ def test_the_least_transmission_angle_is_the_same_whatever_the_samples(samples, 
 def geared(teeth, ground=60.0, crank=20.0, span=360.0):
     """Return a four-bar whose crank "2" is driven through two bevel wheels.
 
-    The gear ratio makes the output slow or fast everywhere, which does not bring it nearer
-    to a singularity. The pairs are hinges (R) but for the wheels in mesh (Cr).
+    The gear ratio makes the output slow or fast everywhere. Tests check that this alone
+    does not count as being near a singularity.
 
     Parameters
     ----------

@@ -122,11 +122,11 @@ def test_a_triple_zero_takes_few_evaluations():
 
 
 def test_random_trigonometric_polynomials_lose_no_zero():
-    """Zeros of Re sum a_k exp(i k s) are compared with eigenvalues of a companion matrix.
+    """All zeros of random trigonometric polynomials Re sum a_k exp(i k s) are found.
 
-    With z = exp(i s) the function is a polynomial of degree 10 in z but for a factor, and
-    its zeros in s are the arguments of the roots on the unit circle. 60 polynomials of
-    order 5 have random coefficients.
+    The reference are eigenvalues of a companion matrix (`np.roots`). With z = exp(i s) the
+    function is a polynomial of degree 10 in z, and its zeros in s are the arguments of the
+    roots on the unit circle. 60 polynomials of order 5 have random coefficients.
     """
     random = np.random.default_rng(8)
     orders = np.arange(6)
@@ -150,10 +150,11 @@ def test_random_trigonometric_polynomials_lose_no_zero():
 
 
 def test_zeros_of_many_functions_within_brackets_are_exact_to_rounding():
-    """cos x = level has the zero arccos(level) between 0 and 3, for 50 levels.
+    """Zeros of 50 functions are found together, each in its bracket, to rounding.
 
-    All are computed together in fewer than 14 evaluations each. The second result is the
-    end of the last bracket beyond the zero, where the function is not positive.
+    cos x = level has the zero arccos(level) between 0 and 3. On average fewer than 14
+    evaluations are needed. The second result is the end of the last bracket beyond the
+    zero, where the function is not positive.
     """
     levels = np.linspace(-0.9, 0.9, 50)
     evaluation_counts = []

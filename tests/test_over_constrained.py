@@ -77,9 +77,9 @@ class OutputMotion:
 def follow_by_newton(exported, mode, q):
     """Return the motion of the output at inputs q (1, n) near a known configuration.
 
-    The formulas for source code of an over-constrained mechanism close its loops by
-    Newton's method. They start from the pair variables of the known configuration of the
-    mode (`mode.values`), and ten steps are enough.
+    Exported formulas of an over-constrained mechanism close its loops by Newton's method.
+    They start from the pair variables of the known configuration of the assembly mode
+    (`mode.values`); ten steps are enough.
     """
     newton_step = exported.numpy_function(exported.step)
     outputs = exported.numpy_function(exported.outputs)
@@ -103,11 +103,12 @@ def evaluate_closed_form(exported, mode, q):
 
 
 def test_a_four_bar_moves_with_two_equal_rods_as_with_one():
-    """The second rod repeats a constraint; the four-bar alone is solved in closed form.
+    """A four-bar with two equal parallel rods moves as with one rod.
 
-    The output's angle and rate, within 0.05 rad of the known configuration of each assembly
-    mode, have to be those of a mode of the four-bar with one rod
-    (`four_bar_with_further_axes` without further axes).
+    The second rod repeats a constraint, so the loops are solved by Newton's method
+    (`follow_by_newton`). The four-bar with one rod is solved in closed form. Angle and rate
+    of the output are compared within 0.05 rad of the known configuration of each assembly
+    mode.
     """
     outputs = ["theta_out", "rate_out"]
     with_two_rods = formulas(second_rod(), outputs)
@@ -131,10 +132,10 @@ def test_a_four_bar_moves_with_two_equal_rods_as_with_one():
 def test_a_four_bar_that_a_rod_of_another_length_locks_is_refused(
     command, tmp_path, capsys
 ):
-    """A rod between two points whose distance changes makes a four-bar rigid.
+    """Commands and exports refuse a four-bar that a second rod makes rigid.
 
-    A second rod of 55 deg, parallel to the coupler, joins a point of the crank to a point
-    of the rocker. The commands, and the formulas for an export, say that links are rigid.
+    The rod of 55 deg is parallel to the coupler but joins points with a changing distance,
+    one on the crank and one on the rocker. The message says that links are rigid.
     """
     rigid = four_bar_with_further_axes(
         "rigid",

@@ -33,9 +33,10 @@ def load_case(name):
 
 @pytest.fixture
 def open_page(browser, tmp_path):
-    """Return a function that opens the page of a mechanism whose modes pass crossings.
+    """Return a function that opens the page of a mechanism in a browser.
 
-    After the test the browser's console must be empty.
+    Modes of the page continue through crossings (points at which curves of configurations
+    cross). After the test there must be no message in the browser's console.
     """
     messages = []
 
@@ -56,6 +57,9 @@ def open_page(browser, tmp_path):
 
 def angles_on_page(tab, mechanism, q):
     """Return the pair angles that a page computes in every assembly mode.
+
+    An assembly mode is one way to assemble the links. The browser runs the formulas of the
+    page.
 
     Parameters
     ----------
@@ -94,7 +98,7 @@ def compare_page(tab, mechanism, crossings="pass", seed=0):
 
     Inputs are 20 random ones in the range, and four beside each crossing, an input at which
     curves of configurations cross. `crossings` says how modes continue there: "pass" along
-    the smooth curve, "end" with the same signs of their dyads.
+    the smooth curve, "end" with the same signs of their dyads (two links joined by a pair).
 
     Returns
     -------
@@ -131,8 +135,8 @@ def test_modes_of_a_page_are_those_of_evaluate(open_page, name):
     """Modes on a page follow the smooth curves of `sk.evaluate` through a crossing.
 
     At a crossing two curves of configurations cross, so that two assembly modes meet. A
-    sentence on the page names its input. No mode has a gap within its range. At least 40
-    configurations are compared.
+    sentence on the page names its input. No mode has a gap within its range. `compare_page`
+    compares angles and returns the number of compared configurations.
     """
     mechanism = load_case(name)
     tab = open_page(mechanism)
@@ -188,7 +192,8 @@ def test_crossings_are_those_of_the_sizes_on_the_page(open_page):
 def bends_along_drag(tab, inputs):
     """Drag the knob of the input with the mouse along inputs (rad), in equal steps.
 
-    Second differences are small along a smooth curve, and large where it has a kink.
+    The second differences of what is drawn are small along a smooth curve, and large where
+    the curve has a kink.
 
     Returns
     -------
@@ -240,8 +245,7 @@ def test_a_knob_is_dragged_through_a_crossing(open_page):
 
 @pytest.mark.slow
 def test_a_curve_that_needs_two_turns_goes_on_in_the_other_mode(open_page):
-    """A curve that closes after two turns of the input changes the mode at the end of a
-    turn.
+    """On a curve that closes after two turns, dragging leads into the other mode.
 
     The knob of the mechanism "cp2" is dragged from 6.25 rad over 2 pi, first in mode 0. The
     page then shows mode 1. The same in mode 1 leads back to mode 0. Setting the input back

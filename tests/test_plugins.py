@@ -35,7 +35,11 @@ from spherekit.tables.table import (
 @final
 @dataclass(frozen=True, kw_only=True)
 class Swing(MinimalAnalysis):
-    """The largest swing of one pair per assembly mode: an analysis of whole batches."""
+    """Analysis for tests: the swing (range of the angle) of one pair in each assembly mode.
+
+    It is not row by row: it needs all samples of a mode at once, as one batch. `needs`
+    declares what it reads.
+    """
 
     name: ClassVar = "swing"
     tables: ClassVar = (
@@ -57,13 +61,12 @@ class Swing(MinimalAnalysis):
 @final
 @dataclass(frozen=True, kw_only=True)
 class AnalysisWithUndeclaredReads(MinimalAnalysis):
-    """An analysis that reads `what` without having declared that it needs it.
+    """Faulty analysis for tests: it reads `what` without having declared that it needs it.
 
-    It declares only the direction of the pole of links 0 and 1. The velocity coefficient
-    and the acceleration coefficient of this pole would have to be declared, too. Two values
-    of `what` are other faults: with "nonsense" the analysis fails, and with "columns" it
-    reads nothing. The table that it returns then has a column "other" that its declaration
-    does not have.
+    It declares only the direction of the pole (axis of relative rotation) of links 0 and 1.
+    Two values of `what` are other faults. With "nonsense" the analysis raises an error.
+    With "columns" it reads nothing. The table that it returns then has a column "other"
+    that its declaration does not have.
     """
 
     name: ClassVar = "greedy"
@@ -93,11 +96,11 @@ class AnalysisWithUndeclaredReads(MinimalAnalysis):
 @final
 @dataclass(frozen=True, kw_only=True)
 class Ranges(MinimalAnalysis):
-    """An analysis with the inputs by name, findings, a warning and a remark.
+    """Analysis for tests: a column for each input, and findings with a warning.
 
-    `batch.once` computes a value once per batch. In a table, `INPUTS` stands for a column
-    of each input. With `tracer=True` the analysis may read the position analysis of the
-    run, from which it takes the number of assembly modes.
+    In a table, `INPUTS` stands for a column of each input. `batch.once` computes a value
+    only once for all who ask. With `tracer=True` the analysis may read the position
+    analysis of the run, from which it takes the number of assembly modes.
     """
 
     name: ClassVar = "ranges"

@@ -66,10 +66,14 @@ def test_a_pole_is_recovered_from_its_coordinates(chart):
 
 
 def test_great_circles_have_the_slope_and_angle_of_the_line_through_two_poles():
-    """Both circles of a pole of the four-bar have epsilon and theta of the lecture.
+    """The great circles of a pole have the chart angles of the lecture by R.
 
-    The plane of the chart touches the sphere at the end of the axis z, since both ground
-    axes are perpendicular to the axis x.
+    Di Gregorio.
+
+    A pole (axis of the relative rotation of two links) is a point p of a gnomonic chart, as
+    a complex number. A great circle through two poles is a line with the slope epsilon =
+    Arg(p - p') and tan theta = Im[p exp(-j epsilon)]. `LINES_OF_POLES` names the two great
+    circles of each pole. The plane of the chart touches the sphere on the axis z.
     """
     frame = sk.run("four_bar", "poles:chart=z", samples=17).frame()
     rows = rows_by_pole(frame)
@@ -108,10 +112,12 @@ def test_great_circles_have_the_slope_and_angle_of_the_line_through_two_poles():
 
 @pytest.mark.parametrize("name", ["stephenson", "five_bar", "roller_cam"])
 def test_each_pole_is_on_both_of_its_great_circles(name):
-    """The chart shows a great circle as a line, and a pole as a point p of it.
+    """Each pole lies on both great circles by which it is constructed.
 
-    All points p of the line with slope epsilon and distance tan theta from the origin
-    satisfy Im[p exp(-j epsilon)] = tan theta.
+    A pole is the axis of the relative rotation of two links. In the gnomonic chart it is a
+    point p, as a complex number, and a great circle is a line. All points of the line with
+    the slope epsilon satisfy Im[p exp(-j epsilon)] = tan theta. Points far away are left
+    out, because they are inaccurate.
     """
     frame = sk.run(name, "poles:chart=yes", samples=9).frame()
     rows = frame[frame["circle_1_epsilon"].notna()]

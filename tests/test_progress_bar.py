@@ -52,7 +52,11 @@ def test_a_terminal_shows_a_bar_that_is_erased_before_other_output(monkeypatch, 
 
 
 def shown_lines(text, width):
-    """Return the lines of a terminal after it has received a text."""
+    """Return the lines that a terminal shows after it has received a text.
+
+    It understands what the progress bar uses: carriage return, line feed, wrapping at
+    `width` characters, and the escape sequences A (cursor up) and K (erase the line).
+    """
     lines, row, column = [[]], 0, 0
     for count, command, character in re.findall(
         r"\x1b\[([?0-9;]*)([A-Za-z])|(.|\n)", text, re.S

@@ -38,7 +38,7 @@ def curves_over_range(name, pair=None, ends=TURN, tolerance=0.0, wanted=()):
     Parameters
     ----------
     name
-        A shipped mechanism's name, or a mechanism.
+        A mechanism, or the name of a shipped one.
     pair
         Input pair; None leaves that of the mechanism.
     ends
@@ -52,8 +52,7 @@ def curves_over_range(name, pair=None, ends=TURN, tolerance=0.0, wanted=()):
         equations.
     """
     mechanism = driven_at(sk.load(name), pair) if isinstance(name, str) else name
-    # The order in which the links are placed one after another, and the mechanism with the
-    # decimal numbers of its file.
+    # The order in which the links are placed one after another.
     construction = find_construction(extract_structure(mechanism), wanted)
     decimal_mechanism = read_decimals(mechanism, tolerance=tolerance)
     return certify_curves(decimal_mechanism, ends, construction)
@@ -98,16 +97,16 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [62, 82])
 def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
-    """A turning point beside a long piece of a curve is proven.
+    """A turning point of the input beside a long piece of a curve is proven.
 
-    A piece is a box in which exactly one arc of the curve is proven to be. The longer the
-    box, the wider the bounds from which this follows. The two random eight-bars have pieces
-    whose length is nearly the largest for which it follows.
+    A piece is a box with exactly one arc of the curve, by proof. The longer the box, the
+    wider the bounds of rates in it. The two random eight-bars have pieces of nearly the
+    largest possible length.
 
-    Turning points are found by bounds of rates along a part of a piece. If a lower bound
-    were above the upper one, the rate would have a wrong sign, which would hide a turning
-    point. The number of modes (ways to assemble the mechanism) would then be wrong in one
-    of the intervals between turning points. `check_counts` compares these numbers.
+    If a lower bound of a rate were above the upper one, the rate would have a wrong sign,
+    which would hide a turning point. The number of modes (ways to assemble the links) would
+    then be wrong in an interval between turning points. `check_counts` checks these
+    numbers.
     """
     link_pairs = EIGHT_BARS[0]
     axes = random_axes(np.random.default_rng(seed), len(link_pairs.split()))
@@ -139,9 +138,9 @@ def test_a_tolerance_loses_no_stop_where_its_sign_is_open_at_a_centre(capsys):
 def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     """Proven singularities of types I and II are those of the analysis `singularities`.
 
-    In type I the output is stationary along a curve, in type II the input is. All of them
-    must be decided (`undecided` is 0), and no output left out (`skipped`). The analysis
-    finds them in floating point, to 1e-7 rad.
+    In type I the output is stationary along a curve, in type II the input is. The analysis
+    finds them in floating point; inputs agree to 1e-7 rad. The proof must decide all of
+    them (`undecided` is empty) and leave out no output (`skipped`).
     """
     mechanism = driven_at(sk.load(name), pair)
     curves = curves_over_range(
@@ -160,13 +159,12 @@ def test_singularities_proven_are_those_that_a_run_reports(name, pair):
 
 
 def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
-    """Curves are proven for all sizes within 1e-7 rad.
+    """Curves are proven for all sizes within a tolerance of 1e-7 rad.
 
-    The input at a dead centre depends on the sizes. With a tolerance of 1e-5 rad a range of
-    the input about each of the four dead centres is therefore undecided. The ranges are
-    0.01 to 0.02 rad wide; `completeness.box` states this size. Between them two modes exist
-    in two parts of the turn, and none in the other parts. The proof divides the turn into
-    boxes. With a tolerance of 0.03 rad and at most 3000 boxes nothing is certified.
+    The input at a dead centre depends on the sizes. With 1e-5 rad, a range of the input
+    about each of the four dead centres is therefore undecided, 0.01 to 0.02 rad wide.
+    Between these ranges there are two modes or none. With 0.03 rad and at most 3000 boxes
+    nothing is proven.
     """
     curves = curves_over_range("four_bar", "41", TURN, tolerance=1e-7)
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
@@ -181,11 +179,11 @@ def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
 
 
 def tampered(certificate, generator):
-    """Return a certificate of curves with one random falsification.
+    """Return a certificate (file of a proof) of curves with one random falsification.
 
     A curve is missing or listed twice; the centre of a piece is shifted; a piece is far too
     wide to contain only one curve; one to three pieces in a row are missing; or a tangent
-    is reversed. `generator` is a random number generator.
+    is reversed. Tests check that it is refused. `generator` is a random number generator.
     """
     changed = copy.deepcopy(certificate)
     curves = changed["curves"]
@@ -267,10 +265,10 @@ def test_the_checker_repeats_dead_centres_and_refuses_those_left_out():
 
 
 def test_the_input_is_clear_of_singularities_as_far_as_is_said():
-    """The proven clearance of an input is the distance (rad) to the nearest singularity.
+    """The proven clearance of an input is its distance (rad) to the nearest singularity.
 
-    It never exceeds the distance that the analysis `singularities` gives, and falls below
-    it by error bounds only (1e-6 rad). It also ends at the ends of the proven range.
+    It must never exceed the distance by the analysis `singularities`, and may be smaller by
+    error bounds only (1e-6 rad). It also ends at the ends of the proven range.
     """
     mechanism = driven_at(sk.load("four_bar"), "41")
     curves = curves_over_range(
@@ -288,16 +286,15 @@ def test_the_input_is_clear_of_singularities_as_far_as_is_said():
 
 @pytest.mark.parametrize(("name", "tolerance"), [("stephenson", 0.0), ("watt", 1e-6)])
 def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance):
-    """Derivatives of equations from their coefficients have the stated error at most.
+    """Derivatives of closure equations by coefficients have the stated error at most.
 
-    An arc equation says that the arc between two placed axes is that of a link. As a
-    trigonometric polynomial it has coefficients of products of sines and cosines
-    (`harmonics`), and an error bound. The error of a derivative is at most this bound times
-    the degree in each variable of the derivative. The expected values place the links in
-    ball arithmetic, another way to the same equations.
+    An equation says that the arc between two placed axes is that of a link. As a
+    trigonometric polynomial (`harmonics`) it has coefficients, and an error bound. The
+    error of a derivative is at most this bound times the degree in each of its variables.
+    The reference places the links in ball arithmetic (numbers with rigorous error bounds).
 
-    `tolerance` is the uncertainty (rad) of all sizes. The error bound contains it, and is
-    larger since an equation has several sizes, but by less than a factor of 100.
+    `tolerance` is the uncertainty (rad) of all sizes, which the error bound contains. The
+    bound must be less than 100 times as large.
     """
     mechanism = sk.load(name)
     with working_precision(80):
@@ -324,11 +321,11 @@ def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance)
 
 @pytest.mark.slow
 def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
-    """A mechanism with a locked input has as many modes as with two inputs at given values.
+    """A locked input gives as many modes as the same input at this fixed value.
 
-    The option --lock joins the two links of the pair 51 to one, at 80 deg. The certificate
-    contains the text of this mechanism. The original with both inputs given must have as
-    many modes.
+    The option --lock of the command joins the two links of the pair 51 to one, at 80 deg.
+    Its certificate (file of a proof) contains the text of this mechanism; `check` checks
+    it. The reference is the original five-bar with both inputs stated.
     """
     path = tmp_path / "certificate.json"
     assert main(["certify", "five_bar", "--lock", "51=80", "-o", str(path)]) == 0
@@ -345,13 +342,13 @@ def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
 
 
 def test_rates_along_pieces_are_within_their_bounds():
-    """First and second derivatives along curves are within the bounds of their pieces.
+    """First and second derivatives along proven curves are within stated bounds.
 
-    A piece is a box with exactly one arc of a curve. It is parametrized by the length s
+    Each piece of a curve is a box with exactly one arc. It is parametrized by the length s
     along its tangent t; its points are centre + s t + N y with normals N. y(s) is found by
-    Newton's method from the equations (`harmonics`: their trigonometric polynomials), and
-    differentiated implicitly. 8 steps converge, because y is small. The first derivatives
-    of the variables by s are the rates, the second ones the derivatives of the rates.
+    Newton's method from the closure equations, and differentiated implicitly. The first
+    derivatives of the variables by s are the rates, the second ones the derivatives of the
+    rates.
     """
     curves = curves_over_range("stephenson", pair="16", ends=("0", "60"))
     random = np.random.default_rng(3)

@@ -68,12 +68,13 @@ def inverse_dynamics_at(mechanism, pairs, q, dq, ddq, t):
 def test_stored_torques_inertia_and_forces_are_those_of_inverse_dynamics(
     loaded_five_bar, stored_model
 ):
-    """A stored model gives the numbers of inverse dynamics at random states.
+    """A stored model of a five-bar gives the numbers of inverse dynamics at random states.
 
-    A state has inputs q, rates dq, accelerations ddq and a time t. The compared numbers are
-    driving torques of one state and of an array of states, the inertia matrix, generalised
-    forces of the loads, and accelerations that follow from torques. Errors of torques and
-    forces are relative to the largest torque of the state.
+    A stored model has the equations of motion as functions of the inputs. A state has
+    inputs q, rates dq, accelerations ddq and a time t. Compared are driving torques, the
+    inertia matrix, generalised forces of the loads, and accelerations that follow from
+    torques. `loaded_five_bar` is the mechanism, `stored_model` its model, and
+    `inverse_dynamics_at` the reference.
     """
     model = stored_model
     # The model exists in the whole box of the input ranges.
@@ -131,18 +132,16 @@ def test_a_given_torque_may_overflow_and_has_to_act_on_an_input(stored_model):
 
 @pytest.mark.slow
 def test_a_stored_model_is_defined_where_its_assembly_mode_is_away_from_its_ends(tmp_path):
-    """A stored model is defined in a part of its box of inputs, if the mode ends in the
-    box.
+    """A stored model is defined only where its assembly mode exists.
 
-    Functions of the two inputs of the five-bar are stored in a box of input ranges. The
-    assembly mode ends inside this box, at a singularity. The model is defined where the
-    mode exists and is not too near to this end: its domain.
+    Functions of the two inputs of the five-bar are stored over a box of input ranges. The
+    assembly mode ends inside this box, at a singularity. The domain of the model is where
+    the mode exists and is not too near to this end.
 
-    At 300 random inputs of the box, the share of the domain agrees with the share that the
-    file states (`covered`). The mode exists in all of the domain, and in some inputs
-    outside. The angle is accurate to 1e-5 rad, ten times the tolerance of the export.
-    Outside of the domain results are NaN for arrays of inputs, and an error for single
-    inputs.
+    At 300 random inputs, the share of the domain must agree with the share that the file
+    states (`covered`). In the domain the mode exists, and the angle is accurate to 1e-5
+    rad, ten times the tolerance of the export. Outside, results are NaN for arrays of
+    inputs, and an error for single inputs.
     """
     five_bar = with_input_ranges(sk.load("five_bar"), (1.2, 1.45), (1.25, 1.5))
     path, _, notes = sk.export(five_bar, tmp_path / "part.npz", tolerance=1e-6)

@@ -81,11 +81,12 @@ def test_tests_of_the_recipe_pass_in_an_empty_folder(recipe, tmp_path, monkeypat
 
 
 def test_the_workflow_runs_the_commands_that_the_readme_has_for_developers(workflow):
-    """The commands are in the second block of the README, after a line that makes a venv.
+    """The workflow of GitHub runs the commands that the README states for developers.
 
-    The workflow names programs without their folder. It may leave out `pip`, `python` and
-    the option `--quiet`. It also runs the command of the pixi task that builds the site,
-    and states when it runs (`on`).
+    They are in the second block of the README; its first line creates the environment. The
+    workflow names programs without their folder, and may leave out `pip`, `python` and the
+    option `--quiet`. It also runs the command that builds the site, and states when it runs
+    (`on`).
     """
     readme = (ROOT / "README.md").read_text("utf-8")
     developers_block = re.findall(r"^```sh\n(.*?)^```$", readme, re.M | re.S)[1]

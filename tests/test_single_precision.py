@@ -58,11 +58,11 @@ extern "C" SCALAR step(const SCALAR *motion, SCALAR *mode, const SCALAR *size)
 
 
 def compile_object(exported, scalar, folder):
-    """Compile an exported header for a type of numbers, and return the object file.
+    """Compile an exported C++ header for a type of numbers, and return the object file.
 
-    The header is a C++ template. The object file has it as functions of C: `rows` computes
-    the exported results, and `step` does one step of Newton's method, if the mechanism
-    needs this method. Warnings are errors.
+    The header is a template. The object file has functions of C: `rows` computes the
+    results, and `step` does one step of Newton's method, if the mechanism needs it.
+    Warnings are errors.
 
     Parameters
     ----------
@@ -138,13 +138,15 @@ int main()
 
 
 def compute_results(exported, scalar, folder):
-    """Return the results of exported C source, which is compiled with one type of numbers.
+    """Return the results of an exported C++ header, compiled for one type of numbers.
+
+    Tests compare results of different types.
 
     Parameters
     ----------
     exported
-        The formulas. They are evaluated at the inputs at which the first assembly mode was
-        recorded.
+        The formulas. They are evaluated at the inputs at which the first assembly mode (way
+        to assemble the links) was recorded.
     scalar
         The type of all numbers in C++, such as "float" or "double".
     folder
@@ -191,13 +193,13 @@ def test_single_precision_is_near_long_double(name, tmp_path):
 def dual_number_program(exported):
     """Return a C++ program that computes exported results of a four-bar in dual numbers.
 
-    A dual number has a value x and a derivative d by the input, here 1 for the input
-    itself. The class `Dual` has only the operations that the exported formulas may use on
-    a number type of the user. The program prints value and derivative of each result at the
-    first mode's input.
+    It shows that the exported template works with a number type of the user. A dual number
+    has a value x and a derivative d by the input, which is 1 for the input itself. The
+    class `Dual` has only the operations that exported formulas may use. The program prints
+    value and derivative of each result at the input of the first assembly mode.
 
     The exported function has four arrays as arguments: the input, the number that selects
-    the assembly mode, the sizes that were exported as variables, and the results.
+    the assembly mode, the sizes that were exported as variables (none), and the results.
     """
     operations = "\n".join(
         f"inline Dual operator{sign}(Dual a, Dual b) {{ return Dual({value}, {slope}); }}"
@@ -217,7 +219,7 @@ def dual_number_program(exported):
         )
     )
     mode = exported.modes[0]
-    # No size is a variable here; an array of C++ needs one entry all the same.
+    # An array of C++ needs at least one entry, so `size` has one.
     return (
         "#include <cmath>\n#include <cstdio>\n"
         "struct Dual { double x, d; Dual(double x = 0.0, double d = 0.0) : x(x), d(d) {} "
@@ -240,7 +242,11 @@ def dual_number_program(exported):
 
 
 def test_a_number_type_of_the_user_compiles_and_gives_derivatives(tmp_path):
-    """Pair angles in dual numbers: value and derivative are those of `sk.evaluate`."""
+    """An exported C++ template gives derivatives if it is used with dual numbers.
+
+    A dual number has a value and a derivative by the input (`dual_number_program`). Both
+    must be those of `sk.evaluate` for all pair angles.
+    """
     exported = formulas("four_bar", ["theta_*", "pole_4_2_*"])
     (tmp_path / "x.hpp").write_text(source(exported, "cpp"))
     path = tmp_path / "dual.cpp"

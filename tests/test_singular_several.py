@@ -64,7 +64,9 @@ def through(random, line):
 
 @pytest.mark.slow
 def test_superposition_gives_the_motion_of_all_inputs_together():
-    """The platform's velocity is the sum over the inputs, eq. (7) of Di Gregorio 2015.
+    """The velocity of a platform is the sum over its inputs, eq.
+
+    (7) of Di Gregorio 2015.
 
     Let input i move alone at the rate q'_i, with the other inputs locked. The platform
     (link 8) then turns about its pole axis u_i at a rate w_i. The coefficients c_i and d_i
@@ -73,13 +75,14 @@ def test_superposition_gives_the_motion_of_all_inputs_together():
 
         prod(c) w = sum of d_i (product of the other c) q'_i u_i.
 
-    w is computed from the velocity equations, for all inputs together and for each alone.
+    The reference for w are the velocity equations (`locked_rates`), for all inputs together
+    and for each alone.
     """
     random = np.random.default_rng(1)
     for _ in range(8):
         rows, motion = at_reference(three_legs(random_axes(random, 9)))
         assert rows.type[0] == RowType.REGULAR
-        # Neither this mechanism is singular, nor those with one input moving alone.
+        # Also with one input moving alone, this mechanism is not singular.
         assert rows.group[0] == 0
         input_pairs = motion.assembly.inputs
         input_rates = random.normal(size=3)
@@ -166,12 +169,12 @@ def test_coincident_poles_with_a_stretched_leg_are_type_three(seed):
 @pytest.mark.many
 @pytest.mark.parametrize("seed", range(8))
 def test_theorem_1_coplanar_poles_are_type_one_of_the_second_group(seed):
-    """Inputs at two pairs of one leg; that leg is stretched, so the u_i are coplanar.
+    """Coplanar poles of a platform are a singularity of type I of the second group.
 
-    If input i moves alone at the rate q'_i, the platform turns about the axis u_i at a rate
-    w_i with c_i w_i = d_i q'_i. Type I of the first group means that some d_i vanishes. In
-    the second group none does, but the triple product of the axes u_i vanishes (theorem 1
-    of Di Gregorio 2015).
+    This is theorem 1 of Di Gregorio 2015. Two inputs are at pairs of one leg, which is
+    stretched. If input i moves alone at the rate q'_i, the platform turns about the axis
+    u_i at a rate w_i with c_i w_i = d_i q'_i. In the first group some d_i vanishes. In the
+    second group none does, but the triple product of the axes u_i vanishes.
     """
     axes = random_axes(np.random.default_rng(6 + seed), 9)
     rows, _ = at_reference(three_legs(axes, TWO_INPUTS_ON_ONE_LEG))
@@ -277,10 +280,10 @@ def with_full_turns(made):
 def four_bars_of_singular_curves(kind):
     """Return the arcs (rad) of the four-bars whose motions are the singular curves.
 
-    In a singular configuration two links of the five-bar are in line, and may stay so: they
-    act as one bar, and a four-bar is left. Its motion is a curve of such configurations.
-    Type I: a stretched or folded leg is one bar to the output point; the stretched legs
-    come first. Type II: coplanar distal links are one bar between the ends of the cranks.
+    In a singular configuration two links of the five-bar are in line, and may stay so. Then
+    they act as one bar, and the motion of the remaining four-bar is a singular curve. Type
+    I: a stretched or folded leg is one bar to the output point; stretched legs come first
+    in the list. Type II: both couplers in line are one bar between the ends of the cranks.
     """
     base = np.radians(BASE_DEG)
     crank_1, coupler_1 = np.radians(FIRST_LEG_DEG)
@@ -298,12 +301,13 @@ def four_bars_of_singular_curves(kind):
 
 
 def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
-    """At type I a leg is stretched or folded, so the output is on a circle.
+    """The type I curves of a five-bar are motions with a stretched or folded leg.
 
     The output is the axis 43, which joins both legs. Let a be the crank and b the coupler
-    of a leg. While it is stretched or folded, it acts as one bar of the arc a + b or
-    |a - b|, and the output moves on a circle of this radius about the leg's fixed axis. The
-    mechanism is then a four-bar, whose motion is a curve of type I.
+    of a leg. While the leg is in line, it acts as one bar of the arc a + b or |a - b|, and
+    the output moves on a circle of this radius about the fixed axis of the leg. The
+    mechanism is then a four-bar, whose motion is a curve of type I
+    (`four_bars_of_singular_curves`).
 
     The curves with a folded leg are closed. Those with one of both stretched legs are one
     closed curve each. They meet in the two configurations with both legs stretched, which
@@ -352,13 +356,13 @@ def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
 
 @pytest.mark.slow
 def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
-    """At type II both couplers are in line, so the arc between the elbows is constant.
+    """The type II curves of a five-bar are motions with both couplers in line.
 
-    The arc is the sum of both coupler arcs (stretched) or their difference (folded). The
-    couplers act as one bar of this arc, and each motion of this four-bar is a curve of type
-    II. Points at which types I and II occur together, those of type III, are listed for
-    each curve. Successive points are at most 0.31 rad apart, hardly more than the longest
-    step that is taken (`MAX_CURVE_STEP_RAD`), and the output moves at all of them.
+    The couplers then act as one bar, with the sum or the difference of their arcs. Each
+    motion of this four-bar is a curve of type II (`four_bars_of_singular_curves`). Points
+    at which types I and II occur together, those of type III, are listed for each curve.
+    Successive points are at most 0.31 rad apart, hardly more than the longest step
+    (`MAX_CURVE_STEP_RAD`). The output moves at all of them.
     """
     mechanism = five_bar()
     # The output is the direction of the axis 43. The search starts from singular points of
@@ -398,11 +402,11 @@ def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
 
 
 def cosine_between_elbows(first_input, second_input):
-    """Return the cosine of the arc between the elbows at two inputs in rad.
+    """Return the cosine of the arc between the elbows of a five-bar at two inputs in rad.
 
-    The elbows are the free ends of both cranks. In the frame used, the first fixed axis is
-    z and the base arc lies in the y-z plane. The input of a crank is its angle about its
-    axis from the base arc, which at the second axis points towards the first.
+    The elbows are the free ends of both cranks. It is an independent formula: the first
+    fixed axis is z, and the base arc lies in the y-z plane. The input of a crank is its
+    angle from the base arc, which at the second axis points towards the first.
     """
     base, crank_1, crank_2 = np.radians([BASE_DEG, FIRST_LEG_DEG[0], SECOND_LEG_DEG[0]])
     first_elbow = (
@@ -420,11 +424,11 @@ def cosine_between_elbows(first_input, second_input):
 
 
 def test_the_inputs_rest_at_a_cusp_of_a_singular_curve(monkeypatch):
-    """A 3-RRR with one input locked: its singular curve has cusps in the plane of inputs.
+    """At a cusp of a singular curve in the plane of inputs, the inputs rest.
 
-    At a type II singularity there is a motion of the links while both inputs are locked. At
-    a cusp the tangent of the singular curve has no component along the inputs either, so
-    both are the same direction.
+    The mechanism is a 3-RRR platform with one input locked. At a type II singularity the
+    links can move while both inputs are locked. At a cusp the tangent of the singular curve
+    has no component along the inputs either, so it has the direction of this motion.
     """
     mechanism = sk.load("three_rrr")
     third_input = mechanism.inputs[2]
@@ -453,15 +457,14 @@ def test_the_inputs_rest_at_a_cusp_of_a_singular_curve(monkeypatch):
 
 
 def test_aspects_of_a_five_bar_are_regions_of_a_flood_fill():
-    """Aspects are the parts of the space of configurations that type II divides.
+    """The aspects of a five-bar are counted as by an image library.
 
-    At each pair of input angles the five-bar closes if the elbows are within reach of the
-    couplers. It then has two configurations, with opposite signs of the dyad (of the
-    determinant that vanishes at type II). So a connected region of the square of both
-    inputs has two aspects. An image library counts the regions on 241 x 241 points.
-
-    The analysis uses every tenth of these points. Aspects of one or two points are not
-    compared, since the coarse grid may not show to which larger part they belong.
+    Aspects are the parts of the space of configurations that type II divides. At each pair
+    of input angles the five-bar closes if the elbows are within reach of the couplers. It
+    then has two configurations, with opposite signs of the determinant that vanishes at
+    type II. So a connected region of the square of both inputs has two aspects. The library
+    counts the regions on 241 x 241 points. The analysis uses every tenth point, so aspects
+    of one or two points are not compared.
     """
     result = aspects(with_full_turns(five_bar()), 25)
     angles = np.linspace(-np.pi, np.pi, 241)
@@ -492,12 +495,13 @@ def test_aspects_free_of_both_types_split_by_signs():
 
 @pytest.mark.slow
 def test_the_surface_of_type_two_of_a_three_rrr_is_a_sound_mesh(monkeypatch):
-    """At each vertex the planes of the distal axes of all legs have a common line.
+    """The mesh of the type II surface of a platform has right points and sound triangles.
 
-    A leg has three pairs, numbered from the base. Its distal axes are the second and the
-    third, and lie in one plane with the centre. Each edge of the mesh belongs to two
-    triangles, or to one at the border. Edges are about 0.3 rad long, as asked for, and none
-    is longer than 2.5 times that. The mesh stops at 80 vertices and says so.
+    At type II the planes of the distal axes of all legs have a common line. The distal axes
+    of a leg are its second and third pair axes, counted from the base. Each edge of the
+    mesh belongs to two triangles, or to one at the border. Edges are about 0.3 rad long, as
+    asked for, and none is longer than 2.5 times that. The mesh stops at 80 vertices and
+    says so.
     """
     mechanism = sk.load("three_rrr")
     monkeypatch.setattr(surface_front, "MAX_FRONT_VERTICES", 80)

@@ -36,15 +36,16 @@ def all_curves(position_analysis):
 
 
 def test_a_double_zero_of_an_output_rate_is_one_singularity():
-    """Two four-bars in a row, both with a dead point of the output in the reference pose.
+    """A double zero of an output rate is one singularity, without a reversal.
 
-    Link 2 drives link 4 through the first four-bar, and link 4 drives link 6 through the
-    second one. In the reference pose both transmission ratios, w41 / w21 and w61 / w41, are
-    zero and change their sign. So link 4 reverses there. The rate of link 6 is the product
-    of both ratios: it has a double zero, and link 6 does not reverse.
+    Link 2 drives link 4 through a four-bar, and link 4 drives link 6 through a second one.
+    In the reference pose both transmission ratios, w41 / w21 and w61 / w41, are zero and
+    change their sign. So link 4 reverses there. The rate of link 6 is the product of both
+    ratios: it has a double zero, and link 6 does not reverse.
 
-    If link 4 is taken as the input and link 6 as the output, both rest there while link 2
-    moves. That is a self-motion, at which the input reverses and the output does not.
+    With link 4 as the input and link 6 as the output, both rest there while link 2 moves.
+    That is a self-motion, at which the input reverses and the output does not. `report_at`
+    returns the singularities in the reference pose.
     """
     axes = random_axes(np.random.default_rng(4), 7)
     # Three axes of each four-bar are coplanar, so that its output rests.
@@ -92,14 +93,14 @@ FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50
 @pytest.mark.many
 @pytest.mark.parametrize("degrees", FOLDING)
 def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degrees):
-    """Where a four-bar lies flat, all angles are 0 or pi and two curves cross.
+    """Where a four-bar lies flat, two configuration curves cross in a type III singularity.
 
-    Four points lead out of the crossing, two along each tangent. For each tangent there are
-    two relations c w_out = d w_in between the rates of the output 4/1 and of the input,
-    with c and d from pole axes. Form i takes the axes of the three links of both rates,
-    form ii those of a fourth link too. In form ii c and d both vanish (type III), because
-    all axes are coplanar (condition III.a). In form i they may differ from zero. It then
-    has no type and must hold for the rates along the tangent.
+    All angles are 0 or pi there. Four points lead out of the crossing, two along each
+    tangent. For each tangent there are two relations c w_out = d w_in between the rates of
+    the output 4/1 and of the input, with c and d from pole axes. Form i takes the axes of
+    the three links of both rates, form ii also those of a fourth link. In form ii c and d
+    both vanish (type III), because all axes are coplanar (condition III.a). Where form i
+    does not vanish, it has no type and must hold for the rates along the tangent.
     """
     position_analysis = PositionAnalysis(four_bar(np.radians(degrees)))
     curves = all_curves(position_analysis)
@@ -144,13 +145,12 @@ def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degre
 
 
 def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
-    """Both loops of a Watt chain lie flat, and each continues in two ways.
+    """Where both loops of a Watt chain lie flat, curves cross with four tangents.
 
-    The chain consists of two four-bars in a row. The pairs 0, 1, 2, 3 are those of the
-    first one, from its input 0 to its output 3. The pairs 3, 4, 5, 6 are those of the
-    second one. Each loop loses one rank, so 7 variables less the rank 4 of the equations
-    leave 3 freedoms. The slopes of each four-bar alone, output angle per input angle, give
-    the four combinations that the crossing of the whole chain must have.
+    The chain consists of two four-bars in a row: pairs 0 to 3, and pairs 3 to 6. Each flat
+    loop loses one rank, so 7 variables less the rank 4 of the equations leave 3 freedoms.
+    Each loop continues in two ways. The slopes of each four-bar alone (output angle per
+    input angle) give the four combinations that the crossing of the whole chain must have.
     """
     common_axis = np.array([1.0, 0.0, 0.0])
 
@@ -195,13 +195,12 @@ def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
 @pytest.mark.many
 @pytest.mark.parametrize(("chain", "seed"), [(STEPHENSON, 3), (EIGHT_BARS[0], 1)])
 def test_rest_points_of_all_poles_are_where_relative_rates_vanish(chain, seed):
-    """A pole rests where the relative rate of its links is zero along a curve.
+    """A pole is reported to rest exactly where the relative rate of its links vanishes.
 
-    The relative rate, a vector, is sampled at 1501 points of the curve. Where it reverses
-    its direction, 201 finer points decide whether its size really goes to zero: below 2 %
-    of that at the ends of the step. There must be a listed rest point, and no other ones.
-    `signed_rate` is the component along the continuous pole axis. It changes its sign as
-    often as there are rest points.
+    A pole is the axis of the relative rotation of two links. The rate, a vector, is sampled
+    at 1501 points of a configuration curve. Where it reverses its direction, 201 finer
+    points decide whether its size goes to zero: below 2 % of that at the ends of the step.
+    `signed_rate`, the component along the continuous pole axis, must change its sign there.
     """
     axes = random_axes(np.random.default_rng(seed), len(parse_chain(chain)))
     mechanism = mechanism_from_chain(chain, axes, span=(-np.pi, np.pi))
@@ -237,13 +236,13 @@ def test_input_output_relations_hold_for_rates_by_velocity_equations(chain):
     """Relations c w_out = d w_in hold for 55 quadruples of links of an eight-bar.
 
     A quadruple has the input link i and its reference r, and the output link o and its
-    reference s. w_in is the rate of i relative to r. There are two relations: w_out is the
-    rate of o relative to s in form i, and relative to r in form ii, where s is any further
-    link. Form ii needs an o that is neither r, which rests, nor i, which is the input.
+    reference s. w_in is the rate of i relative to r. w_out is the rate of o relative to s
+    in form i, and relative to r in form ii, where s is any further link. Form ii needs an o
+    that is neither r, which rests, nor i, which is the input.
 
-    The coefficients c and d come from pole axes, which a plan computes one after another as
-    intersections of great circles. The rates come from the evaluation of all links. The gap
-    may be ten times the error bound of an axis, since c and d have three axes each.
+    The coefficients c and d come from pole axes, which a plan computes as intersections of
+    great circles. The rates come from the evaluation of all links. The gap may be ten times
+    the error bound of an axis, because c and d have three axes each.
     """
     random = np.random.default_rng(11)
     axes = random_axes(random, len(parse_chain(chain)))

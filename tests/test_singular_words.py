@@ -19,9 +19,10 @@ def read_remarks(mechanism, samples=73):
 
 
 def flapper():
-    """Return a crank-rocker whose coupler leads a second rocker by a tie.
+    """Return a crank-rocker (wing) whose coupler drives a second rocker (vane) by a tie.
 
-    It is a Stephenson chain. Arcs and angles between arcs of a link are in degrees.
+    It is a Stephenson six-bar with two outputs. Arcs, and angles between arcs of a link,
+    are in degrees.
     """
     links = {
         "body": {"axes": ["motor", "shoulder", "aux"], "arcs": [60, 75], "angles": [55]},
@@ -68,13 +69,13 @@ def test_a_stretched_dyad_is_no_crossing_for_outputs_before_it():
 
 @pytest.mark.slow
 def test_the_turn_of_a_plate_about_a_moving_pole_is_the_sum_of_small_rotations():
-    """A remark of the analysis says by which angle a wobble plate turns in all.
+    """A remark says by which angle a wobble plate turns in one turn of its shaft.
 
-    The plate is tilted by 18 degrees on the shaft and held by a gimbal. It turns about an
-    axis that moves, so the angle is an integral over the motion. Here the orientation of
-    the plate is built from the directions of shaft (z) and gimbal (y) in the case, and the
-    rotation angles between 20001 successive orientations over one turn of the shaft are
-    added up.
+    The plate is tilted by 18 degrees on the shaft and guided by a gimbal. Its axis of
+    rotation moves, so the angle is an integral over the motion. The reference: orientations
+    of the plate are built from the directions of its normal and of the gimbal, and the
+    rotation angles between 20001 successive ones are added up. `read_remarks` returns the
+    remarks of a run.
     """
     tilt_deg = 18.0
     links = {

@@ -42,13 +42,13 @@ def columns_with_missing_numbers(frame):
 
 
 def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker_result):
-    """Dead centres are at the inputs at which coupler and rocker are in line.
+    """Dead centres of a double-rocker are at the inputs that the cosine theorem gives.
 
-    These follow from the cosine theorem. At such a dead centre (type II) the input reverses
-    and two assembly modes meet; at a singularity of type I the output reverses. The column
-    `condition` has the labels of the pole axes that are parallel: that of the crank
-    relative to the rocker is parallel to the crank's axis in the ground at type I (I.3),
-    and to the rocker's at type II (II.3). No type is uncertain, and no singularity is
+    `rocker_result` is a run of the analysis. At a dead centre (type II) coupler and rocker
+    are in line, the input reverses and two assembly modes meet. At type I the output
+    reverses. The column `condition` labels the pole axes that are parallel. The pole axis
+    of crank and rocker is parallel to the crank's axis in the ground at type I (I.3), and
+    to the rocker's axis at type II (II.3). All types are certain, and no singularity is
     double (touched without a change of sign).
     """
     frame = rocker_result[0].frame()
@@ -73,11 +73,11 @@ def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker_result)
 def test_the_relation_of_rates_holds_in_every_row(rocker_result):
     """c times the output's rate is d times the input's rate in every row with status OK.
 
-    Triple products of pole axes give the coefficients c and d in two ways, each with rows
-    of its own: form i takes the axes of ground, input and output link, form ii also those
-    of the fourth link. A double-rocker does not close at all samples, so some rows have
-    another status. The distance of the input from a singularity is missing if there is none
-    of that type on the curve.
+    `rocker_result` is a run of a double-rocker. Triple products of pole axes give the
+    coefficients c and d in two ways (`form`). Form i takes the axes of ground, input and
+    output link, form ii also those of the fourth link. At samples where the loop does not
+    close, rows have another status. The distance from a singularity is missing where its
+    type does not occur.
     """
     frame = rocker_result[0].frame(NAME, "relation")
     good = frame[frame["status"].astype(str) == "OK"]
@@ -101,7 +101,11 @@ def test_findings_count_singularities_by_type(rocker_result):
 
 @pytest.mark.slow
 def test_singularities_are_warned_of_within_the_distance_that_near_states(rocker_result):
-    """In deg. One that is met in the range is always warned of, also with `near=0`."""
+    """The parameter `near` (deg) says within which distance a singularity causes a warning.
+
+    `rocker_result` is a run of a double-rocker with the default. A singularity that is met
+    in the range always causes a warning, also with `near=0`.
+    """
     _, default_warnings = findings_and_warnings(rocker_result[0])
     warnings_by_near = {}
     for near in (25, 0):
@@ -118,11 +122,12 @@ def test_singularities_are_warned_of_within_the_distance_that_near_states(rocker
 
 
 def test_pages_list_every_singularity_and_mark_it_on_the_phase_portrait(rocker_result):
-    """The page has a row for each singularity, and each phase portrait a mark.
+    """A recording lists every singularity on its page, and marks it on phase portraits.
 
-    A portrait has the marks of the whole configuration curve. Both assembly modes of this
-    double-rocker are parts of one curve, so the portraits of both have all marks. Their
-    inputs are those of the table, up to 1 deg.
+    `rocker_result` has the tables of a double-rocker, and a listener with the drawings. A
+    portrait has the marks of the whole configuration curve. Both assembly modes are parts
+    of one curve, so the portraits of both have all marks. Their inputs are those of the
+    table, up to 1 deg.
     """
     result, listener = rocker_result
     frame = result.frame()
@@ -168,16 +173,13 @@ angle is; these circles are cut where the slope of the equation across them vani
 @pytest.mark.many
 @pytest.mark.parametrize("name", FOLDING)
 def test_folding_four_bars_have_the_right_types(name):
-    """Folding four-bars have singularities where curves cross, and on whole curves.
+    """Folding four-bars have singularities of the right types.
 
-    Where configuration curves cross, all axes are in one plane. This is a singularity of
-    type III, whose geometric condition has the label III.a. `FOLDING` has the numbers of
-    rows by type for each shape.
-
-    A link can rest on a whole curve. If it is the input, each configuration of the curve is
-    singular of type II, and if it is the output, of type I. The whole curve has one row,
-    without an input. `FOLDING` has the numbers of these rows, too. The link is not said to
-    swing by 0 deg. Transmission angles do not exist everywhere.
+    `FOLDING` has the arcs of each shape and the expected number of rows by type. Where
+    configuration curves cross, all axes are in one plane: type III, with the condition
+    III.a. A link can also rest on a whole curve. If it is the input, each configuration of
+    the curve is singular of type II, and if it is the output, of type I. Such a curve has
+    one row, without an input. The remarks must not say that the link swings by 0 deg.
     """
     arcs, count_by_type, resting_count_by_type, expected_remarks = FOLDING[name]
     result = sk.run(four_bar(np.radians(arcs)), NAME, samples=37)
@@ -200,12 +202,13 @@ def test_folding_four_bars_have_the_right_types(name):
 
 @pytest.mark.parametrize("power", [8, 12])
 def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
-    """The base of a parallelogram is made 10^-power rad longer: 1e-8 or 1e-12 rad.
+    """Near a parallelogram, the type of a singularity is right or called undecided.
 
-    With equal opposite links all axes can lie in one plane, a singularity of type III. With
-    the longer base they never do: there is one of type I and one of type II close to each
-    other. At 1e-8 rad both must be told apart. At 1e-12 rad rounding does not allow that.
-    Each row must then say type III, not certain, and that the type is undecided.
+    The base is 10^-power rad too long: 1e-8 or 1e-12 rad. With equal opposite links all
+    axes can lie in one plane, a singularity of type III. With the longer base there is one
+    of type I and one of type II, close to each other. At 1e-8 rad both must be told apart.
+    At 1e-12 rad rounding does not allow that, and each row must say type III, not certain,
+    undecided.
     """
     arcs = np.radians(FOLDING["parallelogram"][0])
     arcs[0] += 10.0**-power
@@ -228,13 +231,13 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
     "distance_rad", [0.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-14, -1e-3, -1e-14]
 )
 def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(distance_rad):
-    """The last of five samples is before a dead centre, on it, or beyond (negative).
+    """A sample on or beside a dead centre has right numbers or a status.
 
-    Two assembly modes meet and end at the dead centre; beyond it the loop does not close.
-    Near it the input q is a quadratic function of the arc length s of the configuration
-    curve, so its rate dq/ds is proportional to the square root of the distance (rad) of q
-    from the dead centre. `input_margin_II` is this distance. `input_margin_I` is missing if
-    there is no singularity of type I on the curve.
+    The last of five samples is before a dead centre, on it, or beyond (negative distance,
+    where the loop does not close). Near it the input q is a quadratic function of the arc
+    length s of the configuration curve. So dq/ds is proportional to the square root of the
+    distance (rad). `input_margin_II` is this distance. `input_margin_I` is missing if there
+    is no singularity of type I on the curve.
     """
     dead_centre = float(angles_with_links_in_line(*ROCKER)[0])
     span = Input("21", dead_centre - 0.5, dead_centre - distance_rad)
@@ -318,13 +321,13 @@ LONG = [pytest.param(name, marks=pytest.mark.long) for name in SINGLE.split()]
 
 @pytest.mark.parametrize("name", [*QUICK, *LONG])
 def test_shipped_mechanisms_run_from_the_shell(name, tmp_path, capsys):
-    """Every row has a type and a reason, and numbers are missing only where explained.
+    """The command finds singularities of shipped mechanisms with a type and a reason each.
 
-    The coefficients c and d connect the rates of output and input, c y' = d q'. They are
-    triple products of pole axes. A note says where they are missing, because three axes
-    coincide in every configuration. Distances to singularities (`input_margin_I` and `_II`)
-    are missing where there are none, and transmission angles where the output is not placed
-    by a dyad (two links that close a loop).
+    Numbers may be missing only where that is explained. c and d connect the rates of output
+    and input, c y' = d q'. A note says that they are missing because three pole axes
+    coincide everywhere. Distances to singularities (`input_margin_I` and `_II`) are missing
+    where there are none. Transmission angles are missing if no dyad (two links joined by a
+    pair) places the output.
     """
     command = ["run", name, "-a", NAME, "--samples", "13", "-o", str(tmp_path)]
     assert main(command) == 0
@@ -354,11 +357,11 @@ GRASHOF = {
 
 @pytest.mark.parametrize("name", GRASHOF)
 def test_the_grashof_class_of_a_four_bar_says_which_links_turn_fully(name):
-    """A link turns fully against a neighbour if the loop closes at all angles between them.
+    """The Grashof class of a four-bar says which links turn fully.
 
-    The ends of both links are at the distance of a diagonal, which follows from the angle
-    by the law of cosines. The loop closes if the other two links can span the diagonal. It
-    is tested at 2001 angles.
+    The reference: a link turns fully against a neighbour if the loop closes at all of 2001
+    angles between them. The ends of both links are a diagonal apart, by the law of cosines.
+    The loop closes if the other two links can span the diagonal.
     """
     ground, crank, coupler, rocker = np.radians(GRASHOF[name])
     angles = np.linspace(0.0, np.pi, 2001)
@@ -388,11 +391,11 @@ def test_the_grashof_class_of_a_four_bar_says_which_links_turn_fully(name):
 
 
 def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
-    """All numbers are angles of spherical triangles, by the law of cosines.
+    """A run states swing, transmission angle and limits of the four-bar in its remarks.
 
-    The rocker swings between the positions in which crank and coupler are in line. The
-    transmission angle, between coupler and rocker, is least where the crank lies on the
-    ground arc.
+    All are angles of spherical triangles, by the law of cosines. The rocker swings between
+    the positions in which crank and coupler are in line. The transmission angle, between
+    coupler and rocker, is least where the crank lies on the ground arc.
     """
     result = sk.run("four_bar", NAME)
     findings, warnings = findings_and_warnings(result)
@@ -420,8 +423,7 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
     )
 
     crank_stretched = corner_deg(rocker, coupler + crank, ground)
-    # The coupler is folded back over the crank, so the crank points away from the rocker's
-    # tip.
+    # The coupler is folded back over the crank, which points away from the rocker's tip.
     crank_folded = corner_deg(rocker, coupler - crank, ground) + 180.0
     # The second assembly mode is the mirror image of the first, with opposite angles.
     for angle in (crank_stretched, crank_folded):
@@ -432,11 +434,12 @@ def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
 @pytest.mark.many
 @pytest.mark.parametrize("rate", [6.0, -2.0])
 def test_a_simulation_lists_the_singularities_that_it_passes_in_their_turn(rate):
-    """Type I of the rocker is where its rate changes sign, in each turn of the crank.
+    """A simulation lists the singularities that it passes, with all turns of the input.
 
-    The table has the angle of the crank (input) with all its turns. Sign changes are read
-    off 4001 times of the same simulation. The four-bar has two configuration curves. The
-    simulation stays on curve 0; the two singularities of curve 1 are marked as outside.
+    At a singularity of type I the rate of the rocker changes its sign. The reference are
+    sign changes between 4001 times of the same simulation. The four-bar has two
+    configuration curves. The simulation stays on curve 0; the two singularities of curve 1
+    are marked as outside.
     """
     mechanism = replace(sk.load("four_bar"), loads=())
     start = {"q": 0.3, "dq": rate}

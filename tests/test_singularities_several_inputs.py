@@ -28,15 +28,16 @@ def five_bar_run(tmp_path_factory):
 def test_points_of_singular_curves_say_why_they_are_singular(five_bar_run):
     """Points of singular curves of a five-bar with two inputs state their condition.
 
-    Let input k move at the rate q_k' while the other one is locked. The output then turns
-    at a rate y' about its pole axis u_k, and c_k y' = d_k q_k'.
+    `five_bar_run` is a run of the analysis. Let input k move at the rate q_k' while the
+    other one is locked. The output then turns at a rate y' about an axis u_k, and c_k y' =
+    d_k q_k'.
 
     - At type II both couplers are in line. Both c are 0, and both axes u_k coincide.
     - At type I either a d is 0, or u_k is along the direction that is the output. The
-      direction then rests, as it lies on the axis of rotation.
+      direction then rests, because it lies on the axis of rotation.
 
-    The column `signs` has the sign of the dyad (two links closed onto the cranks). It is 0
-    where the assembly modes 0 and 1 meet.
+    The column `signs` has the sign of the dyad (the two couplers). It is 0 where the
+    assembly modes 0 and 1 meet.
     """
     result, _ = five_bar_run
     frame = result.frame("singularities")
@@ -66,7 +67,11 @@ def test_the_relation_of_rates_holds_for_every_input(five_bar_run):
 
 
 def test_findings_count_aspects_and_singular_curves_as_the_tables_do(five_bar_run):
-    """An aspect is a region of inputs and modes that no singularity divides."""
+    """The summary of a run counts aspects and singular curves as its tables do.
+
+    An aspect is a region of inputs and modes that no singularity divides. `five_bar_run` is
+    a run of the analysis of singularities. `row_counts` are the rows of each aspect.
+    """
     result, _ = five_bar_run
     frame = result.frame("singularities", "aspects")
     assert list(frame) == ["aspect", "q_21", "q_51", "sign_II", "sign_I", "assembly_modes"]
@@ -83,7 +88,12 @@ def test_findings_count_aspects_and_singular_curves_as_the_tables_do(five_bar_ru
 
 
 def test_the_screen_says_how_many_singular_curves_there_are_and_where(five_bar_run):
-    """Points of the table that are inside the ranges are on the curves that are counted."""
+    """The printed table of singular curves agrees with the table of their points.
+
+    `five_bar_run` is a run of the analysis of singularities. The printed table counts the
+    curves inside and outside of the input ranges, and says which inputs (deg) each curve
+    reaches. All points inside must be within these inputs, up to the rounding to a degree.
+    """
     result, _ = five_bar_run
     (summary,) = result.summary["analyses"]
     (table,) = summary["screen_tables"]

@@ -38,12 +38,11 @@ def test_rows_come_from_the_engine_that_ends(monkeypatch):
 
 
 def test_rows_come_from_a_tighter_simulation_where_the_tolerance_is_missed(monkeypatch):
-    """A run checks its simulation by a more accurate one, and takes that if they differ.
+    """A run checks its simulation by a more accurate one, and takes that if both differ.
 
-    The default tolerance is 1e-9 rad, and the more accurate simulation has a hundredth of
-    it, 1e-11. The comparison is replaced by one that says that both differ by 1 rad. The
-    run then takes its rows from the simulation with 1e-11. They agree with that simulation
-    to rounding, and not with the one of the default tolerance.
+    The default tolerance is 1e-9 rad; the more accurate simulation has 1e-11. Here the
+    comparison is replaced by one that says that both differ by 1 rad. The rows must then
+    agree with a simulation of 1e-11 to rounding, and not with one of the default tolerance.
     """
     largest_difference = forward_dynamics._largest_difference
     calls = []
@@ -77,7 +76,9 @@ def test_a_long_simulation_reports_the_time_that_it_has_reached(monkeypatch):
 
 
 class EventRecorder:
-    """Recorder that notes the solver's steps and its own rows in their order.
+    """Recorder for tests that notes steps of a simulation and its own rows in their order.
+
+    So tests see whether rows are recorded while the simulation goes on.
 
     Attributes
     ----------
@@ -156,10 +157,11 @@ def test_a_recording_of_some_samples_has_the_first_and_the_last(monkeypatch):
 def test_a_run_that_is_refused_because_of_unfinished_work_is_not_recorded(
     monkeypatch, tmp_path
 ):
-    """The first run is interrupted half way, as by Ctrl-C; the second lacks `--resume`.
+    """A run that is refused because of unfinished work has not started a recording.
 
-    The second run is refused after the simulation, before it has started a recording. So
-    the recorder has events of the solver ("step") only, and no rows.
+    The first run is interrupted half way, as by Ctrl-C. The second lacks `--resume` and is
+    refused after its simulation. So its `EventRecorder` has steps of the simulation only,
+    and no rows.
     """
     interrupted = EventRecorder(monkeypatch)
 

@@ -89,12 +89,12 @@ def test_a_processor_is_known_by_what_it_computes():
 
 @pytest.mark.slow
 def test_parts_of_another_processor_are_recorded_and_reported(tmp_path):
-    """One of three parts is computed as by an older processor.
+    """A sweep reports that one of its three parts was computed by another processor.
 
     NumPy and BLAS are forbidden to use all but the oldest instructions, which round
-    differently. The sweep records which parts each kind of processor has computed. The rows
-    agree to rounding with those of one processor. A sweep by one kind of processor has no
-    remark.
+    differently (`complete_with_least_kernels`). The sweep records which parts each kind of
+    processor has computed. Its rows agree to rounding with those of one processor. A sweep
+    by one kind of processor has no remark.
     """
     expected = swept(tmp_path / "whole")
     assert len(expected.processors) == 1

@@ -62,9 +62,11 @@ def assert_equal_tables(table, expected):
 def test_tables_of_a_sweep_are_those_of_separate_runs(
     name, vary, analyses, samples, tmp_path
 ):
-    """Each table of each design equals that of a run, in memory and in the folder.
+    """Each table of each design in a sweep equals that of a separate run of the design.
 
-    A design that a run refuses has a reason, and no rows in any table.
+    A sweep evaluates all combinations of the numbers in `vary` (designs). With `tables` it
+    returns all rows of the tables of its analyses, in memory and in a folder. A design that
+    a run refuses has a reason, and no rows in any table.
     """
     options = {"analyses": analyses, "samples": samples, "tables": True}
     sweep = sk.sweep(name, vary, **options)
@@ -109,10 +111,11 @@ def test_tables_of_a_sweep_are_those_of_separate_runs(
 def test_figures_of_the_kernel_and_of_an_analysis_share_a_sweep():
     """A sweep can have figures of merit of two kinds, in separate rows.
 
-    A figure of merit is a number for each design and mode. A compiled kernel computes those
-    that are formulas of rates or angles, in each assembly mode. The analysis `workspace`
-    has figures for each working mode. A sweep of both has the rows of two separate sweeps.
-    In each row the figure of the other kind is NaN.
+    A figure of merit is a number for each design and mode. A compiled kernel computes
+    figures that are formulas of rates or angles, in each assembly mode (way to assemble the
+    links). The analysis `workspace` has figures for each working mode (inverse solution of
+    the legs). A sweep of both has the rows of two separate sweeps. In each row the figure
+    of the other kind is NaN.
     """
     figure = "most=max(abs(rate_43_by_51))"
     vary = {"links.2.arc": [60.0, 65.0]}
@@ -151,7 +154,10 @@ def test_figures_in_the_same_assembly_mode_share_a_row(name, link, arc, modes):
 
 @dataclass(frozen=True)
 class DoubledInput(MinimalAnalysis):
-    """Twice the input; it fails for designs with an arc of 45 degrees."""
+    """Analysis for tests: twice the input, or an error for an arc of 45 degrees.
+
+    Sweeps must report such an error as the reason of the design, and go on.
+    """
 
     name: ClassVar[str] = "doubled"
     tables: ClassVar[tuple[Table, ...]] = (

@@ -69,12 +69,13 @@ def write_mechanism(folder, text):
     "case", [pytest.param(case, marks=SLOW if case == "geared" else ()) for case in CASES]
 )
 def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tmp_path):
-    """A sweep by the compiled kernel has the same numbers as a run of each design.
+    """A sweep over designs by the compiled kernel has the numbers of separate runs.
 
-    They are sine, cosine and rate of a passive pair at two inputs, for all modes. The modes
-    of sweep and run may differ in order, so both lists of rows are sorted. A design whose
-    loops do not close is not OK in the sweep, and a run refuses it. In the mechanisms with
-    several inputs, rates are those while the input `right` moves alone.
+    Compared are sine, cosine and rate of a passive pair at two inputs, for all modes (ways
+    to assemble the links). The modes may differ in order, so rows are sorted. A design
+    whose loops do not close is not OK in the sweep, and a run refuses it. In mechanisms
+    with several inputs, rates are those while the input `right` moves alone. `CASES` has
+    the mechanisms.
     """
     text, vary, pair, inputs_deg = CASES[case]
     mechanism = write_mechanism(tmp_path, text) if text else case
@@ -90,8 +91,7 @@ def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tm
     # Without a kernel the sweep would itself make separate runs.
     assert result.sweep.evaluator.kernel is not None
     frame = result.frame()
-    # The column "claim" says how complete the modes of a design are: none is missing. It
-    # may be empty for a design without modes.
+    # `claim` says how complete the modes of a design are; it may be empty without modes.
     assert set(frame["claim"]) <= {"complete", ""}
 
     for _, rows in frame.groupby("design"):
@@ -122,10 +122,9 @@ def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tm
 def test_sensitivities_of_wheels_are_the_same_by_contacts_and_by_ratios(tmp_path):
     """Two formulations of wheels in mesh give the same values and derivatives.
 
-    If no radius is among the sizes that deviate, the angles of the wheels are related by
-    the ratio of their teeth and an offset. If a radius is among them, wheels are contacts
-    of circles. Values and derivatives by the three common sizes must agree, in the same
-    configurations.
+    Without a radius among the deviating sizes, the angles of the wheels are related by the
+    ratio of their teeth. With a radius among them, wheels are contacts of circles. Values,
+    and derivatives by the three common sizes, must agree.
     """
     wheels = sk.load(write_mechanism(tmp_path, WHEELS))
     motion = sk.trace(wheels, samples=5)
@@ -163,9 +162,9 @@ def test_a_differential_has_derivatives_although_its_equations_repeat(tmp_path):
 def test_gradients_of_figures_on_wheels_agree_with_differences(tmp_path):
     """The gradient of a figure of merit agrees with central differences of its values.
 
-    The figure is the rate of pair 56 at the input 100 deg, in the assembly mode "+". The
-    gradient is by two arcs, per degree. In a changed design the wheels may be assembled
-    with other whole turns. This changes angles, but no rate.
+    Synthesis uses such gradients. The figure is the rate of pair 56 at the input 100 deg,
+    in the assembly mode "+". The gradient is by two arcs, per degree. In a changed design
+    the wheels may be assembled with other whole turns, which changes no rate.
     """
     nominal = {"links.1.arcs.c": [70.0], "links.1.arcs.b": [50.0]}
     figure = "there=at(rate_56, 100)"

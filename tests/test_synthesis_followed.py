@@ -39,7 +39,9 @@ POSES_DEG = [(40, 50, 60), (80, 50, 80), (60, 70, 100), (40, 90, 60), (80, 90, 1
 
 
 def write_synthesis(path, mechanism, minimise, vary, figures, samples, where=(), more=""):
-    """Write a synthesis file, and return its path.
+    """Write a synthesis file (which mechanism is wanted, and what may vary).
+
+    Returns the path of the file.
 
     Parameters
     ----------
@@ -70,8 +72,7 @@ def write_synthesis(path, mechanism, minimise, vary, figures, samples, where=(),
     lines.append("[figures]")
     lines += [f'{name} = "{text}"' for name, text in figures.items()]
     lines.append(more)
-    # The list of conditions is printed with single quotes. In TOML these would take its
-    # texts literally; double quotes are used everywhere.
+    # Python prints texts of lists in single quotes, TOML needs double quotes.
     path.write_text("\n".join(lines).replace("'", '"'))
     return path
 
@@ -85,11 +86,12 @@ def sweep_one_design(mechanism, keys, numbers, figures, samples):
 
 @pytest.mark.slow
 def test_a_double_butterfly_is_found_again_by_its_function(tmp_path):
-    """The angle of pair F of a known design is asked for at twelve inputs.
+    """Synthesis finds a known double butterfly again by the function that it generates.
 
-    The synthesis starts elsewhere and must return to the coordinates of that design. Two
-    conditions are made: the share of samples at which the design closes (``closes``) is 1,
-    and the rate of pair F per rate of the input (``steep``) is below 8.
+    The angle of pair F of the known design is asked for at twelve inputs. The synthesis
+    starts elsewhere and must return to the coordinates of that design. It may use only
+    designs that close at all samples (``closes``), with a rate of F per rate of the input
+    (``steep``) below 8. `sweep_one_design` computes the angles of the known design.
     """
     points = {f"p{k}": f"at(theta_F, {q})" for k, q in enumerate(INPUTS_DEG)}
     rows = sweep_one_design(
@@ -120,12 +122,13 @@ def test_a_double_butterfly_is_found_again_by_its_function(tmp_path):
 
 @pytest.mark.slow
 def test_modes_of_a_double_butterfly_are_optimized_separately(tmp_path):
-    """Assembly modes of different angles of pair F have different best designs.
+    """Synthesis finds different best designs for different kinds of assembly modes.
 
-    The angle of F at the input 0 (``begun``) is positive in some modes and negative in
-    others. The largest rate of F (``steep``) is minimized in either kind of modes. A design
-    must close at all samples (``closes``). Its figures are those that a sweep has of it, in
-    the same mode. The best rates of both kinds differ by more than 10 %.
+    The angle of pair F at the input 0 (``begun``) is positive in some modes and negative in
+    others. The largest rate of F (``steep``) is minimized for either sign. A design must
+    close at all samples (``closes``). Its figures must be those of a sweep
+    (`sweep_one_design`) in the same mode. The best rates of both kinds differ by more than
+    10 %.
     """
     figures = {"steep": "max(abs(rate_F))", "begun": "at(theta_F, 0)"}
     least_objectives = []
@@ -152,16 +155,13 @@ def test_modes_of_a_double_butterfly_are_optimized_separately(tmp_path):
 
 @pytest.mark.slow
 def test_a_platform_on_three_legs_is_found_again_by_its_poses(tmp_path):
-    """Five poses of a known platform are asked for; the arcs of legs 2 and 3 vary.
+    """Synthesis finds a known platform on three legs again by five of its poses.
 
-    Leg 1 is the same in all designs, so the angles of its passive pairs b1 and c1
-    determine the pose of the platform. The objective is the sum of their squared deviations
-    in degrees. Two conditions are made:
-
-    - The share of samples at which the design closes (``closes``) is 1. Samples are a grid
-      of three values of each input.
-    - The rate of c1 per rate of input a2 (``steep``) is below 8. It would be large near a
-      singularity.
+    The arcs of legs 2 and 3 vary. Leg 1 does not, so the angles of its passive pairs b1 and
+    c1 determine the pose. The objective is the sum of their squared deviations in degrees.
+    A design must close at all samples (``closes``), with a rate of c1 (``steep``) below 8,
+    that is, away from singularities. `sweep_one_design` computes the angles of the known
+    platform.
     """
     angles = {}
     for k, pose in enumerate(POSES_DEG):
@@ -240,10 +240,10 @@ def test_gradients_of_followed_modes_agree_with_differences(
 def check_gradients(tmp_path, name, vary, samples, figures):
     """Compare figures of merit with those of a sweep, and gradients with differences.
 
-    Each number of the design is 1 percent larger than in the file. The assembly modes of
-    the file are followed to this design. At most four modes that close in the whole range
-    are compared. The central differences are of the eighth order, so that their truncation
-    error is below 1e-8.
+    Synthesis uses the derivatives of figures by the varied numbers. Here they are checked
+    for a design with numbers 1 percent larger than in the file. The assembly modes of the
+    file are followed to it. At most four modes that close in the whole range are compared.
+    The central differences are of the eighth order, with an error below 1e-8.
 
     Parameters
     ----------
@@ -326,9 +326,9 @@ def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
 ):
     """An assembly mode that is followed to another design and back has returned.
 
-    The two designs have the longitudes -8 and 20 degrees of axis C. A mode is stored as
-    a design, its origin, with the configurations (variables, samples) of the mode there.
-    Those in another design are tracked from there, while the sizes change gradually.
+    The two designs have the longitudes -8 and 20 degrees of axis C. A mode is stored as a
+    design, its origin, with its configurations (variables, samples) there. In another
+    design they are tracked from the origin, while the sizes change gradually.
     Configurations are NaN at samples at which the mode does not close or is lost.
     """
     longitude = np.array([-8.0])

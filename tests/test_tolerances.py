@@ -17,10 +17,10 @@ NOT_IN_TABLE = {"EPS"}
 
 
 def constants_of(path):
-    """Yield name, source of the value and docstring of each constant of a module.
+    """Yield name, source of the value and docstring of each constant of a Python module.
 
-    A docstring is the text that stands alone on the lines after the constant; it is empty
-    if there is none.
+    The docstring of a constant is the text that stands alone after it; it is empty if there
+    is none. Tests check that each tolerance is explained.
     """
     source = path.read_text(encoding="utf-8")
     statements = ast.parse(source).body

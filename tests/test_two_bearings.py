@@ -29,9 +29,10 @@ def test_a_plan_uses_the_mobility_by_rank(path, capsys):
 
 
 def test_a_plan_of_a_rigid_mechanism_is_refused(tmp_path, capsys):
-    """The mechanism has one degree of freedom. A further pair makes it rigid.
+    """The command `plan` refuses a mechanism that a further joint makes rigid.
 
-    The pair `tie` joins the links rod and frame.
+    The mechanism of the file has one degree of freedom. The joint `tie` between the links
+    rod and frame removes it.
     """
     text = TEXT
     # The frame (passages 1 and 2) and the rod (3 and 4) get an axis for the new pair, with

@@ -21,7 +21,11 @@ def recording(tmp_path_factory):
 
 
 def test_page_viewer_and_data_are_served_on_loopback_until_the_context_ends(recording):
-    """The page, the compiled viewer and the data stream answer, and later none does."""
+    """A recording is served to browsers on this computer only, until its context ends.
+
+    The page, the compiled viewer and the stream of data must answer. Afterwards the server
+    must not accept connections any more.
+    """
     with served(recording) as url:
         page = urlsplit(url)
         assert page.hostname == "127.0.0.1"

@@ -66,18 +66,16 @@ def test_all_modes_of_a_linkage_on_wheels_are_found(tmp_path):
 def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
     """The period of an input is infinite if its wheels never return to their positions.
 
-    Wheels with teeth return after some turns of the input. The wheels of this five-bar are
-    smooth, and the ratio of their radii is irrational, so they never return. Inputs that
+    The cranks of this five-bar have smooth wheels with an irrational ratio. Inputs that
     differ by whole turns then have different configurations, which must not be counted
     together. Each input has at most two, the ways to assemble the couplers.
 
-    The left wheel is a cone with the half angle 57 deg. Its pitch circle has the radius
-    sin(57 deg) on the unit sphere. The rolled length, the variable of the pair `mesh`, thus
-    changes by -sin(57 deg) per rad of the input, whatever the size of the other wheel.
+    The left wheel is a cone with the half angle 57 deg. So the rolled length, the variable
+    of the pair `mesh`, changes by -sin(57 deg) per rad of the input.
     """
     path = tmp_path / "irrational.toml"
     text = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
-    # Fields 0 and 1, the numbers of teeth, are no longer in the text. Fields 2 and 3 are
+    # Fields 0 and 1 are numbers of teeth, which are not in this text. Fields 2 and 3 are
     # the range of the input (deg).
     unused = 0
     path.write_text(text.format(unused, unused, 0.0, 720.0))
@@ -125,10 +123,12 @@ def crank_tip(axis, zero_direction, angle, arc):
 
 
 def coupler_margin(q, right):
-    """Return the margin (n,) in rad by which the couplers span the gap between the tips.
+    """Return the margin (n,) in rad by which the two couplers can reach between the cranks.
 
-    A positive margin means that the loop closes, in two configurations. `q` and `right`
-    (n,) are the angles of the left and the right crank in degrees.
+    Positive: the loop closes, in two configurations. The couplers form a chain between the
+    tips of both cranks. Their distance must be below the sum of both arcs and above the
+    difference. `q` and `right` (n,) are the angles of the left and the right crank in
+    degrees.
     """
     base = BASE * DEGREE
     left_axis = np.array([0.0, 0.0, 1.0])
@@ -166,11 +166,11 @@ def distance_from_whole_turns(angles):
     ],
 )
 def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth, span):
-    """The right crank follows the ratio of teeth from q = 0, whatever the range (deg).
+    """The right crank follows the ratio of teeth, wherever the input range starts.
 
-    The loop closes in two modes where the couplers can span the gap between the crank tips,
-    and not elsewhere. `coupler_margin` is the arc (rad) by which they can span more, in
-    closed form. Samples at which its size is below 1e-6 rad are not compared.
+    The geared five-bar closes in two modes where its couplers reach between the crank tips,
+    and not elsewhere. `coupler_margin` says in closed form by how much (rad) they reach.
+    Samples with a margin below 1e-6 rad are not compared. `span` is the range (deg).
     """
     mechanism = geared_five_bar(tmp_path, teeth, span)
     sample_count = (span[1] - span[0]) // 5 + 1
@@ -196,9 +196,10 @@ def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth,
 def test_every_analysis_puts_the_wheels_together_alike(tmp_path):
     """Forward kinematics, simulations and inverse dynamics agree with the ratio of teeth.
 
-    Inputs (deg) lie outside the range of the file, by up to 2000 turns. After two turns
-    (teeth 20 : 40) the wheels are back, so forward kinematics returns inputs from -360 to
-    360 degrees. At each input the couplers can be assembled in two ways.
+    `right_crank_angle` has the expected angle of the right crank of a geared five-bar.
+    Inputs (deg) are up to 2000 turns outside the range of the file. With 20 and 40 teeth
+    the wheels are back after two turns, so forward kinematics returns inputs from -360 to
+    360 degrees.
     """
     teeth = (20, 40)
     mechanism = geared_five_bar(tmp_path, teeth, span=(0, 360))
@@ -225,15 +226,12 @@ def test_every_analysis_puts_the_wheels_together_alike(tmp_path):
 
 
 def test_a_reference_pose_alone_fixes_the_phase_of_wheels(tmp_path):
-    """Wheels of a reference pose turn from that pose, in whichever turn the range lies.
+    """Wheels that are stated in a reference pose turn from that pose, in any range.
 
-    The axes of the pose are those of the geared five-bar at q = 60 degrees. In a reference
-    pose the angle of each pair is 0, unless the mechanism gives another value. Here it
-    gives 60 degrees for the input. The right crank therefore has the angle 0 in the pose,
-    and turns back from there by the ratio of teeth, 17 : 23.
-
-    The ranges of the input are 410 to 440 and -8220 to -8200 degrees. In parts of both, the
-    couplers cannot span the gap between the cranks, and the five-bar has no configuration.
+    The axes of the pose are those of the geared five-bar at q = 60 degrees, and the
+    mechanism states this angle for its input. The right crank has the angle 0 in the pose,
+    and turns back from there by the ratio of teeth, 17 : 23. The ranges are many turns
+    away. In parts of them the five-bar cannot be closed.
     """
     teeth = (17, 23)
     sized_mechanism = geared_five_bar(tmp_path, teeth, span=(59, 61))
@@ -282,9 +280,10 @@ def test_a_reference_pose_alone_fixes_the_phase_of_wheels(tmp_path):
     ],
 )
 def test_shipped_gear_trains_turn_by_their_ratio_in_any_range(name, pair, ratio):
-    """The output's angle minus ratio times input is one constant in three ranges (deg).
+    """The output angle of a gear train is its ratio times the input, plus one constant.
 
-    Ratios are by hand: numbers of teeth, or sines of the half angles of cones.
+    The constant must be the same in three ranges (deg), but for whole turns. Ratios are
+    computed by hand: from numbers of teeth, or sines of the half angles of cones.
     """
     mechanism = sk.load(name)
     (driven,) = mechanism.inputs
@@ -299,11 +298,10 @@ def test_shipped_gear_trains_turn_by_their_ratio_in_any_range(name, pair, ratio)
 
 
 def test_carrier_of_a_differential_is_half_way_between_inputs_in_any_range():
-    """The carrier's angle is half the sum of those of both side gears.
+    """The angle of the carrier of a bevel differential is the mean of both side gears.
 
-    In a bevel differential both side gears have the same number of teeth, and the carrier
-    turns with the mean of their rates. One more turn of an input is half a turn of the
-    carrier, so turns of the inputs count. The carrier's angle is known up to whole turns.
+    Both side gears have the same number of teeth. One more turn of an input is half a turn
+    of the carrier, so whole turns of the inputs count.
     """
     mechanism = sk.load("bevel_differential")
     for shifts_deg in ((0.0, 0.0), (360.0, 0.0), (-720.0, 1080.0)):
@@ -326,10 +324,10 @@ def test_wheels_on_moving_links_stay_on_the_curve_of_the_reference_pose(shift_de
     """Wheels on moving links are followed along one curve of configurations only.
 
     How far these wheels have rolled does not follow from the input alone. So only the curve
-    through the reference pose is traced, and `claim`, which states how complete the
-    assembly modes are, must say so. In this random mechanism the input swings to and fro
-    along the curve, so each input within the swing is met twice. A range that is shifted by
-    a turn of the input has the same configurations.
+    through the reference pose is followed, and `claim`, which states how complete the
+    assembly modes are, must say so. In this random mechanism the input swings along the
+    curve, so each input within the swing is met twice. A range that is shifted by a whole
+    turn has the same configurations.
     """
     # A random mechanism with wheels on moving links. In its reference pose the input is 0.
     mechanism = random_subject(4).mechanism
@@ -352,9 +350,10 @@ def test_wheels_on_moving_links_stay_on_the_curve_of_the_reference_pose(shift_de
 
 
 def test_a_second_planet_changes_nothing_about_the_motion(tmp_path):
-    """A planet opposite the first one adds two contacts that are satisfied already.
+    """A second planet, opposite the first one, does not change a planetary gear train.
 
-    The phase of all wheels stays determined, and the common links move as without it.
+    It adds two contacts that are satisfied already. The phase of all wheels must stay
+    determined, and the common links must move as without it.
     """
     text = (MECHANISMS / "planetary_bevel.toml").read_text().partition("[mass.carrier]")[0]
     text = text.replace(
@@ -414,10 +413,12 @@ to = 360.0
 def test_modes_half_a_turn_of_the_arm_apart_are_two_although_a_planet_has_turned_once(
     crank_arc_deg, crank_deg
 ):
-    """All arm angles come from a scan of the distance between both ends of the rod.
+    """Two modes half a turn of the arm apart are counted as two.
 
-    When the arm turns by half a revolution, the planet turns once relative to it. At the
-    first three crank angles two modes are so far apart, by chance.
+    `PLANET_WITH_PIN` is a planet on a fixed sun, and a rod from its pin to a crank. When
+    the arm turns by half a revolution, the planet turns once relative to it. At three of
+    the crank angles two modes happen to be that far apart. The expected arm angles come
+    from a scan: the rod fits where the distance between its ends is 50 deg.
     """
     mechanism = loads(PLANET_WITH_PIN.format(crank_arc_deg))
     path = np.array([[np.radians(crank_deg)]])

@@ -135,11 +135,12 @@ CASES = [
 @pytest.mark.many
 @pytest.mark.parametrize("name, pair, q, mode", CASES)
 def test_every_route_gives_the_same_force_after_whole_turns(name, pair, q, mode):
-    """The generalised force of a coil is -0.7 theta dtheta/dq, theta with whole turns.
+    """The generalised force of a spring counts whole turns, by every route of spherekit.
 
-    The coil is a linear spring of 0.7 N m/rad on a passive pair with the angle theta. A
-    route is a way to obtain the force. theta is followed from q = 0 in small steps; its
-    derivative is a central difference.
+    The load is a linear spring (-0.7 N m/rad) on a passive pair with the angle theta. The
+    expected force is -0.7 theta dtheta/dq. theta is followed from q = 0 in small steps
+    (`unwrapped_angle`), and its derivative is a central difference. A route of
+    `generalised_forces` is an analysis, a simulation, a stored model, ...
     """
     mechanism = mechanism_with_coil(name, pair)
     theta = unwrapped_angle(mechanism, pair, q, mode)
@@ -168,10 +169,11 @@ def test_a_coupling_table_over_the_third_turn_counts_turns():
 
 
 def test_joint_limits_of_passive_pairs_count_turns():
-    """A simulation ends where the passive pair reaches its limit, at q = 5.5 rad.
+    """A joint limit of a passive pair counts whole turns of the pair.
 
-    The limit is the unwrapped angle of the pair at q = 5.5, so that the end is the same
-    from q = 0 and from q = 5. A start one turn later is beyond the limit and is refused.
+    The limit is the angle of the pair 32 at the input q = 5.5 rad, with its whole turns. A
+    simulation must end there, from q = 0 and from q = 5. A start one turn later is beyond
+    the limit and is refused.
     """
     # A mechanism with masses. Its only load, a spring, is removed below.
     mechanism = mechanism_with_coil("four_bar", "32")

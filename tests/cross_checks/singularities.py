@@ -53,16 +53,16 @@ def places_are_singular(evidence, notes):
 def _check_on_curves(evidence, points, notes):
     """Check listed singularities of a mechanism with one input.
 
-    Each must be on its configuration curve at its input. There the conditioning of the
-    mechanism with its input locked, a condition number, must exceed
-    `MIN_SINGULAR_CONDITIONING`. Only singularities that are certain and have an arc length
-    `s` on a curve are checked.
+    Each must lie on its configuration curve at the input that is listed. There the
+    mechanism with a locked input must be nearly movable: its condition number
+    (`conditioning`) must exceed `MIN_SINGULAR_CONDITIONING`. Only singularities that are
+    certain and have an arc length `s` on a curve are checked.
 
     Parameters
     ----------
     evidence, notes
-        `Evidence`, which has the mechanism and runs its analyses when their results are
-        first used; and `Notes`, which collect the findings.
+        `Evidence`, which has the mechanism and the results of its analyses; and `Notes`,
+        which collect contradictions.
     points
         The table of singularities at which the input can rest while links move.
     """
@@ -70,8 +70,8 @@ def _check_on_curves(evidence, points, notes):
     position_analysis = evidence.position_analysis
     input_variable = position_analysis.solver.input_variable
     points = points[points["s"].notna() & (points["certain"] == "yes")]
-    # Variables that are NaN belong to links that the analysis left out of its curves. Arc
-    # lengths are then not those of the curves of all links, which are followed here.
+    # NaN variables belong to links that the analysis left out. Its arc lengths then do not
+    # fit to the curves of all links.
     points = points[points.filter(like="theta_").notna().all(axis=1)]
     row: Any
     # A few singularities of each mechanism are enough.
@@ -100,17 +100,17 @@ def _check_on_curves(evidence, points, notes):
 def _check_beside_listed_inputs(evidence, points, notes):
     """Check listed singularities of a mechanism with several inputs.
 
-    At a listed singularity of type II or III two configurations meet, and the mechanism can
-    move although its inputs are locked. One input at a time is changed by
-    `DISTANCE_BESIDE_RAD`, up and down, and all configurations are enumerated there. At
-    least one of them must be nearly singular: its conditioning, a condition number of the
-    mechanism with locked inputs, must be `MIN_CONDITIONING_BESIDE` or more.
+    At a singularity of type II or III two configurations meet, and the mechanism can move
+    although its inputs are locked. One input at a time is changed by `DISTANCE_BESIDE_RAD`,
+    up and down, and all configurations are computed there. At least one must be nearly
+    singular: its condition number with locked inputs must be `MIN_CONDITIONING_BESIDE` or
+    more.
 
     Parameters
     ----------
     evidence, notes
-        `Evidence`, which has the mechanism and runs its analyses when their results are
-        first used; and `Notes`, which collect the findings.
+        `Evidence`, which has the mechanism and the results of its analyses; and `Notes`,
+        which collect contradictions.
     points
         The table of singularities.
     """
@@ -120,8 +120,7 @@ def _check_beside_listed_inputs(evidence, points, notes):
     chosen = evidence.random.permutation(len(listed_inputs))[:MAX_CHECKED]
     directions = np.concatenate([np.eye(len(names)), -np.eye(len(names))])
     for singular_inputs in listed_inputs[chosen]:
-        # The largest conditioning of all configurations beside the singularity. It stays 0
-        # if there is no configuration at any of these inputs; then nothing is compared.
+        # The largest condition number; 0 if no configuration exists beside the singularity.
         worst = 0.0
         for direction in directions:
             inputs = singular_inputs + DISTANCE_BESIDE_RAD * direction
@@ -144,17 +143,17 @@ def _check_beside_listed_inputs(evidence, points, notes):
 def assembly_modes_end_at_places(evidence, notes):
     """Require a listed singularity wherever an assembly mode ends between two samples.
 
-    An assembly mode ends where one sample is OK and the next is out of reach, or the other
-    way round. There two modes meet, and the input is at a singularity of type II or III.
-    If the configurations were only searched by samples, a missing singularity is no
-    contradiction, but a result that the search did not find (`Kind.NOT_FOUND`). Only
-    mechanisms with one input are checked.
+    An assembly mode (way to assemble the links) ends where one sample is OK and the next
+    one is out of reach, or the other way round. There two modes meet, at a singularity of
+    type II or III. If the configurations were only searched at samples, a missing
+    singularity may not have been found (`Kind.NOT_FOUND`); otherwise it is a contradiction.
+    Only mechanisms with one input are checked.
 
     Parameters
     ----------
     evidence, notes
-        `Evidence`, which has the mechanism and runs its analyses when their results are
-        first used; and `Notes`, which collect the findings.
+        `Evidence`, which has the mechanism and the results of its analyses; and `Notes`,
+        which collect contradictions.
     """
     tables = listed(evidence, notes) if evidence.has_one_input else None
     if tables is None:
@@ -194,8 +193,8 @@ def _find_mode_ends(rows):
 def _is_point_listed_between(evidence, points, low, high):
     """Return whether one of some listed singularities is in an interval of the input.
 
-    A listed curve of singularities, which has neither an arc length `s` nor an input `q`,
-    counts for every interval.
+    A row without an arc length `s` and an input `q` is a curve that is singular as a whole,
+    so it counts for every interval.
 
     Parameters
     ----------
@@ -215,9 +214,10 @@ def _is_point_listed_between(evidence, points, low, high):
 
 
 def add_opposite_ends(evidence, q):
-    """Return inputs (n,) rad; those at one end of a range of whole turns also at the other.
+    """Return inputs (n,) rad, with those at one end of a whole turn also at the other end.
 
-    Both ends of such a range are the same configurations, listed once.
+    If the range of the input is whole turns, both of its ends are the same configurations,
+    which the table of singularities lists once.
     """
     (item,) = evidence.position_analysis.mechanism.inputs
     low, high = sorted((item.start, item.stop))
@@ -240,16 +240,16 @@ def _names_mode(text, assembly_mode):
 def singular_rows_are_listed(evidence, notes):
     """Require a listed singularity within 1e-3 rad of every row that is AT_SINGULARITY.
 
-    It is not required if the run says that the mechanism is singular everywhere, or if a
-    whole configuration curve is listed as singular. With several inputs the singular
-    configurations are curves or surfaces, of which the list has only some points. The
-    distances are then computed, but a large one is no contradiction.
+    A row is one sample in one assembly mode. No singularity is required if the run says
+    that the mechanism is singular everywhere, or if a whole configuration curve is listed
+    as singular. With several inputs the singular configurations are curves or surfaces, of
+    which the list has only some points. So a large distance is then no contradiction.
 
     Parameters
     ----------
     evidence, notes
-        `Evidence`, which has the mechanism and runs its analyses when their results are
-        first used; and `Notes`, which collect the findings.
+        `Evidence`, which has the mechanism and the results of its analyses; and `Notes`,
+        which collect contradictions.
     """
     tables = listed(evidence, notes)
     if tables is None:

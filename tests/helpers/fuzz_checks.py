@@ -51,14 +51,17 @@ from the rank of its equations. This takes long for many links.
 
 @dataclass
 class Tally:
-    """Counts of the statuses of many random mechanisms, and their faults.
+    """Statuses of many random mechanisms, counted, and the faults found in their results.
+
+    A fault is a wrong number that is called OK, or a number in a failed row. A row is one
+    sample in one assembly mode.
 
     Attributes
     ----------
     mechanisms
-        Mechanisms by outcome: evaluated, refused (why), or fault.
+        Number of mechanisms by outcome: evaluated, refused (with the reason), or fault.
     rows, poles
-        Rows and poles by their status.
+        Number of rows, and of poles (axes of relative rotation) in rows, by their status.
     wrong
         Faults in words, with the seed.
     worst
@@ -89,11 +92,11 @@ def check_random_mechanisms(seeds):
 
 
 def _check_seed(seed, tally):
-    """Evaluate the mechanism of a seed for each of its inputs, and add its faults.
+    """Evaluate the random mechanism of a seed for each of its inputs, and note its faults.
 
-    A mechanism may be refused with a `SpherekitError`, which is no fault. A `CountError`
-    says that the number of degrees of freedom is not that of the inputs. Other kinds of
-    `PlanError` say that some part is rigid, loose or over-constrained.
+    A mechanism may be refused with a `SpherekitError`, which is no fault. `CountError`: the
+    number of degrees of freedom is not that of the inputs. Other kinds of `PlanError`: some
+    part is rigid, loose or over-constrained.
 
     Parameters
     ----------
@@ -105,9 +108,9 @@ def _check_seed(seed, tally):
     _, mechanism = random_mechanism(seed)
     fields = {}
     try:
-        # `plan_assembly` counts the degrees of freedom from the numbers of links and pairs.
-        # It raises a `CountError` if this count is wrong. The position analysis would then
-        # examine the rank of the velocity equations, which takes long for many links.
+        # For many links the degrees of freedom are only counted from links and pairs. This
+        # raises a `CountError` before the rank of the velocity equations is examined, which
+        # is slow.
         if len(mechanism.links) > MOST_LINKS_BY_RANK:
             plan_assembly(mechanism)
         with warnings.catch_warnings():
@@ -146,7 +149,8 @@ def _check_seed(seed, tally):
 def find_faults(motion, field, moving_input, tally):
     """Return the faults of a pole field in words, and count its rows and poles.
 
-    The reference are angular velocities of all links by least squares (`link_rates`).
+    The reference are angular velocities of all links by least squares (`link_rates`),
+    without poles. A pole is the axis of the relative rotation of two links.
 
     Parameters
     ----------
@@ -167,7 +171,7 @@ def find_faults(motion, field, moving_input, tally):
     reference = link_rates(
         motion.mechanism, motion.rotations[rows], motion.assembly.inputs, moving_input
     )
-    # The negated comparison also reports gaps that are NaN.
+    # Loops must be closed. The negated comparison also reports gaps that are NaN.
     for k in np.flatnonzero(~(reference.gaps < MAX_GAP_RAD)).tolist():
         faults.append(f"row {rows[k]}: a pair misses by {reference.gaps[k]:.1e}")
     faults += _find_wrong_inputs(motion, rows)
@@ -184,7 +188,8 @@ def find_faults(motion, field, moving_input, tally):
         )
         row_faults = _find_faults_of_row(field, reference_row, EXACT_CONFIGURATION, tally)
         if row_faults and reference_row.is_nearly_singular:
-            # A small error of the configuration changes w and dw much here.
+            # Here a small error of the configuration changes the velocities much, so this
+            # change is allowed for.
             spread = _find_spread(motion, row, moving_input)
             row_faults = _find_faults_of_row(field, reference_row, spread, tally)
         faults += row_faults
@@ -193,14 +198,17 @@ def find_faults(motion, field, moving_input, tally):
 
 @dataclass(frozen=True)
 class ReferenceRow:
-    """Angular velocities of all links in one row, by the velocity equations.
+    """Reference of one row: angular velocities of all links, by the velocity equations.
+
+    A row is one sample in one assembly mode (way to assemble the links).
 
     Attributes
     ----------
     row
         Number of the row.
     w, dw
-        (links, 3) angular velocities, and their derivatives by the input.
+        (links, 3) angular velocities per rate of the input, and their derivatives by the
+        input.
     singular_values
         Singular values of the velocity equations, largest first.
     residual
@@ -238,12 +246,9 @@ def _find_spread(motion, row, moving_input):
     """Return how much w and dw change if the links of a row turn by the position error.
 
     w and dw are the angular velocities of the links and their derivatives by the input. The
-    configuration is known only up to the position error, and w and dw can be no more
-    accurate than this allows. Rows that spherekit evaluates in quad precision close their
-    loops further first, so that their w and dw belong to a slightly different configuration
-    than the one that the motion has.
-
-    The result is the largest change among seven random perturbations of all links.
+    configuration is only known up to the position error, so w and dw cannot be more
+    accurate than this. The result is the largest change among seven random small rotations
+    of all links.
     """
     random = np.random.default_rng(0)
     error_rad = max(
@@ -253,8 +258,8 @@ def _find_spread(motion, row, moving_input):
     small_turns = error_rad * random.normal(size=(8, *rotations.shape[1:2], 3))
     small_turns[0] = 0.0  # the first configuration is the unperturbed one
     small_turns[:, 0] = 0.0  # the ground stays
-    # A small rotation changes each column of a rotation matrix by its cross product. The
-    # columns are put into the last but one axis, and back again.
+    # A small rotation changes each column of a rotation matrix by a cross product. For this
+    # the columns are put into the last but one axis.
     columns = np.swapaxes(rotations, 2, 3)
     changes = np.cross(small_turns[:, :, None], columns).swapaxes(2, 3)
     rates = link_rates(
@@ -266,10 +271,10 @@ def _find_spread(motion, row, moving_input):
 
 
 def _find_numbers_in_failed_rows(motion, field):
-    """Return faults: numbers in failed rows, and NaN in configurations that are OK.
+    """Return faults: numbers in failed rows, and NaN in rows that are OK.
 
-    Configurations and directions are NaN where the position analysis failed, rates and
-    their derivatives where the status is not OK.
+    Configurations and pole directions must be NaN where the position analysis failed.
+    Angular velocities and their derivatives must be NaN where the status is not OK.
     """
     has_failed = motion.failed
     has_no_rates = field.status != Status.OK
@@ -299,13 +304,17 @@ def _find_numbers_in_failed_rows(motion, field):
 
 
 def _find_wrong_inputs(motion, rows):
-    """Return faults: rows whose links are not turned by the input angle of the row."""
+    """Return faults: rows whose links are not turned by the input angle of the row.
+
+    `rows` are the numbers of rows that were solved. The angle of an input is computed here
+    from the rotations of its two links.
+    """
     faults = []
     for column, pair in enumerate(motion.assembly.inputs):
         joint = revolute(motion.joints[pair])
         first_link, second_link = motion.mechanism.ends[pair]
-        # The frame of the pair in each of its links, with columns x, y, z in ground axes;
-        # z is the axis of the pair. The angle of the pair turns the first x to the second.
+        # Frames of the pair in ground axes; columns x, y, z with z along the axis. The
+        # angle of the pair turns x of the first link to x of the second one.
         first_frames = motion.rotations[rows, first_link] @ joint.first
         second_frames = motion.rotations[rows, second_link] @ joint.second
         second_x = second_frames[:, :, 0]
@@ -398,9 +407,9 @@ def _find_faults_of_row(field, reference_row, spread, tally):
 def _find_wrong_directions(field, row, free_matrix, tally):
     """Return faults of pole directions at a dead centre of the moving input.
 
-    There the rate of the input is zero, so only directions are evaluated. The reference is
-    the motion with the moving input free: the last right singular vector of the velocity
-    equations without the equations of this input, of unknown scale.
+    A pole is the axis of the relative rotation of two links. At a dead centre the input
+    stands still, so only directions are evaluated. The reference is the motion with the
+    input free: the last right singular vector of the velocity equations without this input.
 
     A direction may deviate by the largest of four limits:
 
@@ -410,26 +419,22 @@ def _find_wrong_directions(field, row, free_matrix, tally):
     - `MISFIT_FACTOR` times the misfit of the reference motion;
     - `BOUND_FACTOR` times the error bound that spherekit states for the direction.
 
-    The factors have to be so large that rounding alone is never reported.
-
     Parameters
     ----------
     field, row
-        Pole field, and number of a row. Its status is not OK, because the input does not
-        determine the rates, but directions of poles may be given.
+        Poles, and number of the row at the dead centre.
     free_matrix
         (rows, 3 links - 3) velocity equations without those of the moving input.
     tally
         `Tally` that counts the poles.
     """
     _, singular_values, right_vectors = np.linalg.svd(free_matrix)
-    # With fewer equations than unknowns there are fewer singular values than unknowns. The
-    # gap of 0 then makes the limit so large that no direction is reported.
+    # With fewer equations than unknowns, several motions are possible. The gap of 0 then
+    # makes the limit so large that nothing is reported.
     has_all_values = len(singular_values) == free_matrix.shape[1]
     # The last value is zero if there is a motion, the last but one if there are two.
     gap = singular_values[-2] / singular_values[0] if has_all_values else 0.0
-    # The last value is not zero if no motion satisfies all velocity equations. The
-    # reference motion then satisfies them only up to this ratio.
+    # Zero if some motion satisfies all equations.
     motion_misfit = singular_values[-1] / singular_values[-2] if has_all_values else 0.0
     w = np.concatenate([np.zeros(3), right_vectors[-1]]).reshape(-1, 3)
     faults = []
@@ -439,8 +444,7 @@ def _find_wrong_directions(field, row, free_matrix, tally):
             continue
         relative_w = w[pole[1]] - w[pole[0]]
         tally.poles["direction alone"] += 1
-        # The limits apply to the cross product of the direction with the relative angular
-        # velocity, which is zero if the two are parallel.
+        # The cross product with the relative angular velocity is zero for parallel vectors.
         limit = max(
             TOLERANCE, ROUNDING_FACTOR * EPS / max(gap, EPS), MISFIT_FACTOR * motion_misfit
         )

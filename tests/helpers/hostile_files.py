@@ -102,10 +102,11 @@ def hostile_mechanism_texts():
 
 
 def make_files(folder):
-    """Make hostile files that are not texts, and return their paths as texts by name.
+    """Create hostile files in a folder, and return their paths as texts by name.
 
-    They include a link to itself, a pipe to which nobody writes, a sparse file of 100 MB,
-    bytes that are no text, names that no file can have, and devices.
+    They could make a program read without end, or wait for ever: a link to itself, a pipe
+    to which nobody writes, a sparse file of 100 MB, bytes that are no text, names that no
+    file can have, and devices.
     """
     link_to_itself = folder / "loop"
     link_to_itself.symlink_to(link_to_itself)
@@ -144,7 +145,7 @@ angle_unit = "rad"
 
 
 def hostile_study_texts():
-    """Return hostile texts of study files by name.
+    """Return hostile texts of study files by name, which must be refused or read quickly.
 
     They name mechanisms outside of the folder or of no file, ask for millions of samples,
     or have tables of tens of thousands of entries.

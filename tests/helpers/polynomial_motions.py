@@ -21,9 +21,10 @@ START_INPUTS = {
 
 
 def motion_by_polynomial_laws(mechanism, starts, t, rate=0.3, quadratic=0.2):
-    """Return the motion of assembly mode 0 in which each input follows a quadratic law.
+    """Return a motion in which each input follows a quadratic law of time.
 
-    The law of input k is start + (-1)^k rate t + quadratic t^2.
+    The law of input k is start + (-1)^k rate t + quadratic t^2. The motion is in assembly
+    mode 0 (one way to assemble the links).
 
     Parameters
     ----------

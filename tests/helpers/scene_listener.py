@@ -35,7 +35,7 @@ class SceneListener:
         self.logged = []
 
     def start(self, head):
-        """Store what a run announces before its first scene.
+        """Store what a run announces to its recorder before the first scene (drawing).
 
         Parameters
         ----------

@@ -10,16 +10,18 @@ KINDS = ("vertex", "kite", "parallelogram", "rhombus")
 
 
 def random_crossing_arcs(random, kind):
-    """Return the arcs of a random four-bar whose configuration curves cross.
+    """Return the arcs of a random four-bar that can fold flat.
+
+    In the flat pose its configuration curves (assembly modes) cross.
 
     Parameters
     ----------
     random
         Random number generator.
     kind
-        One of `KINDS`. A vertex is a four-bar that can fold flat. Its arcs a, b, c, d, one
-        after another, satisfy one of two conditions: a + c = b + d = 180 degrees
-        (Kawasaki's condition for a sheet of paper), or a + c = b + d with another sum.
+        One of `KINDS`. A vertex has arcs a, b, c, d, one after another, that satisfy one of
+        two conditions: a + c = b + d = 180 degrees (Kawasaki's condition for a sheet of
+        paper), or a + c = b + d with another sum.
 
     Returns
     -------
@@ -32,8 +34,8 @@ def random_crossing_arcs(random, kind):
         else:
             third = int(random.integers(20, 160))
             arcs = [first, second, third, first + third - second]
-            # The fourth arc follows. New numbers are drawn until it is no very short or
-            # long one.
+            # The fourth arc follows from the others; very short or long ones are drawn
+            # again.
             while not 15 <= arcs[3] <= 165:
                 third = int(random.integers(20, 160))
                 second = int(random.integers(20, 160))
@@ -48,10 +50,10 @@ def random_crossing_arcs(random, kind):
 
 
 def four_bar_text(arcs, low, high, zero="180", driven="c1"):
-    """Return the file of a four-bar.
+    """Return the text of the mechanism file of a four-bar.
 
-    Link s1 is the ground, and pair c1 joins it to s4. Link k has the axes of the pairs ck
-    and c(k + 1).
+    Link sk has the joint axes of the pairs ck and c(k + 1), and c1 joins it to s4. Link s1
+    is the ground.
 
     Parameters
     ----------

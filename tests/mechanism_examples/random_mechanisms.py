@@ -64,7 +64,9 @@ def shaped_mechanism(seed):
 
 
 def _mechanism_of_family(random, family):
-    """Return a random mechanism of one of the families, with random axes.
+    """Return a random mechanism of one of the families, with random joint axes.
+
+    R pairs are revolute joints.
 
     - "dyads": a four-bar with dyads added (a dyad is two links in a row).
     - "triads": the same, with triads too (a triad is a link that three links join to the
@@ -83,16 +85,15 @@ def _mechanism_of_family(random, family):
     if family == "contacts":
         links = int(random.integers(4, 9))
         sliding = int(random.integers(0, 3))
-        # Each sliding contact replaces a link of a chain of R pairs. This chain is a
-        # four-bar with dyads, so it has an even number of links: links + sliding.
+        # Each sliding contact replaces a link of a chain of dyads, which has an even number
+        # of links.
         if (links + sliding) % 2 == 1:
             sliding += 1
         rolling = int(random.integers(0, 3))
         return random_contact_chain(random, links, rolling, sliding)
     links = int(random.integers(4, 13))
     if family == "chain":
-        # The number of pairs is an integer for one freedom if the number of links is even,
-        # and for two freedoms if it is odd.
+        # So that the number of pairs is an integer.
         freedoms = 1 if links % 2 == 0 else 2
         pair_count = (3 * (links - 1) - freedoms) // 2
     else:
@@ -102,10 +103,18 @@ def _mechanism_of_family(random, family):
 
 
 def _random_connected_edges(random, links, pair_count):
-    """Return the joined links of a random connected graph.
+    """Return the joined links of a random connected graph, as tuples of two numbers.
 
-    Of 100 graphs the first is taken that is biconnected (no part hangs on one link). If
-    none is, any connected graph is taken, with its links numbered from 1 without gaps.
+    The first of 100 random graphs is taken that has all links and is biconnected (no part
+    hangs on one link only). If there is none, any connected graph is taken, with its links
+    numbered from 1 without gaps.
+
+    Parameters
+    ----------
+    random
+        Random number generator.
+    links, pair_count
+        Number of links, and number of pairs (joints) between them.
     """
     possible = [(a, b) for a in range(1, links + 1) for b in range(a + 1, links + 1)]
     pair_count = min(pair_count, len(possible))
@@ -138,12 +147,13 @@ def _inputs(random, made):
 
 
 def degenerate(random, mechanism):
-    """Return a mechanism with one to three changes that make axes special.
+    """Return a mechanism with one to three changes that make its joint axes special.
 
-    A change makes an axis equal or opposite to another, puts three axes on a great circle,
-    puts one or all axes on axes of symmetry of the cube, or puts many into one plane. After
-    half of the changes the first of the chosen axes is disturbed by 1e-1 to 1e-17. Changes
-    prefer axes that share a link.
+    Tests with it find faults that generic axes do not show. A change makes an axis equal or
+    opposite to another, puts three axes on a great circle, puts one or all axes on symmetry
+    axes of the cube, or puts many into one plane. After half of the changes the first axis
+    is disturbed by 1e-1 to 1e-17, so that it is only nearly special. Changes prefer axes
+    that share a link.
     """
     assert isinstance(mechanism.geometry, PoseGeometry)
     axes = {name: np.array(axis) for name, axis in mechanism.geometry.axes.items()}
@@ -200,7 +210,8 @@ def degenerate(random, mechanism):
 def reordered(mechanism, order):
     """Return the same mechanism with other names and another order of links and pairs.
 
-    Every other R pair that is not an input has its two links exchanged.
+    Results must not depend on them. Every other revolute pair that is not an input has its
+    two links exchanged.
 
     Parameters
     ----------

@@ -60,10 +60,10 @@ class FourBar(NamedTuple):
     def coefficients(self):
         """Return the axis u31, and the ratios w31/w21 and w41/w21 of angular velocities.
 
-        They are eqs. (26a) and (26b) of Di Gregorio (2024). Eq. (26a) is 0/0 where link 3
-        does not turn relative to link 2, at theta41 = 0 or pi, although the limit is
-        finite. (Eq. (5) of the paper as printed differs in sign from (26a), (26b), which
-        are right.)
+        u31 is the axis about which link 3 turns relative to link 1, and w31 its rate. The
+        formulas are eqs. (26a) and (26b) of Di Gregorio (2024). Eq. (26a) is 0/0 at theta41
+        = 0 or pi, where link 3 does not turn relative to link 2. (Eq. (5) of the paper as
+        printed has another sign than these two, which are right.)
         """
         u = self.u
         u31, u42 = self.poles()
@@ -82,7 +82,7 @@ class FourBar(NamedTuple):
         return u31, ratio(u31, u["32"]), ratio(u["41"], u42)
 
     def inertia(self, tensors):
-        """Return the parts of links 2, 3 and 4 in the equivalent inertia B, as a list.
+        """Return the parts of links 2, 3 and 4 in the inertia B reduced to the input.
 
         The part of link j is (w_j / w21)^2 u_j . I_j u_j, and B is the sum of the parts.
         Link j rotates relative to the frame about the axis u_j with the angular velocity
@@ -117,15 +117,17 @@ def arcs_of(mechanism):
 
 
 def angle(arcs, q, p, maths=mp):
-    """Return theta41 (rad) by eq. (25) of Di Gregorio (2024).
+    """Return the angle theta41 of the rocker (rad) by eq.
+
+    (25) of Di Gregorio (2024).
 
     It solves a1 sin(theta41) + a2 cos(theta41) + a0 = 0, a quadratic equation of
-    tan(theta41 / 2). The assembly mode is the sign of its root.
+    tan(theta41 / 2). The sign of the root distinguishes the two assembly modes.
 
     Parameters
     ----------
     arcs
-        (alpha_1, ..., alpha_4) in rad.
+        (alpha_1, ..., alpha_4), the arcs of frame, crank, coupler and rocker in rad.
     q
         Input angle theta21 (rad).
     p
@@ -161,11 +163,13 @@ def second_axis_of_link(frame, cosine, sine):
 
 
 def four_bar(arcs, q, p, maths=mp):
-    """Return the four-bar at an input angle, by eqs. (14) and (22) of Di Gregorio (2024).
+    """Return the four-bar at an input angle, by eqs.
 
-    The axes of the pairs follow each other around the loop 41, 21, 32, 43. Two axes that
-    follow each other have the arc of link 1, 2, 3 and 4 between them. Link 1 is fixed, link
-    2 turns about axis 21 by q, and link 4 about axis 41 by theta41.
+    (14) and (22) of Di Gregorio (2024).
+
+    This is an independent reference for tests. The pair axes follow each other around the
+    loop as 41, 21, 32, 43, with the arcs of links 1 to 4 between them. Link 1 is fixed,
+    link 2 turns about axis 21 by q, and link 4 about axis 41 by theta41.
 
     Parameters
     ----------
@@ -174,7 +178,7 @@ def four_bar(arcs, q, p, maths=mp):
     q
         Input angle theta21 (rad).
     p
-        Assembly mode, 0 or 1.
+        Assembly mode (way to assemble the links), 0 or 1.
     maths
         mpmath, or NumPy for arrays.
     """
@@ -183,7 +187,7 @@ def four_bar(arcs, q, p, maths=mp):
     c1, c2, _c3, c4 = map(cos, arcs)
     theta41 = angle(arcs, q, p, maths)
 
-    # `add` returns a linear combination from pairs of a factor and a vector.
+    # `add` returns a sum of vectors times numbers.
     frame1 = (1, 0, 0), (0, 1, 0), (0, 0, 1)
     i1, j1, k1 = frame1
     axis41 = k1

@@ -20,13 +20,11 @@ root = np.frompyfunc(mp.sqrt, 1, 1)
 class Rest(NamedTuple):
     """Configuration and rates in which two links rest relative to each other.
 
-    Newton's method solves for the rotations and rates (angular velocities) of all links.
-    Its equations are those of `exact_rest`: the axes of each pair agree in both links, the
-    links turn about them only, and one component of the relative rate of the two links is
-    zero. Along a configuration curve the relative rate passes through zero in the direction
-    of its derivative, so the component in this direction is enough. `relative_rate` shows
-    that the others vanish too. The size of the rates is fixed, because rates of size zero
-    would be a solution everywhere.
+    It is the result of Newton's method in 50 digits for the rotations and rates (angular
+    velocities) of all links. The equations are: the axis of each pair has the same
+    direction in both links, the links turn about it only, and one component of the relative
+    rate of the two links is zero. `relative_rate` shows that the other components vanish
+    too. The size of all rates is fixed, because rates of zero would always be a solution.
 
     Attributes
     ----------
