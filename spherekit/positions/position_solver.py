@@ -246,7 +246,6 @@ class PositionSolver:
         A group is a set of bodies that are placed together. In a train of wheels, gear
         ratios give the angles of enough revolute pairs to place all bodies. No equations
         have to be solved. All other pairs are rolling contacts between wheels.
-        all bodies of the group. All its contacts are rolling contacts between wheels.
         """
         gear_train = self._gear_train
         # The mechanism has no gear ratios.
@@ -290,11 +289,11 @@ class PositionSolver:
 
         Parameters
         ----------
-        The bodies that are placed so far. This function changes the state: it unites the
-        bodies of the train, and stores the variables of its pairs.
-            train.
-        Position of the train among the groups of links, in solving order.
-            Position in solving order of the group of links that is the train.
+        state
+            The bodies that are placed so far. This function changes the state: it unites
+            the bodies of the train, and stores the variables of its pairs.
+        position
+            Position of the train among the groups of links, in solving order.
         q
             (n, inputs) inputs (rad).
 
@@ -327,14 +326,16 @@ class PositionSolver:
 
         Parameters
         ----------
-        The bodies that are placed so far, each of rigidly joined links. It is not changed.
-            The bodies that are placed so far. It is not changed.
-        The train: bodies that revolute pairs and rolling contacts join.
-            The train: bodies that R pairs and rolling contacts join.
+        state
+            The bodies that are placed so far, each of rigidly joined links. This object is
+            not changed.
+        group
+            The train: bodies that revolute pairs and rolling contacts join.
         rotations
             (n, bodies, 3, 3) rotations from the axes of each body of the train to those of
             its first body.
-        (n, inputs) values of the inputs (rad).
+        q
+            (n, inputs) values of the inputs (rad).
 
         Returns
         -------

@@ -633,8 +633,9 @@ def _solve_all_roots(
     -------
     tree_angles
         (n, m, t) solutions (rad), NaN for those that are not real.
-    (n,) whether the result is reliable: all complex solutions were computed, and each is
-    clearly real or clearly complex.
+    is_clear
+        (n,) whether the result is reliable: all complex solutions were computed, and each
+        is clearly real or clearly complex.
     """
     tree_angles, _ = geometry.solve_equations(order)
     imaginary_part = max_abs(tree_angles.imag, axis=2)

@@ -122,8 +122,8 @@ class Verification:
 
         Parameters
         ----------
-        (n,) distances (rad) of the true middles from the predicted ones.
-            (n,) distances of the middles from their predictions (rad).
+        miss
+            (n,) distances (rad) of the true middles from the predicted ones.
         length
             (n,) lengths of the steps (rad).
         rounding

@@ -591,7 +591,8 @@ def _rotation_jet(
         (3, 3, 3) matrices T of the rotation T[0] + cos(x) T[1] + sin(x) T[2].
     variables
         Values (rad) of all variables of the mechanism.
-    How the link is placed: the factor (`angle_factor`), and the number j (`variable`).
+    step
+        How the link is placed: the factor (`angle_factor`), and the number j (`variable`).
 
     Returns
     -------

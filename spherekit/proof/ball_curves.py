@@ -127,8 +127,9 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
 
     Parameters
     ----------
-    The profile in the axes of its link: a circle, a spline through points, or a Fourier
-    sum. The latter gives the angle from the centre at each azimuth.
+    profile
+        The profile in the axes of its link: a circle, a spline through points, or a Fourier
+        sum. The latter gives the angle from the centre at each azimuth.
     _precision_bits
         Present number of bits. It is only a key of the cache, since results depend on it.
 
@@ -486,9 +487,10 @@ def _evaluate_de_boor(
     ----------
     control_points
         (degree + 1, n, 3) the control points on which the spline depends at each parameter.
-    (2 degree, n) the knots on which the spline depends at each parameter, in rising order.
-        (2 degree, n) the knots on which it depends there, in rising order.
-    (n,) parameters. Each is between the knots number degree - 1 and degree.
+    knots
+        (2 degree, n) the knots on which the spline depends there, in rising order.
+    parameter
+        (n,) parameters. Each is between the knots number degree - 1 and degree.
 
     Returns
     -------

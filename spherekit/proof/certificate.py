@@ -107,8 +107,8 @@ def _construction_table(
 
     Parameters
     ----------
-    The mechanism, which has the names of links and pairs.
-        The mechanism, for the names.
+    decimal_mechanism
+        The mechanism, which has the names of links and pairs.
     construction
         The order of placing the links, with numbers instead of names.
 

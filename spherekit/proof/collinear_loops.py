@@ -613,7 +613,8 @@ class Crossings:
 
         Parameters
         ----------
-        The loop. It has two variables.
+        loop
+            The loop. It has two variables.
         variable
             Number of the variable that is constant along the curve.
         position

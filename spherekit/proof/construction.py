@@ -591,8 +591,9 @@ def placing_orders(
         ----------
         remaining
             The bodies that are still to be removed, and the root.
-        The bodies removed so far, with their pairs. They are placed last, so the body that
-        was removed last is at the front.
+        order
+            The bodies removed so far, with their pairs. They are placed last, so the body
+            that was removed last is at the front.
         """
         # The same bodies may have been removed by the same pairs in another sequence. What
         # can follow is then the same, so there is no new order.

@@ -100,13 +100,13 @@ class DecimalMechanism(DecimalGeometry):
     def pair_frames(self) -> list[tuple[Frame, Frame]]:
         """Return the frames of every pair of the structure in its two links.
 
-        A frame (3, 3) has the unit vectors x, y, z of the pair in rows: z is its axis, and
-        x the zero direction, from which its angle is counted. Components are balls,
-        intervals with a centre and a radius.
+        The structure is the mechanism without sizes: its revolute pairs, then two pairs for
+        each coupler. A coupler is a link that replaces a sliding contact of two circles.
+        Revolute pairs join it to both links at the centres of the circles.
 
-        The structure has the R pairs of the mechanism, then two pairs for each coupler. A
-        coupler is a link that replaces a sliding contact of two circles: R pairs join it to
-        both links at the centres of the circles.
+        A frame (3, 3) has three unit vectors x, y and z as rows. z is the axis of the pair,
+        and the pair angle is counted from x. All numbers are balls (numbers with a bound of
+        their error).
         """
         revolute_frames = self.revolute_frames()
         frames = [
@@ -114,7 +114,7 @@ class DecimalMechanism(DecimalGeometry):
             for name in self.structure.pairs
             if name in revolute_frames
         ]
-        # The numbers of the sliding contacts that couplers replace.
+        # The sliding contacts, each replaced by a coupler.
         for contact in self.structure.couplers:
             circle_contact = self.circle_contact(contact)
             frames += zip(
@@ -125,17 +125,16 @@ class DecimalMechanism(DecimalGeometry):
     def known_angles(self, inputs: Sequence[Ball]) -> list[Ball]:
         """Return the angles (rad) of the inputs, then those of the followers.
 
-        Followers are the pairs whose angles follow from the inputs through wheels. Each
-        pair of wheels in mesh gives one linear equation of pair angles:
+        Followers are the pairs (joints) that the inputs drive through wheels. Each mesh,
+        two wheels that roll on each other, gives one linear equation of pair angles:
 
             relations @ angles = constants.
 
-        Two wheels in mesh have the radii r1 and r2 and turn by the angles a1 and a2
-        relative to the link that carries both. They roll the same length, so
-        sin(r1) a1 - sin(r2) a2 is constant. If the wheels touch from outside, the axis of
-        one of them is reversed, and its radius is pi - r, so that the same equation holds.
-        Each of a1 and a2 is the sum of the angles of the R pairs between wheel and carrier,
-        with signs.
+        The wheels have the angular radii r1 and r2, and turn by the angles a1 and a2
+        relative to the link that carries both. They roll the same length, so sin(r1) a1 -
+        sin(r2) a2 is constant. If the wheels touch from outside, one axis is reversed and
+        its radius is pi - r, so that the equation remains the same. Each of a1 and a2 is a
+        signed sum of the angles of the revolute pairs between wheel and carrier.
 
         Parameters
         ----------
@@ -188,20 +187,18 @@ class DecimalMechanism(DecimalGeometry):
         return self._solve_followers(relations, -relations[:, self.structure.inputs])
 
     def exact_follower_ratios(self) -> list[Fraction] | None:
-        """Return the rates of the followers at unit rate of the only input as fractions.
+        """Return the rates of the followers at unit rate of the only input, as fractions.
 
-        Followers are the pairs whose angles follow from the input through wheels. If all
-        wheels have numbers of teeth, the rates are fractions of whole numbers. They are
-        computed as balls (numbers with a bound of their error), and each fraction is
-        recovered from its ball. Two fractions with denominators up to
-        `MAX_GEAR_RATIO_DENOMINATOR` differ by far more than the radius of a ball, so it
-        contains only one of them.
+        Followers are the pairs (joints) that the input drives through wheels. If all wheels
+        have numbers of teeth, the rates are exact fractions. They are computed as balls
+        (numbers with a bound of their error). Each fraction is then recovered from its
+        ball. Fractions with denominators up to `MAX_GEAR_RATIO_DENOMINATOR` are far apart,
+        so a ball contains only one.
 
         The result is None if a wheel has no number of teeth, or if a ball does not contain
         the fraction nearest to its centre.
         """
-        # The factors of a mesh are numbers of teeth, which are exact, or sines of radii,
-        # which are not.
+        # Numbers of teeth are exact balls; sines of radii are not.
         if not all(factor.is_exact() for factor in self._mesh_relations().flat):
             return None
         ratios = []
@@ -215,29 +212,29 @@ class DecimalMechanism(DecimalGeometry):
         return ratios
 
     def motion_columns(self) -> list[tuple[str, float]]:
-        """Return the columns of the table `motion` that have the angles of all pairs.
+        """Return the columns of the table `motion` from which all pair angles follow.
 
-        Proofs replace every sliding contact of two circles by a coupler: a link with an R
-        pair at the centre of each circle. The pairs here are the R pairs of the mechanism,
-        then those of the couplers. The table of the mechanism itself has the arc lengths
-        along both circles instead of the angles of coupler pairs. An arc length is the
-        angle times the sine of the radius of the circle.
+        Proofs replace each sliding contact of two circles by a coupler: a link with a
+        revolute pair at the centre of each circle. So the pairs here are the revolute pairs
+        of the mechanism, then those of the couplers. The table `motion` has no angles of
+        coupler pairs, but the arc lengths along the circles. An arc length is the angle
+        times the sine of the circle's radius.
 
         Returns
         -------
-        For each pair the name of the column, and the factor by which its values are
-        multiplied to give the angle. It is 1 for R pairs of the mechanism, and 1 / sine of
-        the radius for a pair of a coupler. In an external contact the arc length along the
-        second circle runs against the angle, so that factor is negative.
+        For each pair the name of the column, and the factor from its values to the angle: 1
+        for revolute pairs of the mechanism, 1 / (sine of the radius) for a pair of a
+        coupler. On the second circle of an external contact, arc length and angle have
+        opposite senses, so the factor is negative.
         """
-        # First each pair gets the column of an R pair. Then those of the coupler pairs are
-        # replaced, because the table has no such columns.
+        # First each pair gets the column of a revolute pair. Those of coupler pairs do not
+        # exist in the table, and are replaced.
         columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
         for coupler, contact in enumerate(self.structure.couplers):
             pair = self.mechanism.pairs[contact]
             circle_contact = self.circle_contact(contact)
-            # The coupler pairs at the centres of the first and of the second circle, and
-            # the names of the arc lengths along these circles, in the same order.
+            # The two coupler pairs, at the centres of the circles, and the columns of the
+            # arc lengths along the circles.
             _, coupler_pairs = self.structure.coupler_parts(coupler)
             names = pair.kind.variable_names(pair.name, pair.links)
             for coupler_pair, name, sense, radius in zip(
@@ -406,11 +403,11 @@ class DecimalMechanism(DecimalGeometry):
 def read_decimals(
     mechanism: Mechanism, document: Document | None = None, tolerance: float = 0.0
 ) -> DecimalMechanism:
-    """Return a mechanism whose sizes are the decimal numbers that its file has.
+    """Return a mechanism with the exact decimal numbers of its file as sizes.
 
-    A size such as 0.1 is not a float64 number. Proofs are for the mechanism as its file is
-    written, so sizes are read as exact decimals. If the mechanism has wheels, the contacts
-    in which they roll on each other (meshes) are added.
+    A size such as 0.1 is not exactly a float64 number, and proofs are about the file. If
+    the mechanism has wheels, the contacts in which they roll on each other (meshes) are
+    added.
 
     Parameters
     ----------
@@ -420,8 +417,8 @@ def read_decimals(
         The parsed file of the mechanism. By default the mechanism is written as a file and
         read again.
     tolerance
-        The proof is for all mechanisms whose sizes differ from those of the file by at most
-        this (rad). By default (0) it is for exactly the sizes of the file.
+        Largest error (rad) of the sizes. The proof then covers all mechanisms with sizes
+        that differ from the file by at most this. With 0 it covers exactly the file.
 
     Raises
     ------
@@ -437,9 +434,8 @@ def read_decimals(
         )
     if document is None:
         document = parse(dumps(mechanism), mechanism.name)
-        # The written file has to describe the same mechanism. Data of the user may change
-        # their type when they are written and read, as tuples become lists. Mechanisms with
-        # such data are not compared.
+        # The written file must describe the same mechanism. Data of the user can change,
+        # for example from tuples to lists, so mechanisms with such data are not compared.
         has_user_data = bool(mechanism.user)
         assert has_user_data or read(document) == mechanism
     decimal_mechanism = DecimalMechanism(mechanism, document, tolerance, structure)
@@ -449,15 +445,15 @@ def read_decimals(
 
 
 def _coupler_frames(circle_contact: CircleContact) -> list[Frame]:
-    """Return the frames of both pairs of a coupler in the coupler.
+    """Return the frames of both pairs of a coupler, in the axes of the coupler.
 
-    A coupler is a link that replaces the sliding contact of two circles. R pairs join it to
-    both links at the centres of the circles. The axes of a coupler can be chosen: the first
-    pair axis is its z axis, and the second one is in its y-z plane. The arc between both
-    pair axes is that between the centres of the circles.
+    A coupler is a link that replaces the sliding contact of two circles. Revolute pairs
+    join it to both links at the centres of the circles. The first pair axis is chosen as z
+    axis of the coupler, and the second one in its y-z plane. The arc between both is that
+    between the centres.
 
-    The zero directions of the pairs point to the contact. The angle of each pair is
-    therefore the azimuth of the contact about the centre of a circle.
+    The zero directions, from which pair angles are counted, point to the contact. So a pair
+    angle is the azimuth of the contact about the centre of the circle.
 
     Returns
     -------

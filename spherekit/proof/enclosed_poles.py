@@ -16,22 +16,22 @@ from spherekit.proof.balls import Ball, lower_magnitude, solve_balls
 class EnclosedPole:
     """The pole of two links while one input moves and the others are locked.
 
-    The relative angular velocity per unit rate of the input is `coefficient` times
-    `direction`. Both are computed in ball arithmetic: a ball is a number with a proven
-    bound of its error.
+    The pole is the axis of their relative rotation. The relative angular velocity at unit
+    rate of the input is `coefficient` times `direction`. Both are balls: numbers with a
+    proven bound of their error.
 
     Attributes
     ----------
     input_pair
-        The pair of the moving input.
+        Number of the pair (joint) of the moving input.
     link, relative_to
-        The link that moves, and the link relative to which it is seen. Pairs and links are
-        numbers of the structure.
+        Number of the link that moves, and of the link relative to which it is seen.
     direction
         (3,) unit vector along the pole axis in ground axes, three balls. None if the links
         may be at relative rest.
     coefficient
-        The velocity coefficient, a ball. It is not negative.
+        The velocity coefficient (relative angular speed per unit rate of the input), a
+        ball. It is not negative.
     """
 
     input_pair: int
@@ -44,18 +44,19 @@ class EnclosedPole:
 def enclose_poles(
     equations: ArcEquations, variables: Sequence[Ball]
 ) -> Iterator[EnclosedPole]:
-    """Yield the poles of each two links, for each moving input.
+    """Yield the poles of each two links, for each moving input, in one configuration.
 
     The pole of two links is the axis of their relative rotation while one input moves at
-    unit rate and the others are locked. The relative angular velocity is its coefficient
-    times its direction.
+    unit rate and the others are locked. The relative angular velocity is a coefficient (its
+    magnitude) times a direction.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     variables
-        Narrow balls (rad) of all variables about a configuration.
+        Values (rad) of all variables, as narrow balls (numbers with a bound of their
+        error).
     """
     for input_number, pair in enumerate(equations.construction.input_pairs):
         angular_velocities = _link_angular_velocities(equations, variables, input_number)
@@ -63,6 +64,7 @@ def enclose_poles(
             relative = angular_velocities[link] - angular_velocities[relative_to]
             coefficient = np.sqrt(relative @ relative)
             direction = None
+            # The direction is unknown if the relative velocity may be zero.
             if lower_magnitude(coefficient) > 0.0:
                 direction = relative / coefficient
             yield EnclosedPole(

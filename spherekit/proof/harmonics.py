@@ -32,18 +32,18 @@ BallEquations = Callable[[Sequence[Ball]], Array]
 
 @dataclass(frozen=True)
 class PartialPolynomial:
-    """What is left of an equation in which some angles are known: a polynomial.
+    """An equation in which some angles are known, as a polynomial in the unknown angles.
 
-    The polynomial is one in z_1, z_2, ... with z = e^(i angle) of each unknown angle.
+    An unknown angle occurs as z = e^(i angle). There are n sets of known angles.
 
     Attributes
     ----------
     coefficients
-        (n, 2 m_1 + 1, 2 m_2 + 1, ...) coefficients for n sets of known angles. Index j of
-        the axis of an unknown belongs to the power z^j. The equation has the trigonometric
-        degrees m_1, m_2, ... in the unknowns.
+        (n, 2 m_1 + 1, 2 m_2 + 1, ...) coefficients for n sets of known angles. Each further
+        axis belongs to an unknown; its index is the power of z. The equation has the
+        trigonometric degrees m_1, m_2, ... in the unknowns.
     coefficient_derivatives
-        (n, g, 2 m_1 + 1, ...) derivatives of the coefficients by the g known angles.
+        (n, g, 2 m_1 + 1, ...) derivatives of the coefficients by g known angles.
     """
 
     coefficients: Complexes
@@ -77,25 +77,27 @@ class Harmonics:
     """
 
     def __init__(self, degrees: Indices, evaluate: BallEquations) -> None:
-        """Evaluate all equations at evenly spaced angles, and transform the values.
+        """Compute the Fourier coefficients of all equations from values at equal distances.
+
+        Afterwards the equations can be evaluated fast in float64, with a bound of the
+        error.
 
         Parameters
         ----------
         degrees
-            (k, v) trigonometric degree of each of k equations in each of v angles: the
-            largest m of the waves e^(i j angle), j = -m ... m, of which it consists.
+            (k, v) degree m of each of k equations in each of v angles. The equation is a
+            sum of waves e^(i j angle) with j = -m ... m.
         evaluate
-            Returns the values (k,) of all equations at balls (rad) of all angles. A ball is
-            a number with a bound of its error.
+            Function that returns the values (k,) of all equations at balls (rad) of all
+            angles. A ball is a number with a bound of its error.
         """
         self.degrees = degrees
-        # `initial` is the least result. Without it, `max` fails if there is no equation.
+        # `initial` also gives a result if there is no equation.
         self.max_degree = int(np.max(degrees, initial=1))
 
         nodes = _NodeEvaluator(evaluate)
         coefficients_and_errors = [
-            # An equation of degree m has 2 m + 1 waves. Its values at as many angles give
-            # the coefficients of the waves.
+            # An equation with 2 m + 1 waves is determined by its values at as many angles.
             _interpolate(nodes.evaluate_equation(equation, node_counts))
             for equation, node_counts in enumerate((2 * degrees + 1).tolist())
         ]
@@ -103,38 +105,37 @@ class Harmonics:
         self.error = np.array([error for _, error in coefficients_and_errors])
 
     def derivatives(self, circle_points: Floats, order: int) -> list[Floats]:
-        """Return values and derivatives of all equations at n points.
+        """Return values and derivatives of all k equations at n points.
 
-        An equation is a Fourier sum. Each term is a coefficient times one harmonic (wave)
-        e^(i j angle) of each variable. Its derivatives follow from those of the waves.
+        An equation is a Fourier sum: each term is a coefficient, times one wave e^(i j
+        angle) of each variable. Its derivatives follow from those of the waves.
 
         Parameters
         ----------
         circle_points
-            (n, v, 2) cosines and sines of the variables, which are angles.
+            (n, v, 2) cosine and sine of each of v variables, which are angles.
         order
             Highest order of the derivatives: 1 or 2.
 
         Returns
         -------
-        Values (n, k), first derivatives (n, k, v) and, for order 2, second derivatives
-        (n, k, v, v).
+        Arrays: values (n, k), first derivatives (n, k, v) and, for order 2, second
+        derivatives (n, k, v, v).
         """
         n, v, _ = circle_points.shape
         equation_count = len(self.coefficients)
         results = [
             np.zeros((n, equation_count, *[v] * power)) for power in range(order + 1)
         ]
-        # All waves up to the largest degree, with their derivatives: axes variable, order
-        # of the derivative, wave j, point.
+        # All waves and their derivatives. Axes: variable, order of the derivative, wave,
+        # point.
         waves = _evaluate_waves(circle_points, self.max_degree, order)
         for equation, coefficients in enumerate(self.coefficients):
-            # The array of coefficients has an axis for each variable. Its length is 2 m + 1
-            # if the equation has the degree m in the variable. Axes of variables that do
-            # not occur (m = 0) have the length 1, and `squeeze` leaves them out.
+            # The coefficients have an axis of length 2 m + 1 for each variable. Variables
+            # that do not occur (m = 0) have the length 1, and `squeeze` removes them.
             variables = np.flatnonzero(self.degrees[equation])
             sums = _sum_waves(np.squeeze(coefficients), waves[variables]).real
-            # `sums` counts only the variables of this equation, as 0, 1, ...
+            # `sums` counts only the variables that occur, as 0, 1, ...
             count = len(variables)
             results[0][:, equation] = _select_derivative(sums, count)
             for i in range(count):
@@ -149,34 +150,34 @@ class Harmonics:
     def insert_given_angles(
         self, equation: int, unknowns: Sequence[int], given: Array
     ) -> "PartialPolynomial":
-        """Return an equation as a polynomial in z = e^(i angle) of some of its angles.
+        """Return an equation as a polynomial in z = e^(i angle) of its unknown angles.
 
         All other angles are given, with n sets of values. An equation of degree m in an
-        angle has the powers -m to m of z. Its coefficients are stored in this order.
-        Multiplied by z^m, the equation has the powers 0 to 2 m, and the index of a
-        coefficient is its power.
+        angle has the powers -m to m of z. Multiplied by z^m, it has the powers 0 to 2 m, so
+        that the index of a coefficient is its power.
 
         Parameters
         ----------
         equation
             Number of the equation.
         unknowns
-            Numbers of the variables whose z stay unknown.
+            Numbers of the variables that stay unknown.
         given
-            (n, g, 2) cosines and sines of the other g variables, in order.
+            (n, g, 2) cosines and sines of the g given variables, in order.
 
         Returns
         -------
         The coefficients of the polynomials, and their derivatives by the given angles.
         """
         others = [j for j in range(self.degrees.shape[1]) if j not in unknowns]
-        # The given angles are inserted into the harmonics (waves) e^(i j angle) of the
-        # Fourier sum. The sum is taken over the axes of these angles only. The axes of the
-        # unknowns remain, and their waves are the powers of z.
+        # The equation is a Fourier sum of waves e^(i j angle). The sum is taken over the
+        # waves of the given angles. The axes of the unknowns remain; their waves are powers
+        # of z.
         coefficients = self.coefficients[equation].transpose([*unknowns, *others])
         waves = _evaluate_waves(given, self.max_degree, order=1)
         sums = _sum_waves(coefficients, waves)
-        # Without given angles the last axis, that of the n sets, has the length 1 so far.
+        # Without given angles, the axis of the n sets (the last one) still has the length
+        # 1.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
         values = _select_derivative(sums, len(others))  # (2 m_1 + 1, ..., n)
         slopes = np.empty((len(others), *values.shape), dtype=complex)
@@ -189,19 +190,19 @@ class Harmonics:
 class _NodeEvaluator:
     """Evaluates equations at nodes, which are evenly spaced angles of each variable.
 
-    Several equations have the same nodes. The values of all equations at a node are
-    computed once and stored.
+    Fourier coefficients are computed from these values. Several equations have nodes in
+    common, so the values of all equations at a node are computed once and stored.
     """
 
     def __init__(self, evaluate: BallEquations) -> None:
         """Store the function that evaluates all equations at balls (rad)."""
         self._evaluate = evaluate
-        # By node: values (k,) of all k equations in balls. A node has for each variable a
-        # fraction of a turn, as the number of the node and the count of nodes in a turn.
+        # By node: values (k,) of all k equations in balls. For each variable, a node has
+        # its number, and the number of nodes in a turn.
         self._values_by_node: dict[tuple[tuple[int, int], ...], Array] = {}
 
     def evaluate_equation(self, equation: int, node_counts: Sequence[int]) -> Array:
-        """Return the values of an equation at all combinations of nodes.
+        """Return the values of one equation at all combinations of nodes (even angles).
 
         Parameters
         ----------
@@ -212,8 +213,8 @@ class _NodeEvaluator:
 
         Returns
         -------
-        (node_counts) values in balls, numbers with a bound of their error. Index j of the
-        axis of a variable with c nodes belongs to the angle 2 pi j / c.
+        Values in balls (numbers with a bound of their error), in an array of shape
+        `node_counts`. Index j of a variable with c nodes belongs to the angle 2 pi j / c.
         """
         values = np.empty(node_counts, dtype=object)
         for index in np.ndindex(*node_counts):
@@ -228,38 +229,38 @@ class _NodeEvaluator:
 def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     """Return Fourier sums of several variables, with their derivatives, at n points.
 
-    A Fourier sum of one variable is the sum over j = -m ... m of c_j e^(i j angle). In the
-    sums of several variables, the coefficients have an axis for each variable. The sum is
-    taken over one axis after another. The derivatives of the sums follow from those of the
-    waves e^(i j angle).
+    A Fourier sum of one variable is the sum over j = -m ... m of c_j e^(i j angle), a sum
+    of waves. With several variables, the coefficients have an axis for each. The sum is
+    taken over one axis after another. Derivatives follow from those of the waves.
 
     Parameters
     ----------
     coefficients
-        (..., sizes) with one axis of length 2 m + 1 for each of the variables in `waves`.
-        Other axes before them are kept.
+        (..., sizes) coefficients. The last axes belong to the variables in `waves`, with
+        lengths 2 m + 1. Any axes before them remain in the result.
     waves
-        (variables, orders, 2 max_degree + 1, n) from `_evaluate_waves`.
+        (variables, orders, 2 max_degree + 1, n) waves and their derivatives at the points,
+        from `_evaluate_waves`.
 
     Returns
     -------
-    (orders, orders, ..., kept axes, n), first one axis of length `orders` for each
-    variable. The index [a, b, ...] is the a-th derivative by the first variable, the b-th
-    by the second one and so on; all 0 is the value (`_select_derivative`).
+    (orders, orders, ..., remaining axes, n). Each variable has a first axis with the order
+    of the derivative by it. Index [a, b, ...] is the a-th derivative by the first variable
+    and the b-th by the second; all 0 is the value.
     """
-    # The shape of `sums` with two variables of 5 and 3 waves, n points and 2 orders:
-    #   at first                              (5, 3, 1), the axis of points is repeated
+    # Example of shapes with two variables of 5 and 3 waves, n points and 2 orders:
+    #   at first                              (5, 3, 1), repeated for all points
     #   after the sum over variable 1      (2, 5, n)
     #   after the sum over variable 0   (2, 2, n)
-    # The last variable is summed first, so that the first axis is that of variable 0.
+    # The last variable comes first, so that the result begins with the axis of variable 0.
     sums: Complexes = coefficients[..., None]
     for wave in waves[::-1]:
-        # `wave` has the waves -max_degree to max_degree. A variable of a lower degree m
-        # needs only those from -m to m, which are in the middle.
+        # Variables of a lower degree m need only the waves -m to m, in the middle of the
+        # axis.
         wave_count = sums.shape[-2]
         unused = (wave.shape[1] - wave_count) // 2
         wave = wave[:, unused : unused + wave_count]
-        # Letters: w wave of this variable, n point, o order of the derivative by it.
+        # Letters: w wave of this variable, n point, o order of the derivative.
         sums = np.einsum("...wn,own->o...n", sums, wave)
     return sums
 
@@ -267,18 +268,18 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
 def _select_derivative(
     sums: Complexes | Floats, variable_count: int, *variables: int
 ) -> Array:
-    """Return the value or a derivative from the result of `_sum_waves`.
+    """Return the value or one derivative from the result of `_sum_waves`.
 
     Parameters
     ----------
     sums
-        Values and derivatives. The first axes are the orders of the derivative by each
-        variable.
+        Values and derivatives. Each variable has a first axis: the order of the derivative
+        by it.
     variable_count
         Number of these variables.
     *variables
-        Numbers of the variables by which the derivative is taken, one after another: none
-        for the value, i and j for the second derivative by the variables i and j.
+        Numbers of the variables of the derivative. None for the value, i for the first
+        derivative by variable i, i and j for the second derivative by i and j.
     """
     orders = [0] * variable_count
     for variable in variables:
@@ -292,7 +293,7 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
     Parameters
     ----------
     circle_points
-        (n, v, 2) cosines and sines of the variables x.
+        (n, v, 2) cosine and sine of each of v variables x (angles), at n points.
     max_degree
         Largest k.
     order
@@ -300,8 +301,8 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
 
     Returns
     -------
-    (v, order + 1, 2 max_degree + 1, n). Axes: variable, order of the derivative by x, wave
-    k, point.
+    (v, order + 1, 2 max_degree + 1, n). Axes: variable, order of the derivative by x, k,
+    point.
     """
     z = (circle_points[..., 0] + 1j * circle_points[..., 1]).T  # (v, n)
     positive_powers = [z]
@@ -318,54 +319,52 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
 
 
 def _interpolate(values: Array) -> tuple[Complexes, float]:
-    """Return the Fourier coefficients of one equation and the error of its values.
+    """Return the Fourier coefficients of one equation, and an error bound of its values.
 
-    An equation of degree m in an angle has 2 m + 1 harmonics (waves) e^(i j angle). Its
-    values at as many evenly spaced angles, the nodes, give the coefficients by a discrete
-    Fourier transform in each variable.
+    An equation of degree m in an angle is a sum of 2 m + 1 waves e^(i j angle). Its values
+    at as many evenly spaced angles (nodes) give the coefficients, by a discrete Fourier
+    transform in each variable.
 
     Parameters
     ----------
     values
-        Values of the equation in balls at all combinations of nodes. The axis of each
-        variable has the length 2 m + 1 and begins with the angle 0.
+        Values of the equation in balls (numbers with a bound of their error), at all
+        combinations of nodes. The axis of each variable has the length 2 m + 1; its first
+        angle is 0.
 
     Returns
     -------
     coefficients
-        Array of the same shape, with the wave -m first in each axis.
+        Array of the same shape. Index 0 of each axis is the wave -m.
     error
-        Bound of the error of float64 values of the equation at any angles.
+        Error bound, at any angles, of values computed in float64 from these coefficients.
     """
     node_counts = values.shape
 
-    # 1. The discrete Fourier transform of the centres, in one variable after another. A
-    # value less its centre is a ball about 0. Its largest magnitude is the radius, which
-    # adds to the error below.
+    # 1. Transform the centres of the balls, in one variable after another. The radii of the
+    #    balls enter the error below.
     sums = exact_centres(values)
     balls_about_zero = values - sums
     largest_radius = max(map(upper_magnitude, balls_about_zero.flat))
     for axis, count in enumerate(node_counts):
-        # The matrix of the transform has rows of the waves 0 to m, then -m to -1. It is
-        # rolled so that the wave -m comes first. Coefficients need the factor 1 / count.
-        # Flint's matrix has the factor 1 / sqrt(count), so this factor is applied again.
+        # Flint's matrix has the waves 0 to m, then -m to -1, so it is rolled to begin with
+        # -m. It contains the factor 1 / sqrt(count); coefficients need 1 / count.
         transform = np.array(flint_library().acb_mat.dft(count).tolist())
         rows = transform / exact_ball(count).sqrt()
         wave_rows = np.roll(rows, count // 2, axis=0)
         sums = np.moveaxis(np.tensordot(wave_rows, sums, (1, axis)), 0, axis)
 
-    # 2. The error of float64 values: conversion of the coefficients, rounding of the sums,
-    # and radii of the balls.
+    # 2. The error of float64 values has three parts: conversion of the coefficients,
+    #    rounding of the sums, and radii of the balls.
     coefficients = sums.astype(complex)
     conversion_error = sum(map(upper_magnitude, (sums - coefficients).flat))
-    # Number of roundings that a value has at most. A variable with `count` waves needs the
-    # powers of z = e^(i angle) up to count // 2. The error of each power is that of the
-    # power before, of z and of one complex product: at most 8 more roundings. The sum of
-    # `count` products has at most count + 2. The factor 2 below is an allowance.
+    # Bound of the number of roundings of a value. A variable with `count` waves needs
+    # powers of z = e^(i angle) up to count // 2, with at most 8 more roundings each. The
+    # sum of `count` products has count + 2. The factor 2 below is an allowance.
     roundings = sum(count + 2 + 8 * (count // 2) for count in node_counts if count > 1)
     rounding_error = 2.0 * roundings * UNIT_ROUNDOFF * np.sum(np.abs(coefficients))
-    # The values at the nodes are wrong by at most their radii. Between the nodes, the
-    # interpolated error can be larger by at most the norm of the interpolation.
+    # At the nodes the error is at most the radius. Between nodes it can be larger by the
+    # norm of the interpolation.
     radius_error = largest_radius * prod(map(_interpolation_norm, node_counts))
     # The factor covers the rounding of this sum.
     return coefficients, 1.001 * (radius_error + conversion_error) + rounding_error

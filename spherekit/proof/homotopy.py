@@ -85,18 +85,21 @@ Smaller: more roots are missed.
 
 @dataclass(frozen=True)
 class HomotopyStart:
-    """The equations of a homotopy, and the solutions at its start.
+    """The equations of a homotopy, and their solutions at its start.
+
+    A homotopy is a family of equations with a parameter t. At t = 0 it is a start system
+    with known solutions, at t = 1 the system to be solved, the goal. The solutions are
+    followed from 0 to 1.
 
     Attributes
     ----------
     start_and_goal
-        Coefficients of each equation, as a polynomial in z = e^(i angle) of its unknowns:
-        (1, 2, d_1 + 1, d_2 + 1, ...). The first axis has the length 1, because functions
-        that evaluate polynomials take systems at several inputs, and there is one here. The
-        second axis has the start system at t = 0 and the goal, the system to be solved, at
-        t = 1. Then there is one axis for each unknown, from the power 0 to its degree d.
+        For each equation the coefficients of polynomials in z = e^(i angle) of the
+        unknowns: an array (1, 2, d_1 + 1, d_2 + 1, ...). The first axis is for several
+        inputs; here there is one. The second axis has the start system and the goal. Each
+        unknown then has an axis of powers from 0 to its degree d.
     solutions
-        (n, k) e^(i angle) of all solutions at t = 0.
+        (n, k) values of z for the k unknowns in all n solutions at t = 0.
     """
 
     start_and_goal: list[Complexes]
@@ -105,17 +108,17 @@ class HomotopyStart:
 
 @dataclass(frozen=True)
 class HomotopyValues:
-    """The equations of a homotopy H(z, t) and their derivatives at points.
+    """The equations of a homotopy H(z, t) = 0 and their derivatives, at n points.
 
-    A homotopy is a family of equations H(z, t) = 0. It leads from equations with known
-    solutions at t = 0 to those that are to be solved at t = 1.
+    At t = 0 the equations have known solutions, at t = 1 they are to be solved. The
+    derivatives are used to follow the solutions.
 
     Attributes
     ----------
     values
-        (n, k) H.
+        (n, k) values of H, for k equations.
     by_unknowns
-        (n, k, k) derivatives by z.
+        (n, k, k) derivatives by the k unknowns z.
     by_t
         (n, k) derivatives by t.
     """
@@ -205,30 +208,32 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
 def _make_start_system(
     polynomials: Polynomials, generator: np.random.Generator
 ) -> HomotopyStart:
-    """Return a homotopy from products of linear factors to a system.
+    """Return a homotopy from products of linear factors to a system of equations.
 
-    Each start equation is a product of linear factors (z - root) with random roots. For
-    each unknown z there are as many factors as the degree of the system's equation in this
-    unknown. All solutions of the start equations are known.
+    The homotopy changes start equations with known solutions continuously into the system.
+    A start equation is a product of factors (z - root) with random roots. For each unknown
+    z it has as many factors as the degree of the system's equation in z. So both have the
+    same largest number of solutions.
 
     Parameters
     ----------
     polynomials
-        The system at one set of values of its given variables (inputs, and unknowns that
-        were solved for before). The coefficients of an equation in two unknowns are an
-        array whose entry (0, i, j) belongs to the powers i and j of the unknowns.
+        The system to be solved, at one set of its given variables. An equation in two
+        unknowns has an array of coefficients with the indices (0, power of the first, power
+        of the second).
     generator
-        Random numbers for the roots of the linear factors.
+        Generator of random numbers for the roots of the linear factors.
     """
     factor_roots = _draw_factor_roots(polynomials, generator)
     start_and_goal: list[Complexes] = []
     for roots, goal in zip(factor_roots, polynomials.coefficients, strict=True):
-        # A random phase of the start equations avoids singular systems on the paths.
+        # A random complex factor avoids singular systems between start and goal.
         phase = np.exp(2j * np.pi * generator.random())
         start = _expand_factors(roots) * phase
-        # The goal is scaled so that its coefficients have the same norm as the start's.
+        # Start and goal get coefficients of the same norm.
         scale = np.linalg.norm(start) / np.linalg.norm(goal)
-        # `goal` has a first axis for sets of given values, of length 1; `start` gets it.
+        # `goal` has a first axis of length 1 for sets of given values; `start` gets one,
+        # too.
         start_and_goal.append(np.stack([start[None], scale * goal], axis=1))
     return HomotopyStart(start_and_goal, _list_start_solutions(factor_roots))
 
@@ -238,13 +243,14 @@ def _draw_factor_roots(
 ) -> list[list[Complexes]]:
     """Return random complex roots of the linear factors of each start equation.
 
-    The list has for each equation and each unknown the roots (degree,) of the factors of
-    this unknown. There are as many as the degree of the system's equation in the unknown.
+    A start equation of a homotopy is a product of factors (z - root), with known solutions.
+    The result has, for each equation and each unknown z, an array of roots. There are as
+    many as the degree of the given equation in z.
     """
     factor_roots = []
     for coefficients in polynomials.coefficients:
-        # The first axis has sets of given values. Each other axis has the powers of an
-        # unknown from 0 to its degree.
+        # The first axis is for sets of given values. Each other axis has the powers of an
+        # unknown, from 0 to its degree.
         roots_of_unknowns = []
         for power_count in coefficients.shape[1:]:
             degree = power_count - 1
@@ -269,15 +275,15 @@ def _expand_factors(roots_of_unknowns: Sequence[Complexes]) -> Complexes:
 def _list_start_solutions(factor_roots: Sequence[Sequence[Complexes]]) -> Complexes:
     """Return all solutions (n, k) of k equations that are products of linear factors.
 
-    In a solution one factor (z - root) of each equation is zero. It determines one unknown
-    z, so the factors of two equations have to be of different unknowns.
+    They are the known solutions from which a homotopy starts. In a solution, one factor (z
+    - root) of each equation is zero and determines the unknown z. So each equation must
+    determine a different unknown.
 
-    `factor_roots` has the roots of the factors by number of the equation, then by number of
-    the unknown.
+    `factor_roots` has the roots by equation, then by unknown.
     """
     unknown_count = len(factor_roots)
     solutions = []
-    # Equation i determines the unknown with the number unknown_by_equation[i].
+    # All ways to assign an unknown to each equation.
     for unknown_by_equation in permutations(range(unknown_count)):
         possible_roots = [
             roots_of_unknowns[unknown]
@@ -295,36 +301,34 @@ def _list_start_solutions(factor_roots: Sequence[Sequence[Complexes]]) -> Comple
 def _evaluate_homotopy(
     start_and_goal: list[Complexes], points: ChartRoots, t: Floats
 ) -> HomotopyValues:
-    """Return the equations of a homotopy and their derivatives at points.
+    """Return the equations of a homotopy and their derivatives at n points.
 
-    The equations H(z, t) = (1 - t) start(z) + t goal(z) lead from the start system at t = 0
-    to the goal, the system that is to be solved, at t = 1.
+    The equations H(z, t) = (1 - t) start(z) + t goal(z) change from a start system with
+    known solutions (t = 0) to the system that is to be solved, the goal (t = 1).
 
     Parameters
     ----------
     start_and_goal
-        Coefficients of each equation, as a polynomial in z = e^(i angle) of its unknowns:
-        (1, 2, d_1 + 1, d_2 + 1, ...). The first axis has the length 1, because functions
-        that evaluate polynomials take systems at several inputs, and there is one here. The
-        second axis has the start system and the goal. Then there is one axis for each
-        unknown, from the power 0 to its degree d.
+        For each equation the coefficients of polynomials in z = e^(i angle) of the
+        unknowns: an array (1, 2, d_1 + 1, d_2 + 1, ...). The first axis is for several
+        inputs; here there is one. The second axis has the start system and the goal. Each
+        unknown then has an axis of powers from 0 to its degree d.
     points
-        n points. Each coordinate is z = e^(i angle) of an unknown, or 1 / z if z is large,
-        so that infinite solutions have finite coordinates.
+        The n points. A coordinate is z of an unknown, or 1 / z if z is large, so that it is
+        always finite.
     t
-        (n,) the parameter of each point.
+        (n,) the parameter t of each point.
     """
-    # (n, k, 2) values and (n, k, k, 2) derivatives by z of both systems. The last axis has
-    # the start system, then the goal.
+    # (n, k, 2) values and (n, k, k, 2) derivatives by z. Last axis: start system, goal.
     values_of_systems = points.evaluate(start_and_goal)
     slopes_of_systems = points.first_derivatives(start_and_goal)
     start_values = values_of_systems[..., 0]
     goal_values = values_of_systems[..., 1]
     weights = np.stack([1.0 - t, t], axis=1)
     return HomotopyValues(
-        # A product with the vector of weights is the weighted sum over the systems.
+        # Weighted sums over the two systems.
         values=apply_matrices(values_of_systems, weights),
-        # n: point, k: equation, l: unknown, e: system.
+        # Letters: n point, k equation, l unknown, e system.
         by_unknowns=np.einsum("nkle,ne->nkl", slopes_of_systems, weights),
         by_t=goal_values - start_values,
     )

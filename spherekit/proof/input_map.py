@@ -111,34 +111,34 @@ class InputMap:
         }
 
     def clearance(self, q: Floats) -> float:
-        """Return how far (rad) all inputs may move from q without meeting type II.
+        """Return how far (rad) all inputs can change from q without meeting type II.
 
         At type II a configuration is singular with locked inputs. If each input changes by
-        less than the clearance, no configuration of any mode is of type II.
+        less than the result, no configuration of any assembly mode is of type II.
 
-        The ranges of the inputs are divided into boxes. Some of them are proven regular
-        (free of type II). The clearance is the distance of q (inputs,) rad from the nearest
-        box that is not, or from the end of a range. It is 0 if q is in such a box.
+        The map divides the ranges of the inputs into boxes, and some are proven to be free
+        of type II (regular). The result is the distance of q (inputs,) rad from the nearest
+        other box, or from the end of a range. It is 0 if q is in such a box.
         """
-        # Distance of q from each box in the direction of each input, negative inside.
+        # Distances (boxes, inputs) of q from each box along each input, negative inside.
         distances = np.abs(self.centres - q) - self.radii
         low = np.min(self.centres - self.radii, axis=0)
         high = np.max(self.centres + self.radii, axis=0)
-        # q reaches a box only when it is within the box in all directions. The largest
-        # distance therefore counts (maximum norm). It is negative only if q is in the box.
+        # A point is in a box only if it is so in all directions, so the largest distance
+        # counts.
         gaps = np.max(distances[self.kind != REGULAR], axis=1)
         # 1e-12 rad covers the rounding of the boxes.
         return max(np.min([*gaps, *(q - low), *(high - q)]) - 1e-12, 0.0)
 
     @property
     def completeness(self) -> Completeness:
-        """What is guaranteed, and on which facts the guarantee is based.
+        """What is guaranteed about the map, and why.
 
-        A box of the inputs is regular if it is proven free of configurations of type II
-        (singular with locked inputs). For the proof, all complex roots of the equations are
-        continued over the box, and none of them meet. Without undecided boxes the result is
-        certified. Otherwise it is complete up to the size of the largest undecided box
-        (`Guarantee.TO_BOX`): smaller regions may be unknown.
+        A box of the inputs is regular if it is proven free of type II (configurations that
+        are singular with locked inputs). The proof follows all complex roots of the
+        equations over the box, and shows that none of them meet. Without undecided boxes
+        the result is certified. Otherwise regions smaller than the largest undecided box
+        may be unknown (`Guarantee.TO_BOX`).
         """
         regular = self.share(REGULAR)
         contains = self.share(CONTAINS_TYPE_II)
@@ -160,31 +160,30 @@ def certify_input_map(
     range_texts: Sequence[tuple[str, str]],
     cell: float = DEFAULT_CELL_RAD,
 ) -> InputMap:
-    """Return boxes of the inputs, each with the proof whether it is free of type II.
+    """Divide the ranges of the inputs into boxes, and prove which are free of type II.
 
-    At type II a configuration is singular with locked inputs. The ranges of the inputs are
-    halved into boxes. A box that is proven free of type II is not halved any more. The
-    smallest boxes of the map are cells. A cell is free of type II, contains such a
-    configuration, or is undecided.
+    At type II a configuration is singular with locked inputs. Boxes are halved until they
+    are proven to be free of type II, or are cells (the smallest boxes). A cell is free of
+    type II, contains such a configuration, or is undecided.
 
     Parameters
     ----------
     decimal_mechanism
         The mechanism with its decimal sizes.
     range_texts
-        The ends of each input's range as decimal numbers in the unit of the file, in the
-        order of the inputs.
+        For each input, in order, the ends of its range as decimal numbers in the unit of
+        the file.
     cell
         Largest side (rad) of a cell.
 
     Raises
     ------
     PlanError
-        If wheels rotate with the inputs.
+        If the inputs drive wheels.
     """
     structure = decimal_mechanism.structure
     construction = find_construction(structure)
-    # Follower pairs are pairs whose angles follow from the inputs through rolling wheels.
+    # Followers are pairs (joints) that the inputs drive through rolling wheels.
     if construction.follower_pairs:
         raise PlanError(
             f"{decimal_mechanism.mechanism.name}: the inputs drive "
@@ -200,7 +199,7 @@ def certify_input_map(
             lows.append(low)
             widths.append(decimal_mechanism.input_angle(high_text) - low)
         ranges = VariableRanges(lows, widths)
-        # The closure equations fall into systems that are solved one after another.
+        # The closure equations consist of systems that are solved one after another.
         systems = list_systems(ArcEquations(decimal_mechanism, construction))
         classified = _classify_boxes(systems, ranges, cell)
         centres = ranges.centres(classified.boxes)

@@ -98,27 +98,26 @@ def _revolute_kinematics(first: Array, second: Array) -> PairKinematics:
 def _contact_kinematics(
     curves: Sequence[Curve], variables: tuple[int, int], starts: Array
 ) -> PairKinematics:
-    """Return the kinematics of a contact pair of two profile curves.
+    """Return functions for the rotation and the axis of a contact pair of two profiles.
 
-    A curve is a function that returns at arc lengths (n,) its frames (n, 3, 3), with the
-    tangent, normal and point as columns. At the contact the frames of both curves coincide,
-    so the rotation from the second to the first link is (first frame) (second frame)^T.
-    Rates follow from this rotation. The axis of the pair is the point of contact, which is
-    returned as a result of its own.
+    The profile (rim) of each link is a curve: a function of arc lengths (n,) that returns
+    frames (n, 3, 3) with the columns tangent, normal and point. At the contact both frames
+    coincide, so the rotation from the second to the first link is (first frame) (second
+    frame)^T. The axis of the pair is the direction of the contact point.
 
     Parameters
     ----------
     curves
         The profile of each link in link axes.
     variables
-        For each curve, which of the variables of the pair (0, or 0 and 1) is its arc
-        length. In rolling both curves have the same variable.
+        For each curve the number of the pair's variable (0 or 1) that is its arc length. In
+        rolling both curves have the same variable.
     starts
-        (2,) arc length (rad) of each curve at which its variable is 0.
+        (2,) arc length (rad) of each curve where its variable is 0.
     """
 
     def contact_frame(side: int, values: Array) -> Array:
-        """Return curve frames (n, 3, 3) of one link, at variables (n, m) of the pair."""
+        """Return the frames (n, 3, 3) of one curve at the contact, for variables (n, m)."""
         return curves[side](values[:, variables[side]] + starts[side])
 
     def rotation(values: Array) -> Array:
@@ -131,21 +130,22 @@ def _contact_kinematics(
 def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
     """Return the arc lengths (2,) rad at which two profiles touch in the reference pose.
 
-    They are the arc lengths at which the frames of both curves (tangent, normal and point)
-    coincide. Newton's method is used in the sense of least squares, since the profiles may
-    miss each other by the rounding of the float64 geometry.
+    The reference pose is the configuration in the file. At the contact the frames (tangent,
+    normal, point) of both profile curves coincide. Newton's method solves this by least
+    squares, since the profiles may miss each other by rounding.
 
-    Numbers are balls, which are numbers with a bound of their error. The result is an
-    approximation without a bound, so each iteration keeps the centres only.
+    Numbers are balls (numbers with a bound of their error). The result is an approximation
+    without a bound.
 
     Parameters
     ----------
     curves
-        The profile of each link; in the reference pose the axes of both links coincide.
+        The profile curve of each link. In the reference pose the axes of both links
+        coincide.
     arc_lengths
-        (2,) start of the iteration (rad).
+        (2,) first approximation (rad).
     """
-    # The pair variables are the arc lengths of both curves themselves.
+    # The arc lengths themselves are the variables.
     kinematics = _contact_kinematics(
         curves, variables=(0, 1), starts=exact_balls(np.zeros(2))
     )
@@ -154,8 +154,8 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
         step = _newton_step_to_identity(kinematics.rotation, arc_lengths)
         arc_lengths = exact_centres(arc_lengths + step)
         step_size = np.max(np.abs(centre_floats(step)))
-        # Newton's steps shrink faster and faster. A step that is not even half of the step
-        # before is rounding.
+        # Newton's steps shrink fast. A step of more than half the step before is only
+        # rounding.
         if not step_size < last_step_size / 2:
             break
         last_step_size = step_size
@@ -165,17 +165,17 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
 def _newton_step_to_identity(rotation: PairFunction, variables: Array) -> Array:
     """Return the Newton step (m,) of pair variables that makes a rotation the identity.
 
-    The residual is the axis of the rotation times the sine of its angle. For a small
-    rotation, its derivatives by the variables are the angular velocities at unit rates.
+    The error of a rotation is its axis times the sine of its angle. For small rotations,
+    its derivatives by the variables are the angular velocities at unit rates.
 
     Parameters
     ----------
     rotation
-        The rotation of the pair.
+        Function that returns the rotation of the pair at given variables.
     variables
-        (m,) balls: present values of the m pair variables.
+        (m,) present values of the pair variables, in balls (numbers with error bounds).
     """
-    values = variables[None]  # functions of pairs take several configurations
+    values = variables[None]  # one configuration, as the functions of pairs take several
     (residual,) = skew_part(rotation(values))  # (3,)
     velocities_in_rows = _rotation_vectors(rotation, values)
     jacobians = velocities_in_rows.swapaxes(1, 2)  # (1, 3, m)
@@ -184,24 +184,26 @@ def _newton_step_to_identity(rotation: PairFunction, variables: Array) -> Array:
 
 
 def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
-    """Return the angular velocity of a pair for the unit rate of each of its variables.
+    """Return the angular velocity of a pair at unit rate of each of its variables.
+
+    It is that of the second link relative to the first, and is found by power series.
 
     Parameters
     ----------
     rotation
-        The rotation of the pair.
+        Function that returns the rotation of the pair at given variables.
     values
-        (n, m) balls (numbers with a bound of their error) of its m variables.
+        (n, m) values of its m variables, in balls (numbers with a bound of their error).
 
     Returns
     -------
-    (n, m, 3) in the axes of the first link.
+    (n, m, 3) angular velocities in the axes of the first link.
     """
     vectors = []
     # One variable moves at the rate 1 while the others rest.
     for direction in exact_balls(np.eye(values.shape[1])):
-        # The variables as series in the time t: values + direction t. The rotation of such
-        # series is a series too, whose first power gives the angular velocity.
+        # The variables as series in the time t: values + direction t. The rotation is then
+        # a series, too, and contains the angular velocity.
         moving_values = power_series(values, np.broadcast_to(direction, values.shape))
         (angular_velocity,) = angular_velocities(rotation(moving_values), order=1)
         vectors.append(angular_velocity)
@@ -209,20 +211,20 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
 
 
 def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKinematics]:
-    """Return functions that compute the rotation and the axis of each pair, as balls.
+    """Return functions that compute the rotation and the axis of each pair, in balls.
 
-    The rotation is that of the second link relative to the first. A ball is a number with a
-    bound of its error. The float64 geometry of the mechanism only decides near which point
-    two profiles touch; every number is computed again in balls.
+    The rotation is that of the second link of the pair relative to the first. A ball is a
+    number with a bound of its error. All numbers are computed from the sizes in the file.
+    The float64 geometry only tells near which point two profiles touch.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     frames
-        By name of an R pair: its frames in both links.
+        By name of a revolute pair: its frames in both links.
     """
-    # A file gives either sizes, with the arc lengths at which wheels start to roll, or a
+    # A file has either sizes, with the arc lengths at which wheels start to roll, or a
     # reference pose, in which the wheels touch where they start.
     has_reference_pose = isinstance(mechanism.geometry, PoseGeometry)
     kinematics = []
@@ -231,7 +233,7 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
             kinematics.append(_revolute_kinematics(*frames[pair.name]))
             continue
         curves = _profile_curves(pair.profiles, is_external=pair.contact == "external")
-        # The start of a curve is its arc length at which its variable is 0.
+        # The start of a curve is the arc length at which the variable of the contact is 0.
         starts = _contact_starts(joint, curves, has_reference_pose)
         first, second = joint.contact_profiles
         variables = (first.variable, second.variable)
@@ -259,18 +261,17 @@ def _contact_starts(
 ) -> Array:
     """Return the arc lengths (2,) at which the variables of a contact are 0.
 
-    A file with sizes of links states these arc lengths. If a file gives a reference pose
-    instead, wheels start to roll where they touch in the pose. The float64 geometry has
-    only approximations of these points, which are computed again with more digits. In a
-    sliding contact the approximations are good enough: each arc length is a variable, so
-    another start only shifts the variable.
+    A file with link sizes states these arc lengths. With a reference pose instead, wheels
+    start to roll where they touch in the pose. The float64 geometry only approximates these
+    points, so they are computed again with more digits. A sliding contact needs no such
+    digits: its arc lengths are variables, so another start only shifts them.
 
     Parameters
     ----------
     joint
-        The contact in float64 geometry.
+        The contact in the float64 geometry of the mechanism.
     curves
-        The profile of each link.
+        The profile curve of each link.
     has_reference_pose
         Whether the file gives a reference pose.
 
@@ -288,34 +289,33 @@ def _contact_starts(
 
 @dataclass(frozen=True)
 class LoopClosure:
-    """Configurations that Newton's method reached from k starts.
+    """Configurations in which Newton's method has closed the loops, from k starts.
 
-    A ball is a number with a bound of its error, the radius. Newton's method computes
-    approximations without such bounds, so the balls here have the radius 0. They are balls
-    because all functions of this module take balls.
+    Arrays contain balls: numbers with a bound (radius) of their error. Newton's method
+    gives approximations without bounds, so the radius is 0 here.
 
     Attributes
     ----------
     values
         (k, variables) pair variables (rad), balls of radius 0.
     free
-        Indices, among all variables, of those that Newton's method was asked to solve for.
-        The others, such as inputs, kept their start values.
+        Indices of the variables for which Newton's method solved. The other variables, such
+        as inputs, have their start values.
     inverse
-        (k, free, equations) left inverse of the Jacobian's columns of the free variables.
+        (k, free, equations) left inverses of the derivatives of the loop equations by these
+        variables.
     condition
-        (k,) condition number of these columns of the Jacobian: the Frobenius norm of the
-        matrix times that of its inverse.
+        (k,) condition numbers of these derivatives: Frobenius norm of the matrix times that
+        of its inverse.
     residual
-        (k,) largest component (rad) of the residuals of the loops.
+        (k,) largest component (rad) of the closure errors of the loops.
     distance
         (k,) largest change (rad) of a variable from the start.
     is_ambiguous
-        (k,) whether another solution may be as near to the start as the one that was
-        reached. This is assumed if the second Newton step is not much shorter than the
-        first.
+        (k,) whether another solution may be as near to the start as this one. True if the
+        second Newton step is not much shorter than the first.
     status
-        (k,) OK, NOT_CONVERGED, or AT_SINGULARITY if the Jacobian loses its rank.
+        (k,) OK, NOT_CONVERGED, or AT_SINGULARITY if the derivatives have a lower rank.
     """
 
     values: Array
@@ -330,17 +330,17 @@ class LoopClosure:
 
 @dataclass(frozen=True)
 class _PlacedPair:
-    """A pair with its place in the mechanism.
+    """A pair (joint) of two links, with its place in the mechanism.
 
     Attributes
     ----------
     kinematics
-        Functions that return the rotation of the second link relative to the first, and the
-        axis of the pair.
+        Functions for the rotation of the second link relative to the first, and for the
+        axis.
     variables
-        Numbers of the pair's variables among those of the mechanism.
+        Numbers of the pair's variables among all variables of the mechanism.
     first_link
-        Number of its first link.
+        Number of the first link of the pair.
     """
 
     kinematics: PairKinematics
@@ -364,16 +364,16 @@ class Linkage:
     """
 
     def __init__(self, mechanism: Mechanism, frames: Frames | None = None) -> None:
-        """Choose the pairs that place links and those that close loops.
+        """Find out which pairs (joints) place links, and which close loops.
 
         Parameters
         ----------
         mechanism
             The mechanism.
         frames
-            By name of an R pair: its frames (3, 3) in both links, whose z axis is the pair
-            axis. By default they are computed from the sizes of the mechanism, whose
-            float64 numbers are taken as exact.
+            By name of a revolute pair: its frames (3, 3) in both links, with the pair axis
+            as z axis. By default they follow from the sizes of the mechanism, with float64
+            numbers taken as exact.
         """
         self.mechanism = mechanism
         # Numbers of the two links of each pair.
@@ -385,49 +385,47 @@ class Linkage:
             _PlacedPair(kinematics, mechanism.variables_of(pair), ends[pair][0])
             for pair, kinematics in enumerate(all_kinematics)
         ]
-        # The spanning tree reaches each link from the ground by one pair. It lists this
-        # pair, the link nearer to the ground (parent) and the link that is reached (child).
-        # Parents are reached before their children.
+        # The spanning tree reaches each link from the ground by one pair. `_tree` lists
+        # this pair, the link nearer to the ground (parent), and the link that is reached
+        # (child), parents first. All other pairs close loops.
         self._tree = find_spanning_tree(ends)
         tree_pairs = [pair for pair, _, _ in self._tree]
         self._loop_pairs = np.setdiff1d(range(len(all_kinematics)), tree_pairs)
         path_senses = _find_path_senses(mechanism, self._tree)
         loop_senses = _find_loop_senses(mechanism, self._loop_pairs, path_senses)
-        # From columns of pairs to columns of variables: a pair with several variables gets
-        # a column for each of them. `variable_owners` has the pair of each variable.
+        # `variable_owners` has the pair of each variable. A pair with two variables gets
+        # two columns.
         variable_owners = mechanism.variable_owners
         self._path_senses_of_variables = path_senses[:, variable_owners]
         self._loop_senses_of_variables = loop_senses[:, variable_owners]
 
     def place_links(self, values: Array) -> tuple[Array, Array]:
-        """Return the orientations of all links, and the residuals of the loops.
+        """Return the orientations of all links, and the closure errors of the loops.
 
-        Links are placed from the ground on, each across one pair. Every further pair closes
-        a loop. After one way round a loop a rotation remains, which is the identity if the
-        loop closes.
+        Links are placed from the ground on, each across one pair (joint). Every other pair
+        closes a loop. The product of the rotations around a loop is the identity if the
+        loop is closed.
 
         Parameters
         ----------
         values
-            (n, variables) pair variables (rad). They are balls, which are numbers with a
-            bound of their error, or power series of balls, which also give the derivatives
-            along a motion.
+            (n, variables) pair variables (rad), in balls (numbers with a bound of their
+            error). Power series of balls also give derivatives along a motion.
 
         Returns
         -------
         orientations
             (n, links, 3, 3) rotations from link axes to ground axes.
         residuals
-            (n, 3 loops) three columns for each loop: the axis of the remaining rotation, in
-            ground axes, times the sine of its angle. They are 0 if the loop closes, and
-            also if half a turn remains.
+            (n, 3 loops) three numbers for each loop: the axis of the remaining rotation, in
+            ground axes, times the sine of its angle. They are 0 if the loop is closed, but
+            also after half a turn.
         """
-        # By pair: rotations (n, 3, 3) from the axes of its second link to those of its
-        # first one.
+        # For each pair the rotations (n, 3, 3) from its second link to its first.
         rotations = [
             pair.kinematics.rotation(values[:, pair.variables]) for pair in self._pairs
         ]
-        # By link: its orientation (n, 3, 3). The ground is link 0.
+        # For each link its orientation (n, 3, 3). The ground is link 0.
         placed = {0: np.broadcast_to(exact_balls(np.eye(3)), (len(values), 3, 3))}
         for pair, parent, child in self._tree:
             first_link, _second_link = self.mechanism.ends[pair]
@@ -437,7 +435,7 @@ class Linkage:
                 # The transpose of a rotation is its inverse.
                 child_to_parent = rotations[pair].swapaxes(1, 2)
             placed[child] = placed[parent] @ child_to_parent
-        # The empty array gives the right shape if there are no loops.
+        # The empty array gives the right shape if there is no loop.
         residuals = [exact_balls(np.zeros((len(values), 0)))]
         for pair in self._loop_pairs:
             first_link, second_link = self.mechanism.ends[pair]
@@ -448,14 +446,14 @@ class Linkage:
         return orientations, np.concatenate(residuals, axis=1)
 
     def pair_axes(self, values: Array, orientations: Array) -> Array:
-        """Return for each pair its axis, or its contact point, in ground axes.
+        """Return the axis of each pair (joint) in ground axes; the point of a contact.
 
         Parameters
         ----------
         values
             (n, variables) pair variables (rad).
         orientations
-            (n, links, 3, 3) from `place_links`.
+            (n, links, 3, 3) rotations from link axes to ground axes.
 
         Returns
         -------
@@ -473,11 +471,11 @@ class Linkage:
         )
 
     def variable_vectors(self, values: Array, orientations: Array) -> Array:
-        """Return for each variable the angular velocity of its pair at unit rate.
+        """Return for each variable the angular velocity of its pair (joint) at unit rate.
 
-        One variable moves while the others rest. The angular velocity of a pair is that of
-        its second link relative to the first. For an R pair it is the axis. For a contact
-        it follows from the derivative of the rotation by the variable.
+        The other variables rest. It is the velocity of the second link of the pair relative
+        to the first: for a revolute pair the axis, for a contact the derivative of its
+        rotation.
 
         Parameters
         ----------
@@ -485,15 +483,15 @@ class Linkage:
             (n, variables) pair variables (rad). They are balls: numbers with a bound of
             their error.
         orientations
-            (n, links, 3, 3) from `place_links`.
+            (n, links, 3, 3) rotations from link axes to ground axes.
 
         Returns
         -------
         (n, variables, 3) in ground axes.
         """
         vectors = []
-        # Both lists have the same pairs: as the file states them, and with functions that
-        # compute in balls.
+        # `stated_pair` is the pair as in the file, `pair` has functions to compute in
+        # balls.
         for stated_pair, pair in zip(self.mechanism.pairs, self._pairs, strict=True):
             pair_values = values[:, pair.variables]
             is_revolute = stated_pair.profiles is None
@@ -501,7 +499,7 @@ class Linkage:
                 vectors_in_link = pair.kinematics.axis(pair_values)[:, None]
             else:
                 vectors_in_link = _rotation_vectors(pair.kinematics.rotation, pair_values)
-            # Row vectors in link axes are multiplied by the transpose of the orientation.
+            # Vectors are rows here, so the orientation is transposed.
             transposed = orientations[:, pair.first_link].swapaxes(1, 2)
             vectors.append(vectors_in_link @ transposed)
         return np.concatenate(vectors, axis=1)
@@ -509,13 +507,13 @@ class Linkage:
     def link_velocities(self, vectors: Array, rates: Array) -> Array:
         """Return the angular velocities of all links relative to the ground.
 
-        The angular velocity of a link is the sum of rate times vector over the variables on
-        the path from the ground to the link, with the sense in which the path passes them.
+        They are sums over the variables on the path from the ground to the link: rate times
+        velocity vector, with the sign of the sense in which the path passes the pair.
 
         Parameters
         ----------
         vectors
-            (n, variables, 3) from `variable_vectors`.
+            (n, variables, 3) angular velocity of each pair at unit rate of the variable.
         rates
             (n, variables) rates of the variables.
 
@@ -523,26 +521,25 @@ class Linkage:
         -------
         (n, links, 3) in ground axes.
         """
-        # The senses (links, variables) are 1 or -1 for variables on the path of a link, and
-        # 0 for all others.
+        # (links, variables): 1 or -1 on the path of a link, 0 for all other variables.
         return self._path_senses_of_variables @ (vectors * rates[:, :, None])
 
     def jacobian(self, vectors: Array) -> Array:
-        """Return the derivatives of the loop residuals by the variables.
+        """Return the derivatives of the closure errors of the loops by the variables.
 
-        The residual of a loop is the small rotation by which it stays open. Its derivative
-        by a variable is the angular velocity of the pair at unit rate, with the sign 1 or
-        -1 of the sense in which the loop passes the pair. It is 0 if the loop does not pass
-        the pair.
+        The closure error of a loop is the small rotation by which it is open. Its
+        derivative by a variable is the angular velocity of the pair (joint) at unit rate.
+        The sign is 1 or -1, the sense in which the loop passes the pair, or 0 if it does
+        not.
 
         Parameters
         ----------
         vectors
-            (n, variables, 3) from `variable_vectors`.
+            (n, variables, 3) angular velocity of each pair at unit rate of the variable.
 
         Returns
         -------
-        (n, 3 loops, variables).
+        (n, 3 loops, variables) derivatives.
         """
         senses = self._loop_senses_of_variables  # (loops, variables)
         vectors_as_columns = vectors.swapaxes(1, 2)  # (n, 3, variables)
@@ -619,21 +616,21 @@ class Linkage:
     ) -> list[Array]:
         """Return all variables as power series in one variable that moves.
 
-        The coefficients of one power after another are computed so that the loops stay
-        closed. Let J be the Jacobian of the loops by the free variables, and c_p the
-        coefficients of these variables for the power p. Each c_p occurs in the residuals
-        first at the power p, where it is multiplied by J:
+        The coefficients are computed power by power, so that the loops stay closed. Let J
+        be the derivatives of the closure errors by the free variables. The coefficients c_p
+        of these variables for the power p occur for the first time in the closure errors of
+        power p:
 
-            residual of the power p = J c_p + (terms of lower powers).
+            error of power p = J c_p + (terms of lower powers).
 
-        With c_p = 0 the residual is these terms. Then c_p is minus the inverse of J times
-        this residual.
+        With c_p = 0 the error is these terms. So c_p is minus the inverse of J times this
+        error.
 
         Parameters
         ----------
         closure
-            Closed configurations. All variables other than the moving one and those that
-            stay locked are free in it.
+            Closed configurations. Its free variables are all but the moving one and locked
+            ones.
         moving_variable
             Number of the moving variable.
         order
@@ -641,7 +638,8 @@ class Linkage:
 
         Returns
         -------
-        For each power from 0 on the coefficients (k, variables).
+        For each power from 0 to the order the coefficients (k, variables) in k
+        configurations.
         """
         coefficients = [
             closure.values,
@@ -649,7 +647,7 @@ class Linkage:
         ]
         coefficients[1][:, moving_variable] = exact_ball(1.0)
         for power in range(1, order + 1):
-            # The coefficients of the free variables for this power are still 0.
+            # Here the coefficients of the free variables for this power are still 0.
             _, residuals = self.place_links(power_series(*coefficients[: power + 1]))
             residual = series_coefficient(residuals, power)
             coefficients[power][:, closure.free] = -np.matvec(closure.inverse, residual)
@@ -657,15 +655,15 @@ class Linkage:
 
 
 def _find_path_senses(mechanism: Mechanism, tree: Sequence[tuple[int, int, int]]) -> Floats:
-    """Return the senses in which paths from the ground to the links pass the pairs.
+    """Return in which sense the path from the ground to each link passes each pair (joint).
 
     Parameters
     ----------
     mechanism
         The mechanism.
     tree
-        Each pair of the spanning tree, with the link nearer to the ground (parent) and the
-        link that the pair places (child). Parents come before their children.
+        For each pair of the spanning tree: its number, the link nearer to the ground
+        (parent), and the link that it places (child). Parents come before their children.
 
     Returns
     -------
@@ -683,10 +681,11 @@ def _find_path_senses(mechanism: Mechanism, tree: Sequence[tuple[int, int, int]]
 def _find_loop_senses(
     mechanism: Mechanism, loop_pairs: Indices, path_senses: Floats
 ) -> Floats:
-    """Return the senses (loops, pairs) in which loops pass the pairs: 1, -1, or 0 if not.
+    """Return in which sense each loop passes each pair (joint): 1, -1, or 0 if it does not.
 
-    A loop goes from the ground to the first link of the pair that closes it, across this
-    pair to its second link, and from there back to the ground.
+    A loop runs from the ground to the first link of the pair that closes it, over this pair
+    to its second link, and back to the ground. The sense is 1 from the first to the second
+    link of a pair. The result has the shape (loops, pairs).
 
     Parameters
     ----------
@@ -695,7 +694,8 @@ def _find_loop_senses(
     loop_pairs
         Numbers of the pairs that close a loop.
     path_senses
-        (links, pairs) the same for the paths from the ground to the links.
+        (links, pairs) the senses in which the path from the ground to each link passes the
+        pairs.
     """
     senses = np.zeros((len(loop_pairs), len(mechanism.pairs)))
     for loop, pair in enumerate(loop_pairs):
@@ -716,21 +716,21 @@ def largest_in_rows(values: Array) -> Floats:
 def angular_velocities(rotations: Array, order: int) -> list[Array]:
     """Return the angular velocity and its derivatives from power series of rotations.
 
-    The angular velocity of a rotation R(t) is the vector of the skew part of R' R^T. If R
-    is a series with the coefficients R_0, R_1, ..., the coefficient of t^p in R' R^T is the
-    sum over k = 0 ... p of (k + 1) R_(k + 1) R_(p - k)^T.
+    The angular velocity of a rotation R(t) is the vector of the skew matrix R' R^T. If the
+    series R has the coefficients R_0, R_1, ..., then the coefficient of t^p in R' R^T is
+    the sum over k = 0 ... p of (k + 1) R_(k + 1) R_(p - k)^T.
 
     Parameters
     ----------
     rotations
-        (..., 3, 3) power series in one variable t.
+        (..., 3, 3) rotations as power series in one variable t.
     order
         Highest power of the series that is used.
 
     Returns
     -------
-    `order` arrays (..., 3): the angular velocity at unit rate of the variable, then its
-    first and further derivatives by the variable.
+    `order` arrays (..., 3): the angular velocity at unit rate of t, then its derivatives by
+    t, from the first on.
     """
     coefficients = [series_coefficient(rotations, power) for power in range(order + 1)]
     velocity_and_derivatives = []
@@ -740,7 +740,7 @@ def angular_velocities(rotations: Array, order: int) -> list[Array]:
             rate_coefficient = (k + 1) * coefficients[k + 1]  # of R' for t^k
             products.append(rate_coefficient @ coefficients[power - k].swapaxes(-1, -2))
         velocity_coefficient = skew_part(np.sum(products, axis=0))
-        # A derivative of this order is the factorial times the coefficient of the power.
+        # The derivative of order p is the factorial of p times the coefficient of t^p.
         velocity_and_derivatives.append(factorial(power) * velocity_coefficient)
     return velocity_and_derivatives
 
@@ -758,8 +758,8 @@ def skew_part(matrices: Array) -> Array:
 def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     """Return left inverses of matrices, and their condition numbers.
 
-    The elements are balls, which are numbers with a bound of their error. Only their
-    centres are used: the inverses are approximations, and include no error bounds.
+    The elements are balls (numbers with a bound of their error), but only the centres are
+    used. So the inverses are approximations without error bounds.
 
     Parameters
     ----------
@@ -769,10 +769,10 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     Returns
     -------
     inverses
-        (n, k, m) pseudo-inverses, balls of radius 0; NaN for matrices that do not have
-        full column rank.
+        (n, k, m) left inverses B with B A = 1, as balls of radius 0. NaN for matrices
+        without full column rank.
     condition
-        (n,) condition numbers in Frobenius norms, at least 1; NaN likewise.
+        (n,) condition numbers in Frobenius norms, at least 1. NaN where the inverse is NaN.
     """
     bits = precision_bits()
     n, m, k = matrices.shape
@@ -784,8 +784,8 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
             continue
         matrix_norm = np.linalg.norm(centre_floats(matrix))
         number = matrix_norm * np.linalg.norm(centre_floats(inverse))
-        # The rounding of the matrix, 2^-bits, changes the inverse by this relative amount.
-        # If it is large, the matrix counts as rank deficient, and the result stays NaN.
+        # Rounding the matrix, by 2^-bits, changes the inverse by this relative amount. If
+        # it is large, the matrix counts as rank deficient, and the result stays NaN.
         inverse_error = number * 2.0**-bits
         if inverse_error < MAX_CONDITION_ROUNDING:
             inverses[row] = inverse
@@ -796,14 +796,13 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
 def _approximate_left_inverse(matrix: Array, bits: int) -> Array | None:
     """Return the left inverse (A^T A)^-1 A^T of a matrix A, None if A^T A is singular.
 
-    The condition number of A^T A is the square of that of A, so twice as many digits are
-    lost. The inverse is therefore computed with 2 bits + 64 bits: if the condition number
-    of A is below 2^bits, 64 bits or more are correct.
+    The condition number of A^T A is the square of that of A. With 2 bits + 64 bits, at
+    least 64 bits of the result are correct if the condition number of A is below 2^bits.
 
     Parameters
     ----------
     matrix
-        (m, k) balls, of which only the centres are used.
+        (m, k) balls (numbers with a bound of their error). Only their centres are used.
     bits
         Bits of the matrix.
 
@@ -813,7 +812,7 @@ def _approximate_left_inverse(matrix: Array, bits: int) -> Array | None:
     """
     flint = flint_library()
     m, k = matrix.shape
-    # `mid` leaves the radii of balls out: those of the matrix, then those of the rounding.
+    # `mid` sets the radii of balls to 0.
     with flint.ctx.workprec(2 * bits + 64):
         centre_matrix = flint.arb_mat(m, k, list(matrix.ravel())).mid()
         transposed = centre_matrix.transpose()
