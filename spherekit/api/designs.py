@@ -173,20 +173,18 @@ def _precision_point_deviations(
 ) -> tuple[dict[str, str], int]:
     """Return figures of merit for the deviations from the precision points of a file.
 
-    A precision point is a wanted value of a quantity at given inputs, such as an angle or
-    a direction of an output. A figure of merit is a text such as
-    "missed_1=at(theta_41 - (0.5), 0.3)": its name, the deviation of theta_41 from 0.5, and
-    the input 0.3 at which it is evaluated.
+    A precision point is a wanted value of a quantity at certain inputs, such as an angle or
+    a direction of an output. A figure of merit is a number that rates a design. It is
+    stated as a text such as "missed_1=at(theta_41 - (0.5), 0.3)": its name, the deviation
+    of theta_41 from 0.5, and the input 0.3 at which it is evaluated.
 
     Parameters
     ----------
     document
         The synthesis file. Its tables ``match`` list quantities, inputs and values.
     angle_unit
-        Unit of angles of the mechanism file. Inputs without a unit are in this unit both in
-        the synthesis file and in the figures of merit, so they are not converted. Wanted
-        angles are in this unit too, but expressions compute in rad, so `_deviations`
-        converts.
+        Unit of angles of the mechanism file. Inputs and wanted angles without a unit are in
+        this unit.
 
     Returns
     -------
@@ -213,7 +211,7 @@ def _precision_point_deviations(
                 input_list = input_values
             else:
                 input_list = [input_values]
-            for number in input_list:  # refuses a wrong unit with its line
+            for number in input_list:  # raises an error with the line of a wrong unit
                 _angle_of(document, inputs_path, number, angle_unit)
             inputs_text = ", ".join(
                 number if isinstance(number, str) else repr(float(number))

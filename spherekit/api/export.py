@@ -358,7 +358,8 @@ def _describe_crossings(smooth_modes: SmoothModes) -> str:
 def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
     """Write a coupling table to a file, and return notes on its accuracy.
 
-    A coupling table has the variables of passive pairs (joints) as functions of the inputs.
+    A coupling table has the variables of passive pairs (joints that are not driven) and
+    their rates per unit rate of each input, as functions of the inputs.
     A program interpolates between the nodes of a grid over the inputs. A cell is the box
     between neighbouring nodes. It is sure if interpolation in it is as accurate as
     required. In other cells the program gets NaN, and a note says how many there are.

@@ -268,9 +268,9 @@ def _make_report(
     Parameters
     ----------
     question
-        The first line: the mechanism and what was to be proven.
+        The first line of the report: the mechanism and what was to be proven.
     completeness
-        What is proven, with the reason.
+        Whether everything is proven, with the reason.
     proven_sentence
         The result if everything is proven.
     """

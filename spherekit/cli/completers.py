@@ -13,20 +13,21 @@ Completer = Callable[[str, argparse.Namespace], Sequence[str]]
 
 
 def set_completer(argument: argparse.Action, completer: Completer) -> None:
-    """Let a shell complete an argument by the words that a function returns.
+    """Let a shell complete an argument with the Tab key, by words from a function.
 
     Parameters
     ----------
     argument
         The argument of a command.
     completer
-        Takes the text typed so far and the options read so far, and returns words.
+        Function of the text typed so far and the options read so far. It returns the words
+        that may stand there.
     """
 
     def complete(
         prefix: str, parsed_args: argparse.Namespace, action: object, parser: object
     ) -> Sequence[str]:
-        """Return the words; `argcomplete` passes four arguments by these names."""
+        """Return the words. `argcomplete` passes four arguments by these names."""
         return completer(prefix, parsed_args)
 
     vars(argument)["completer"] = complete
@@ -49,7 +50,11 @@ def complete_studies(prefix: str, options: argparse.Namespace) -> list[str]:
 
 
 def complete_analyses(prefix: str, options: argparse.Namespace) -> list[str]:
-    """Return the installed analyses; after ``NAME:``, the parameters of that analysis."""
+    """Return the words that a shell may put for the name of an analysis, with the Tab key.
+
+    They are the installed analyses. After ``NAME:`` they are the parameters of this
+    analysis.
+    """
     name, colon, parameter_text = prefix.partition(":")
     if not colon:
         # The registry would import NumPy, which takes longer than a user waits for Tab.
@@ -59,7 +64,8 @@ def complete_analyses(prefix: str, options: argparse.Namespace) -> list[str]:
     from spherekit.runs.parameter_text import describe_parameters
     from spherekit.runs.registry import load_analysis
 
-    # The text is NAME:key=value,key=value,...; its last parameter is not finished.
+    # The text is NAME:key=value,key=value,... The last parameter is not finished, so all
+    # words begin with the text before it.
     _, _, unfinished = parameter_text.rpartition(",")
     finished = prefix[: len(prefix) - len(unfinished)]
     return [f"{finished}{key}=" for key in describe_parameters(load_analysis(name))]

@@ -193,8 +193,8 @@ def _check_name(kind: str, name: str) -> None:
 def distribution_files(name: str) -> dict[str, str]:
     """Return the files of an installable Python package with a new analysis.
 
-    The result has the text of each file by file name. The files are made from templates, in
-    which placeholders such as ``@NAME@`` are replaced. NAME in the name of a template is
+    The result has the text of each file by file name. The files are written from templates,
+    in which placeholders such as ``@NAME@`` are replaced. NAME in the name of a template is
     replaced, too.
 
     Parameters

@@ -119,7 +119,7 @@ class PlaceText:
         if self.kind == "input":
             if between_samples:
                 text = f"{math.degrees(place):.{self._interpolated_decimals}f}"
-                # This avoids the text "-0.0".
+                # This avoids texts such as "-0.00".
                 return "0" if float(text) == 0.0 else text
             return angle_text(place)
         if self.kind == "time":

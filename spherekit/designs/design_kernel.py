@@ -321,9 +321,9 @@ class RedundantKernel:
         """Return the columns (quantities) of one design at n configurations.
 
         With redundant constraints, the equations for the rates are not all independent.
-        Each kernel (compiled function) solves one choice of them. At some configurations a
-        choice becomes dependent, and its rates violate the other equations. So each
-        configuration takes the kernel with the smallest violation.
+        Each kernel (function of configurations) solves one choice of them. At some
+        configurations a choice becomes dependent, and its rates violate the other
+        equations. So each configuration takes the kernel with the smallest violation.
 
         Parameters
         ----------

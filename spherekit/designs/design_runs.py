@@ -515,7 +515,7 @@ class DesignRuns:
 
         A figure of merit is a number that rates a design. An expression of columns is
         evaluated in each row. Its values are reduced to one number, such as their maximum.
-        Some reductions need the inputs, such as a value at a given input.
+        Some reductions need the inputs, such as a value at a certain input.
 
         Raises
         ------

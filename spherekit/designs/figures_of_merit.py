@@ -90,9 +90,10 @@ class DesignSamples:
 
     @staticmethod
     def from_study(study: Study) -> "DesignSamples":
-        """Return the samples at which the designs of a study are evaluated.
+        """Return the samples of the inputs at which all designs of a study are evaluated.
 
-        The inputs follow the time laws of the study. Inputs without a law move at 1 rad/s.
+        A design is one choice of the sizes of a mechanism. The inputs follow the time laws
+        of the study. Inputs without a law move at 1 rad/s.
 
         Raises
         ------
@@ -101,7 +102,7 @@ class DesignSamples:
         SolveError
             If a range is empty, or the samples do not fit the number of inputs.
         """
-        mechanism = driven_at(study.mechanism)  # itself, after a check of its inputs
+        mechanism = driven_at(study.mechanism)  # unchanged, but its inputs are checked
         if study.start is not None:
             raise DesignError(
                 f"{study.name}: designs are compared at samples of the inputs, not along "
@@ -115,21 +116,25 @@ class DesignSamples:
             samples = DesignSamples._sample_path(mechanism, study)
         else:
             samples = DesignSamples._sample_ranges(mechanism, study)
-        # `crossings` says what modes do where curves of configurations cross.
+        # `crossings` says what an assembly mode does where its configuration curve crosses
+        # another one.
         return replace(samples, crossings=study.crossings)
 
     @staticmethod
     def _sample_times(
         mechanism: Mechanism, study: Study, duration: float
     ) -> "DesignSamples":
-        """Return samples at equally spaced times, at which inputs follow their time laws.
+        """Return samples of the inputs at equally spaced times.
+
+        The inputs follow their time laws (prescribed motions). Inputs without a law move at
+        1 rad/s.
 
         Parameters
         ----------
         mechanism
-            The mechanism with its inputs. Inputs without a time law move at 1 rad/s.
+            The mechanism with its inputs: start and sense of each.
         study
-            Number of samples, and time laws.
+            The number of samples, and the time laws.
         duration
             Time (s) of the last sample. The first one is at time 0.
         """
@@ -141,17 +146,24 @@ class DesignSamples:
             for driven in mechanism.inputs
         }
         q, timing = evaluate_time_laws(names, {**default_laws, **study.laws}, t)
+        # A row has the inputs (rad), their rates, their accelerations and the time.
         rows = np.column_stack([q, timing.dq, timing.ddq, t])
         return DesignSamples(names, rows, shape=(len(t),))
 
     @staticmethod
     def _sample_path(mechanism: Mechanism, study: Study) -> "DesignSamples":
-        """Return samples at values of the inputs that a study lists, a path.
+        """Return samples at values of the inputs that a study lists (a path).
 
-        A path states neither rates nor times, but figures of merit may contain them. By
-        convention, all inputs increase at 1 rad/s, also at samples where the path runs
-        back. The time follows from the first input, and is zero where this input has its
-        value at time zero.
+        A path has neither rates nor times, but figures of merit (numbers that rate a
+        design) may contain them. By convention, all inputs increase at 1 rad/s, even where
+        the path runs back. The time follows from the first input.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism with its inputs.
+        study
+            The study, with the path.
         """
         input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
         names = mechanism.input_pairs
@@ -189,10 +201,9 @@ class DesignSamples:
     ) -> "DesignSamples":
         """Return samples at which every input has the rate 1 or -1 rad/s.
 
-        These rates are a convention for samples without a time law. They need not agree
-        with the changes from one sample to the next. Accelerations are 0. The time of a
-        sample is the change of the first input since time 0, divided by its rate. On a grid
-        of several inputs, samples with the same first input have the same time.
+        These rates are a convention for samples without a time law (prescribed motion).
+        They may differ from the changes from sample to sample. Accelerations are 0. The
+        time of a sample is the change of the first input since time 0, divided by its rate.
 
         Parameters
         ----------
@@ -205,7 +216,7 @@ class DesignSamples:
         sense
             (inputs,) 1 for inputs that increase and -1 for inputs that decrease.
         shape
-            Number of samples along each axis of a grid. By default the samples are a path.
+            Number of samples along each axis of a grid. By default the samples form a path.
         """
         rates = np.broadcast_to(sense, q.shape)
         time = (q[:, 0] - q_at_time_zero[0]) * sense[0]
@@ -269,22 +280,24 @@ class DesignTable(ArrayRows):
     ) -> "DesignTable":
         """Return a table of designs, with one row for each assembly mode of a design.
 
-        Each argument is a column (n,), or one value that is the same in all rows.
+        A design is one choice of sizes, and an assembly mode is one way to assemble the
+        mechanism. Each argument is a column (n,), or one value for all rows.
 
         Parameters
         ----------
         design
             (n,) index of the design of each row.
         merits
-            The figures of merit (n,) by name, or only their names if all are NaN.
+            The figures of merit (numbers that rate a design), as columns by name. If all
+            are NaN, only their names.
         mode
-            Labels of the assembly modes (ways to assemble the mechanism).
+            Label of the assembly mode.
         closes
-            Fractions of the samples at which the mode closes.
+            Fraction of the samples of the inputs at which the mechanism can be assembled.
         status, reason
-            Whether the figures could be computed, and if not, why.
+            Whether the figures could be computed, and the reason if not.
         claim
-            Guarantees that no assembly mode was missed.
+            Text that says whether an assembly mode may have been missed.
         """
         numbers = np.asarray(design, np.int64)
         if not isinstance(merits, Mapping):
@@ -307,29 +320,29 @@ class DesignTable(ArrayRows):
     def join_by_design(
         parts: "Sequence[DesignTable]", names: Sequence[str]
     ) -> "DesignTable":
-        """Return the rows of several tables, sorted by design.
+        """Join several tables of designs, and sort the rows by design.
 
-        Rows of the same design keep their order.
+        Rows of the same design stay in their order.
 
         Parameters
         ----------
         parts
             The tables; there may be none.
         names
-            Names of the figures of merit of all tables.
+            Names of the figures of merit (numbers that rate a design) in all tables.
         """
+        # The table without rows has the columns, in case there are no parts.
         table = DesignTable.concatenate([DesignTable.from_columns([], names), *parts])
         return table.rows(np.argsort(table.design, kind="stable"))
 
 
 def _inputs_at_time_zero_of_path(q: Floats) -> Floats:
-    """Return the inputs (inputs,) at time zero for samples on a path, rad.
+    """Return the inputs (inputs,) in rad at time zero, for samples on a path.
 
-    A path states no times, but expressions of figures of merit may contain the time. By
-    convention it is the change of the first input since time zero, at 1 rad/s. A single
-    input has its smallest value at time zero, so that no time is negative. With several
-    inputs time zero is at the first sample, and times are negative at samples with a
-    smaller first input.
+    A path has no times, but figures of merit (numbers that rate a design) may contain the
+    time. By convention the first input changes at 1 rad/s. A single input has its smallest
+    value at time zero, so that no time is negative. With several inputs, time zero is at
+    the first sample.
 
     Parameters
     ----------
@@ -341,17 +354,18 @@ def _inputs_at_time_zero_of_path(q: Floats) -> Floats:
 
 
 def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
-    """Return the row of a design whose evaluation ended in an error.
+    """Return the table row of a design for which the evaluation ended in an error.
+
+    The status in the row is the kind of failure, and the reason is the message.
 
     Parameters
     ----------
     problem
-        The error. Its message is the reason in the row. Its type decides the status. After
-        an error of the file, of the mechanism or of its degrees of freedom, the design is
-        impossible. After an error of the position solver, it can never be assembled. After
-        any other error, an analysis failed.
+        The error. If the file, the mechanism or its number of degrees of freedom is wrong,
+        the design is impossible. If the position solver failed, it cannot be assembled.
+        Otherwise an analysis failed.
     names
-        Names of the figures of merit, which are NaN in the row.
+        Names of the figures of merit (numbers that rate a design). They are NaN in the row.
     """
     status = DESIGN_FAILED
     if isinstance(problem, FileError | ModelError | PlanError):
@@ -416,15 +430,17 @@ class KernelFigures:
     def __init__(
         self, mechanism: Mechanism, merits: Sequence[FigureOfMerit], samples: DesignSamples
     ) -> None:
-        """Parse the expressions of the figures and list the quantities that they need.
+        """Read the figures of merit and list the quantities that they need.
+
+        A figure of merit is a number that rates a design. It reduces an expression of
+        quantities at all samples of the inputs to one number, such as the maximum.
 
         Parameters
         ----------
         mechanism
             The mechanism, for the names of its quantities.
         merits
-            The figures of merit: each reduces an expression of quantities at all samples to
-            one number.
+            The figures of merit, as expressions and reductions.
         samples
             The inputs at which the designs are evaluated.
 
@@ -441,25 +457,30 @@ class KernelFigures:
         self._check_inputs(mechanism)
         self.expressions = [merit.parsed(quantities) for merit in merits]
         used_names = set[str]().union(*(item.names for item in self.expressions))
-        # The quantities that each sample states: inputs, their rates and accelerations, and
-        # the time. A kernel computes the other ones, `columns`.
+        # A sample has the inputs, their rates and accelerations, and the time. A kernel
+        # (function for many designs) computes all other quantities, the `columns`.
         self.sample_names = sample_names(self.inputs)
         self.columns = sorted(used_names.difference(self.sample_names))
 
+        # Further inputs at which single figures are evaluated.
         self.points = self._samples_at_points()
         self.rows = np.concatenate([samples.rows, self.points])
 
     def _samples_at_points(self) -> Floats:
-        """Return the further samples (points, 3 inputs + 1) of figures at given inputs.
+        """Return further samples for figures of merit that are evaluated at certain inputs.
 
-        A figure such as "at(theta_41, 0.5)" is evaluated at the inputs that it states
-        (`merit.point`). Its expression may contain rates and the time, which are not
-        stated. By convention each input has the rate 1 or -1 rad/s, with the sign that it
-        has in the first sample, and the time is 0 at the first sample.
+        A figure of merit (number that rates a design) such as "at(theta_41, 0.5)" states
+        its input, the point. Its expression may contain rates and the time, which are not
+        stated. By convention each input has the rate 1 or -1 rad/s, with the sign of its
+        rate at the first sample. The time is 0 at the first sample.
+
+        Returns
+        -------
+        (points, 3 inputs + 1) inputs, rates, accelerations and time.
         """
         count = len(self.inputs)
         points = sorted({merit.point for merit in self.merits if merit.point})
-        # A row of the samples begins with the inputs (rad), followed by their rates.
+        # A sample begins with the inputs (rad), followed by their rates.
         first_row = self.samples.rows[0]
         start_inputs = first_row[:count]
         start_rates = first_row[count : 2 * count]
@@ -471,7 +492,11 @@ class KernelFigures:
         ).rows
 
     def _check_inputs(self, mechanism: Mechanism) -> None:
-        """Raise `DesignError` if a figure of merit does not fit the inputs and samples."""
+        """Raise `DesignError` if a figure of merit does not fit the inputs and samples.
+
+        A figure of merit is a number that rates a design, such as the maximum of a
+        quantity.
+        """
         count = len(self.inputs)
         for merit in self.merits:
             # "at(theta_41, 0.5, 0.2)" is the value of theta_41 at the inputs 0.5 and 0.2,
@@ -496,8 +521,8 @@ class KernelFigures:
                 )
             elif merit.place not in ("", *self.inputs):
                 fault = f"{merit.place} is not driven. Driven pairs: {listing(self.inputs)}"
-            # A swing adds up the changes of an angle from sample to sample, beyond a full
-            # turn. In a grid no sample follows another one.
+            # The reduction "swing" adds up the changes of an angle from sample to sample.
+            # Samples of a grid have no order.
             if merit.reduction == "swing" and len(self.samples.shape) > 1:
                 fault = (
                     'the reduction "swing" needs samples along a path, but the samples '
@@ -519,15 +544,16 @@ class KernelFigures:
         return sample_count + np.flatnonzero(is_point)
 
     def reduce_values(self, merit: FigureOfMerit, values: Floats) -> Floats:
-        """Reduce the values of an expression to a figure of merit, such as their maximum.
+        """Reduce the values of an expression to one figure of merit, such as their maximum.
+
+        A figure of merit is a number that rates a design.
 
         Parameters
         ----------
         merit
             The figure of merit, with the expression and the reduction.
         values
-            (rows, n) values of the expression for n designs, at the samples that
-            `select_rows` gives for this figure.
+            (rows, n) values of the expression for n designs, at the samples of this figure.
 
         Returns
         -------
@@ -626,26 +652,33 @@ class KernelFigures:
         revolution_offsets: Floats,
         profiles: Sequence[ContactProfile],
     ) -> QuantitiesOfModes:
-        """Return the quantities of n modes at some samples or points, by the kernel.
+        """Return the quantities of designs in n assembly modes, at some samples of the inputs.
+
+        A design is one choice of sizes, and an assembly mode is one way to assemble it. The
+        quantities are needed for figures of merit (numbers that rate a design). A kernel,
+        which is a function for many designs, computes them.
 
         Parameters
         ----------
         kernel
             Computes the `columns`.
         rows
-            (r, 3 inputs + 1) some of the `rows`.
+            (r, 3 inputs + 1) samples: inputs, their rates and accelerations, and the time.
         prepared
-            (k, n) what ``kernel.prepare`` returns for the designs.
+            (k, n) numbers that follow from the sizes of the design of each mode, computed
+            by ``kernel.prepare``.
         position_arguments
-            (w, r, n) signs of dyads, or pair variables (rad).
+            (w, r, n) numbers that determine the positions of links: signs of dyads (groups
+            of two links that can be assembled in two ways), or pair variables (rad).
         revolution_offsets
-            (unwrapped pairs, r, n) multiples of 2 pi (rad) to be added to angles.
+            (unwrapped pairs, r, n) multiples of 2 pi (rad) to be added to angles for loads
+            that depend on whole revolutions.
         profiles
-            The profiles of all contacts if they are not circles, otherwise empty.
+            The profiles (curves) of all contacts if they are not circles, otherwise empty.
 
         Returns
         -------
-        The quantities, and whether the modes close.
+        The quantities, and whether the mechanism can be assembled.
         """
         row_count, mode_count = len(rows), prepared.shape[1]
         # All arguments of the kernel have the shape (arguments, rows, modes).
@@ -666,7 +699,7 @@ class KernelFigures:
         # The kernel takes rows and modes as one axis.
         outputs = kernel.evaluate(stacked.reshape(len(stacked), -1))
         outputs = outputs.reshape(-1, row_count, mode_count)
-        # The first outputs are negative where a dyad does not close.
+        # The first outputs are negative where a dyad cannot reach.
         reaches, kernel_columns = np.split(outputs, [kernel.reach_count])
         dyads_close = np.all(reaches >= 0.0, axis=0)
         closed = all_finite(position_arguments[:1], 0) & dyads_close

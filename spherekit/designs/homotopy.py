@@ -109,16 +109,20 @@ NO_INPUTS = np.zeros((0, 1)), np.zeros((0, 1))
 
 @dataclass(frozen=True)
 class PathProfiles:
-    """The contact profiles of designs on paths, if profiles are not circles.
+    """Contact profiles (curves) of designs that lie on paths between two designs.
+
+    Sizes change along a path from one design to another. This class is only used if
+    profiles are not circles.
 
     Attributes
     ----------
     columns_at
-        Function that returns the columns (tangents, points, curvatures) of the profiles.
+        Function that returns the geometry (tangent, point, curvature) of the profiles at
+        their contact points.
     paths
-        (m,) number of the path of each design.
+        (m,) number of the path on which each design lies.
     parameters
-        (m,) path parameter of each design: 0 at the start of its path, 1 at the end.
+        (m,) position of each design on its path: 0 at the start, 1 at the end.
     """
 
     columns_at: ProfileColumns
@@ -136,16 +140,19 @@ class PathProfiles:
 
 @dataclass(frozen=True)
 class ClosureProblem:
-    """The closure equations of m designs, one design for each configuration.
+    """The loop-closure equations of m designs, with one configuration of each.
+
+    A design is one choice of sizes. Newton's method solves the equations for all designs
+    together.
 
     Attributes
     ----------
     kernel
-        The closure equations that all designs share.
+        The closure equations as functions, the same for all designs.
     prepared
         (k, m) the numbers in the equations that follow from the sizes of each design.
     profiles
-        The contact profiles of the designs; None if all profiles are circles.
+        The contact profiles (curves) of the designs. None if all are circles.
     """
 
     kernel: PathKernel
@@ -200,12 +207,15 @@ class DesignPaths:
     def inputs_at(self, paths: Indices, parameters: Floats) -> Array:
         """Return the inputs at one point of each of some paths.
 
+        Along a path, sizes and inputs of a mechanism change from start to end. The path of
+        the inputs makes a detour, through complex values if `detour` is imaginary.
+
         Parameters
         ----------
         paths
             (m,) numbers of the paths.
         parameters
-            (m,) path parameters of the points.
+            (m,) position of the point on its path, from 0 (start) to 1 (end).
 
         Returns
         -------
@@ -218,18 +228,20 @@ class DesignPaths:
         return start + (end - start) * parameters + bulge
 
     def equations_at(self, paths: Indices, parameters: Floats) -> ClosureProblem:
-        """Return the closure equations of the designs at one point of each of some paths.
+        """Return the loop-closure equations at one point of each of some paths.
+
+        Along a path, the sizes of a mechanism change linearly from one design to another.
 
         Parameters
         ----------
         paths
             (m,) numbers of the paths.
         parameters
-            (m,) path parameters of the points.
+            (m,) position of the point on its path, from 0 (start) to 1 (end).
 
         Returns
         -------
-        The closure equations of m designs.
+        The closure equations of the m designs at these points.
         """
         start = _columns_of_paths(self.start_sizes, paths)
         end = _columns_of_paths(self.end_sizes, paths)
@@ -393,7 +405,10 @@ class PathHistory:
         )
 
     def append(self, paths: Indices, values: Array, parameters: Floats) -> None:
-        """Append a point to some paths; the earliest of their points are dropped.
+        """Append a point to some paths, and drop the earliest of their three points.
+
+        A path is a configuration that changes while sizes or inputs change. The last three
+        points of each path are stored, to predict the next one.
 
         Parameters
         ----------
@@ -402,8 +417,9 @@ class PathHistory:
         values
             (variables, m) configurations (rad) at the new points.
         parameters
-            (m,) path parameters of the new points.
+            (m,) positions of the new points on their paths, from 0 (start) to 1 (end).
         """
+        # Slopes are changes of the configuration per path parameter, between stored points.
         self.slopes[0][:, paths] = self.slopes[1][:, paths]
         self.slopes[1][:, paths] = (values - self.current[:, paths]) / (
             parameters - self.parameters[2, paths]
@@ -416,7 +432,10 @@ class PathHistory:
 
 @dataclass(frozen=True)
 class PathCorrection:
-    """The result of two steps of Newton's method from predicted configurations.
+    """The result of two Newton steps from predicted configurations.
+
+    A configuration is followed along a path, while sizes or inputs change. Each prediction
+    is corrected by Newton's method. There are m paths.
 
     Attributes
     ----------
@@ -425,7 +444,7 @@ class PathCorrection:
     first_length, second_length
         (m,) largest change (rad) of a variable in each step.
     determinant
-        (m,) determinant of the closure equations before the second step.
+        (m,) determinant of the linearised closure equations before the second step.
     """
 
     values: Array
@@ -436,7 +455,8 @@ class PathCorrection:
     def contracts(self, contraction: float) -> Bools:
         """Return (m,) whether Newton's method converges to the predicted solution.
 
-        The first step must be short, and the second one shorter by the ratio `contraction`.
+        The first step must be short. The second step must be shorter than the first one
+        times `contraction`. Otherwise the method may lead to another solution.
         """
         is_short = self.first_length < MAX_FIRST_NEWTON_STEP_RAD
         return is_short & (
@@ -458,11 +478,12 @@ def _correct(equations: ClosureProblem, predicted: Array) -> PathCorrection:
 
 
 def _extrapolate(parameters: Floats, values: Array, slopes: Array, target: Floats) -> Array:
-    """Extrapolate the parabola through the last three points of each path.
+    """Predict the next point of each path by the parabola through its last three points.
 
-    With the path parameters t0, t1, t2 of the points, the configuration x2 at the last one,
-    and the divided differences s01 and s12, Newton's form of the parabola is
-    ``x2 + (t - t2) (s12 + (t - t1) (s12 - s01) / (t2 - t0))``.
+    A path is a configuration that changes with a path parameter t. Let t0, t1, t2 be the
+    parameters of the points, x2 the last configuration, and s01 and s12 the slopes between
+    successive points. Newton's form of the parabola is ``x2 + (t - t2) (s12 + (t - t1) (s12
+    - s01) / (t2 - t0))``.
 
     Parameters
     ----------
@@ -471,8 +492,8 @@ def _extrapolate(parameters: Floats, values: Array, slopes: Array, target: Float
     values
         (variables, m) configurations x2 (rad) at the last point.
     slopes
-        (2, variables, m) divided differences s01, s12 (change of the configuration per path
-        parameter) between successive points.
+        (2, variables, m) slopes s01 and s12: change of the configuration per path
+        parameter.
     target
         (m,) path parameters t at which the configurations are predicted.
 
@@ -487,19 +508,23 @@ def _extrapolate(parameters: Floats, values: Array, slopes: Array, target: Float
 
 
 def converge_solutions(equations: ClosureProblem, values: Array) -> tuple[Array, Bools]:
-    """Refine solutions of the closure equations by Newton's method, to full accuracy.
+    """Refine approximate solutions of the closure equations to full accuracy.
+
+    The solutions are configurations in which all loops of links close. Newton's method is
+    used.
 
     Parameters
     ----------
     equations
-        The closure equations of n designs. Newton's method keeps the inputs constant.
+        The closure equations of n designs (choices of sizes). The inputs stay constant.
     values
-        (variables, n) approximate solutions (rad), real or complex, one of each design.
+        (variables, n) approximate pair variables (rad), real or complex, one column for
+        each design.
 
     Returns
     -------
     solutions
-        (variables, n) solutions (rad), to be used only where they have converged.
+        (variables, n) refined solutions (rad), valid only where they have converged.
     converged
         (n,) whether Newton's method converged and the loops are closed.
     """
@@ -520,22 +545,22 @@ def converge_solutions(equations: ClosureProblem, values: Array) -> tuple[Array,
 def _has_converged(solutions: Array, last_step: NewtonStep) -> Bools:
     """Return whether Newton's method has converged to finite solutions.
 
-    The last step must be short, and the loops must have been closed before it.
+    The last step must be short. Before this step the loops of links must have been closed.
 
     Parameters
     ----------
     solutions
         (variables, m) real or complex solutions (rad) after the last step.
     last_step
-        The Newton step that led to them. Its residual is that before the step.
+        The last Newton step. Its residual is the closure error before the step.
 
     Returns
     -------
     (m,) flags.
     """
-    # |sin(a + i b)| grows like exp(|b|) with the imaginary part b, and so do its rounding
-    # errors. The equations contain products of two such factors, which grow like
-    # exp(2 |b|). The tolerances grow likewise.
+    # Rounding errors grow with the imaginary part b of a solution, since |sin(a + i b)|
+    # grows like exp(|b|). The equations have products of two such factors, so the
+    # tolerances grow like exp(2 |b|).
     imaginary_part = max_abs(solutions.imag, 0)
     growth = np.exp(2.0 * imaginary_part)
     is_short_step = max_abs(last_step.change, 0) < FINAL_STEP_RAD * growth
@@ -564,8 +589,8 @@ def solution_distance(solution_a: Array, solution_b: Array) -> Floats:
 def are_distinct(solutions: Array) -> Bools:
     """Return for each design whether its solutions are all finite and different.
 
-    Solutions of the closure equations that are tracked together can coincide if one path
-    has jumped to another one. A solution is then lost.
+    All solutions of the closure equations of a design are tracked together along paths. If
+    a path jumps to another one, two solutions become equal and one is lost.
 
     Parameters
     ----------
@@ -576,9 +601,9 @@ def are_distinct(solutions: Array) -> Bools:
     -------
     (designs,) False if a solution is NaN, or if two are nearer than `SAME_SOLUTION_RAD`.
     """
-    # Finite over all variables (axis 0) and solutions (axis 2).
+    # All variables (axis 0) of all solutions (axis 2) must be finite.
     distinct: Bools = all_finite(solutions, (0, 2))
-    # The indices of both solutions, for each pair of two different solutions.
+    # Indices of the two solutions, for all pairs of solutions.
     first, second = np.triu_indices(solutions.shape[2], 1)
     for design in np.flatnonzero(distinct):
         distances = solution_distance(
@@ -591,10 +616,10 @@ def are_distinct(solutions: Array) -> Bools:
 
 @dataclass(frozen=True)
 class StartSolutions:
-    """All solutions of the closure equations of one design, at complex inputs.
+    """All solutions of the loop-closure equations of one design, at complex inputs.
 
-    The solutions of other designs are computed from them, while the sizes change step by
-    step. At complex inputs no solutions meet on the way.
+    From them, the solutions of other designs are computed, while the sizes change step by
+    step. At complex inputs solutions do not meet on the way, so none is lost.
 
     Attributes
     ----------
@@ -605,8 +630,8 @@ class StartSolutions:
     inputs
         (inputs,) complex inputs (rad).
     is_complete
-        Whether the number of solutions is the one that designs with these links and pairs
-        have in general. No solution is then missing.
+        Whether no solution is missing: their number is the one that designs with these
+        links and pairs have in general.
     """
 
     values: Array

@@ -20,10 +20,9 @@ different accuracy is listed twice.
 def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
     """Return whether two mechanisms are the same linkage, or mirror images.
 
-    A link is given by the directions of its axes. If an axis points the other way, the
-    linkage is the same, although the arcs from this axis become 180 degrees minus the arc.
-    All choices of signs of the axes are therefore tried. The choice of reversing all axes
-    gives the mirror image.
+    The links are compared by the directions of their axes. An axis has two opposite
+    directions, and which one a file states does not matter. So all choices of directions
+    (signs) are tried. Reversing all axes gives the mirror image.
 
     Parameters
     ----------
@@ -32,13 +31,13 @@ def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
 
     Returns
     -------
-    True if all links are equal up to the signs of the axes. False if there are other pairs
-    than R pairs.
+    True if all links are equal up to the signs of the axes. False if some pair (joint) is
+    not a revolute pair.
     """
     pairs = mechanism.pairs
     if not all(pair.kind.has_axis for pair in pairs):
         return False
-    # The loop over the links keeps the choices of signs with which all links so far are
+    # After each link, only those choices of signs remain with which all links so far are
     # equal.
     signs = list_sign_choices(len(pairs))
     for link in mechanism.links:
@@ -75,18 +74,17 @@ def _axes_of_link(mechanism: Mechanism, link: str) -> Floats:
 
 
 def _are_congruent(signed_axes: Floats, other_axes: Floats) -> Bools:
-    """Return whether a rotation leads from sets of axes to another set.
+    """Return for which choices of signs a set of axes can be rotated to another set.
 
-    It exists if the cosines of all angles between axes are equal, and the triple products
-    of all axes, too. Mirror images have equal cosines, but triple products of opposite
-    sign.
+    A rotation exists if all angles between axes are equal, and all triple products of axes.
+    Mirror images have equal angles, but triple products of opposite sign.
 
     Parameters
     ----------
     signed_axes
-        (choices, axes, 3) unit vectors, for each choice of their signs.
+        (choices, axes, 3) unit vectors of one link, for each choice of their signs.
     other_axes
-        (axes, 3) unit vectors of the other set.
+        (axes, 3) unit vectors of the same link of the other mechanism.
 
     Returns
     -------

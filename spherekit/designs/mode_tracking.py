@@ -71,16 +71,16 @@ class TrackedModes:
     design
         (modes,) index of the design of each mode.
     values
-        (variables, samples, modes) pair variables (rad). Passive variables (those of no
-        input) are in (-pi, pi]. All variables are NaN at samples where the mechanism cannot
-        be assembled in this mode.
+        (variables, samples, modes) pair (joint) variables in rad. Variables of pairs that
+        are not driven are in (-pi, pi]. All variables are NaN at samples where the
+        mechanism cannot be assembled in this mode.
     labels
         (modes,) number of the mode within its design, and a sign for each group of links:
-        "+" or "-" for dyads (two links and three R pairs), "~" for larger groups. An
+        "+" or "-" for dyads (two links and three revolute pairs), "~" for larger groups. An
         example is "0 +~".
     lost_designs
-        (lost,) indices of the designs without modes: a solution of the closure equations
-        was lost on the way from sample to sample, so that a mode could be missing.
+        (lost,) indices of the designs without modes. A solution of the closure equations
+        was lost on the way from sample to sample, so a mode could be missing.
     """
 
     design: Indices
@@ -199,18 +199,18 @@ def is_real(solutions: Array) -> Bools:
 def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
     """Merge two assembly modes of one design that a path of configurations connects.
 
-    An assembly mode is one of the ways to assemble the mechanism. It has one configuration
-    per sample. Two modes that both have a configuration at some sample are therefore not
-    merged. Such modes can be connected if a path leads around a singularity.
+    An assembly mode is one way to assemble the mechanism, with one configuration at each
+    sample of the inputs. If both modes have a configuration at the same sample, they are
+    different modes and stay. A path that leads around a singularity can connect such modes.
 
     Parameters
     ----------
     mode_ids
-        (samples, solutions of the design) the identifier of the mode to which each
-        configuration belongs. The array is changed in place: the larger of the two
-        identifiers is replaced by the smaller one.
+        (samples, solutions of the design) the number of the mode to which each
+        configuration belongs. This array is changed: the larger of both numbers is replaced
+        by the smaller one.
     mode, other_mode
-        Identifiers of the two modes, which may be equal.
+        Numbers of the two modes, which may be equal.
     """
     if mode == other_mode:
         return
@@ -312,21 +312,21 @@ class _SolutionTracker:
     def track_to_inputs(
         self, start: Array, start_sizes: Floats, start_inputs: Array, end_inputs: Array
     ) -> Array:
-        """Track all solutions to the sizes of their designs and to other inputs.
+        """Follow all solutions to the sizes of their designs and to other inputs.
 
-        A solution solves the closure equations for the pair variables at given inputs. Its
-        variables may be complex. It is tracked by changing sizes and inputs step by step,
-        each step corrected by Newton's method (`track_solutions`).
+        A solution is a configuration, possibly complex, in which all loops of links close.
+        It is followed while sizes and inputs change step by step, with Newton's method at
+        each step (`track_solutions`).
 
-        Several paths of the inputs are tried, one after the other (`DETOUR_RATIOS`). A path
-        succeeds for a design if all its solutions arrive and all are different at the end.
-        A design for which no path succeeds is marked in `is_lost`.
+        Paths of the inputs with different detours are tried, one after the other
+        (`DETOUR_RATIOS`). A path succeeds for a design if all its solutions arrive and are
+        different. If no path succeeds, the design is marked in `is_lost`.
 
         Parameters
         ----------
         start
             (variables, columns) solutions (rad) at the start of the paths. Each column is
-            one solution of one design; the solutions of a design follow each other.
+            one solution of one design. The solutions of a design are neighbours.
         start_sizes
             (sizes, columns) sizes at the start.
         start_inputs, end_inputs
@@ -338,10 +338,10 @@ class _SolutionTracker:
         an imaginary part of exactly zero. All solutions of a lost design are NaN.
         """
         solutions = np.full(start.shape, np.nan, dtype=complex)
-        # (designs,) flags.
+        # (designs,) whether the design still needs a successful path.
         incomplete = ~self.is_lost
         for detour_ratio in DETOUR_RATIOS:
-            # The next path is taken by the designs that did not arrive completely so far.
+            # The columns of all designs that still need a path.
             columns = np.flatnonzero(np.repeat(incomplete, self.solutions_per_design))
             if not len(columns):
                 break
@@ -355,9 +355,11 @@ class _SolutionTracker:
             )
             cleaned = _remove_imaginary_rounding(self.path_kernel, ends, sizes)
             solutions[:, columns] = cleaned.values
+            # Solutions that are neither clearly real nor clearly complex make a design
+            # lost.
             undecided_columns = columns[cleaned.is_undecided]
             self.is_lost[undecided_columns // self.solutions_per_design] = True
-            # A design with a NaN, where a path did not arrive, counts as not distinct.
+            # If a path did not arrive, its solution is NaN, which counts as not distinct.
             incomplete &= ~are_distinct(self._by_design(solutions))
         self.is_lost |= incomplete
         solutions[:, np.repeat(self.is_lost, self.solutions_per_design)] = np.nan
@@ -438,15 +440,16 @@ def _track_along_detour(
     inputs: tuple[Array, Array],
     detour_ratio: float,
 ) -> Array:
-    """Track solutions along a path of the inputs through complex values.
+    """Follow solutions while the inputs change through complex values.
 
-    On a straight path of real inputs two solutions can meet at a singularity, and two paths
-    then end in the same solution. Off the real axis they do not meet.
+    A solution is a configuration in which all loops of links close. On a path of real
+    inputs, two solutions can meet at a singularity, and one is then lost. At complex inputs
+    they do not meet.
 
     Parameters
     ----------
     path_kernel
-        Newton steps of the closure equations.
+        Computes Newton steps of the closure equations.
     start
         (variables, n) solutions (rad) at the start of the paths.
     sizes
@@ -454,8 +457,8 @@ def _track_along_detour(
     inputs
         (inputs, 1) inputs (rad) at the start and at the end.
     detour_ratio
-        Imaginary part of the inputs half-way between start and end, as a fraction of their
-        change. Along the path it is a parabola, which is zero at both ends.
+        Imaginary part of the inputs half-way between start and end, divided by their
+        change. Along the path it is a parabola that is zero at both ends.
 
     Returns
     -------
@@ -494,16 +497,16 @@ def _remove_imaginary_rounding(
 ) -> CleanedSolutions:
     """Remove the imaginary part of solutions that are real up to rounding.
 
-    A solution with an imaginary part below `NEAR_REAL_RAD` is tested. It is real if
-    Newton's method, started from its real part, converges to the same solution, at most
-    `SAME_SOLUTION_RAD` away. A solution that fails the test counts as complex. If its
-    imaginary part is below `SAME_SOLUTION_RAD`, however, it is too near to its real part to
-    be another solution. It is then undecided.
+    A solution is a configuration in which all loops of links close. If its imaginary part
+    is below `NEAR_REAL_RAD`, it is tested. Newton's method starts from its real part. If it
+    converges to the same solution, at most `SAME_SOLUTION_RAD` away, the solution is real.
+    A solution that fails the test is complex. If its imaginary part is below
+    `SAME_SOLUTION_RAD`, it is undecided instead.
 
     Parameters
     ----------
     path_kernel
-        Newton steps of the closure equations.
+        Computes Newton steps of the closure equations.
     solutions
         (variables, n) complex solutions (rad).
     sizes

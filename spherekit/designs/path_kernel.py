@@ -102,20 +102,23 @@ def complex_function(
     )
 
     def evaluate(values: Array, real_numbers: Floats) -> Array:
-        """Return complex outputs, whose parts are computed as real numbers.
+        """Return the values of complex expressions, computed by a function of real numbers.
+
+        The real function takes real and imaginary parts of the variables as separate
+        arguments.
 
         Parameters
         ----------
         values
             (variables, n) complex values of the variables.
         real_numbers
-            (numbers, n) values of the numbers.
+            (numbers, n) values of the other arguments, which are real.
 
         Returns
         -------
         (outputs, n) complex values of the expressions.
         """
-        # First the real parts of all outputs, then the imaginary parts.
+        # Real parts of all outputs, then imaginary parts.
         rows = real_function(np.concatenate([values.real, values.imag, real_numbers]))
         results = np.empty((len(outputs), values.shape[1]), dtype=complex)
         results.real = rows[: len(outputs)]
@@ -180,10 +183,10 @@ _OPERATIONS: Mapping[str, Callable[..., ComplexParts]] = {
 
 
 class NewtonStep(NamedTuple):
-    """A step of Newton's method for the closure equations, at n configurations.
+    """A step of Newton's method for the loop-closure equations, at n configurations.
 
-    The closure equations say that the rotations around each loop of links add up to none.
-    They are solved for the variables of the pairs, at constant inputs.
+    The equations say that the product of all rotations around a loop of links is the
+    identity. They are solved for the variables of the pairs (joints), at constant inputs.
 
     Attributes
     ----------
@@ -192,7 +195,7 @@ class NewtonStep(NamedTuple):
         The inputs do not change.
     determinant
         (n,) determinant of the linearised equations. Its sign changes where two assembly
-        modes (ways to assemble the mechanism at the same inputs) meet.
+        modes (ways to assemble the mechanism) meet.
     squared_residual
         (n,) square of the norm of the closure errors (rad2), before the step.
     """
@@ -211,12 +214,16 @@ class StepExpressions(NamedTuple):
 
 
 def _newton_step_expressions(expressions: DesignExpressions) -> StepExpressions:
-    """Return the step of Newton's method that closes the loops to first order."""
+    """Return one step of Newton's method that closes the loops of links, as expressions.
+
+    The result has the changes of the pair (joint) variables, the determinant of the
+    linearised equations, and the squared closure error.
+    """
     coordinate_rates = expressions.coordinate_rates
     change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
-    # In `expressions.variables`, most variables are their own symbols. The angle of a gear
-    # that the inputs drive is a linear function of the inputs instead. Its change needs no
-    # equation: it is the value of the function less the present variable.
+    # Most variables are symbols. The angle of a gear that the inputs drive is a linear
+    # function of the inputs instead. Its change is the value of this function minus the
+    # present value.
     variable_symbols = expressions.configuration_symbols
     for variable, angle in enumerate(expressions.variables):
         is_driven_gear = angle is not variable_symbols[variable]
@@ -255,15 +262,18 @@ class PathKernel:
     """
 
     def __init__(self, expressions: DesignExpressions, compiled: bool = True) -> None:
-        """Write the Newton step as expressions, and make functions of them.
+        """Create the functions that compute Newton steps of the loop-closure equations.
+
+        Newton's method follows configurations of many designs (choices of sizes) along
+        paths.
 
         Parameters
         ----------
         expressions
-            The closure equations of a mechanism as expressions of its pair variables (the
-            `configuration_symbols`) and of its sizes.
+            The closure equations of a mechanism, as expressions of its pair (joint)
+            variables (`configuration_symbols`) and of its sizes.
         compiled
-            Whether heyoka compiles the functions, if it is installed.
+            Whether the library heyoka compiles the functions, if it is installed.
         """
         variable_symbols = expressions.configuration_symbols
         self.expressions = expressions
@@ -275,11 +285,11 @@ class PathKernel:
         # them.
         step = _newton_step_expressions(expressions)
         outputs = [*step.change, step.determinant, step.squared_residual]
-        # The symbols whose values change along a path: the pair variables, and numbers
-        # (tangent, point, curvature) at the contact points of profiles that are no circles.
+        # Symbols of values that change along a path: the pair variables, and the geometry
+        # (tangent, point, curvature) of contact curves that are not circles.
         moving = [*variable_symbols, *expressions.profile_symbols]
-        # Each part of the outputs that depends on the sizes alone is replaced by a symbol.
-        # The function `prepare` computes these parts once for each design.
+        # Parts that depend on the sizes alone are replaced by symbols. `prepare` computes
+        # these parts once for each design.
         self._outputs, expression_by_symbol = separate_constant_parts(outputs, moving)
         prepared_symbols = [*expression_by_symbol]
         prepared_expressions = [*expression_by_symbol.values()]
@@ -288,8 +298,8 @@ class PathKernel:
         self.prepare = expression_function(
             prepared_expressions, expressions.size_symbols, self.compiled
         )
-        # For real variables. Paths are also tracked through complex variables, for which
-        # `_evaluate_complex` evaluates the same outputs.
+        # This function is for real variables. `_evaluate_complex` has the same outputs for
+        # complex ones.
         self._evaluate_real = expression_function(
             self._outputs, self._arguments, self.compiled
         )
@@ -304,11 +314,11 @@ class PathKernel:
     def mode_signs(self, values: Floats, sizes: Floats) -> list[str]:
         """Return the sign of each group of links at closed configurations.
 
-        A group consists of links whose positions are found together. A dyad is a group of
-        two links with three R pairs. It can be assembled in two ways. They differ in the
-        sign of the triple product ``a . (b x c)`` of the axes of its pairs, in the order in
-        which the group lists them. At a singularity the product is zero, and ``+`` is
-        returned.
+        The signs distinguish assembly modes (ways to assemble the mechanism). A group
+        consists of links whose positions are found together. A dyad is a group of two links
+        with three revolute pairs. It can be assembled in two ways, with opposite signs of
+        the triple product ``a . (b x c)`` of its axes. At a singularity the product is
+        zero, and ``+`` is returned.
 
         Parameters
         ----------
@@ -333,7 +343,7 @@ class PathKernel:
         for k, group in enumerate(groups):
             if not group.is_dyad:
                 continue
-            # An R pair has one variable, whose vector is the axis of the pair.
+            # A revolute pair has one variable, and its vector is the axis.
             axes = []
             for pair in group.pairs:
                 (variable,) = coordinate_rates.pair_variables[pair]
@@ -345,28 +355,26 @@ class PathKernel:
         return ["".join(signs_of_configuration) for signs_of_configuration in signs.T]
 
     def newton_step(self, values: Array, numbers: Floats) -> NewtonStep:
-        """Return a step of Newton's method that closes the loops to first order.
+        """Return one step of Newton's method that closes the loops of links.
 
-        The inputs keep their values in the step.
+        The inputs stay constant. The equations are linearised at the present configuration.
 
         Parameters
         ----------
         values
-            (variables, n) pair variables (rad) before the step. They are complex if all
-            complex solutions of the equations are tracked from one design to another.
+            (variables, n) pair (joint) variables in rad before the step. They are complex
+            if complex solutions are followed from one design to another.
         numbers
             (k, n) the other numbers in the equations, which are real. First come the
-            columns (tangent, point, curvature) of contact profiles at the configurations,
-            if profiles are not circles. The parts of the equations that depend on the sizes
-            of the designs alone follow; the function `prepare` computes them.
+            tangent, point and curvature of contact curves, if these are not circles. Then
+            come the parts of the equations that depend on the sizes alone, from `prepare`.
 
         Returns
         -------
         The changes of the variables, the determinant of the closure equations, and their
         squared residual before the step.
         """
-        # The complex function takes `values` and `numbers` apart, because only the values
-        # are complex. The real function takes one array.
+        # The complex function has two arguments, since only the values are complex.
         if np.iscomplexobj(values):
             outputs = self._evaluate_complex(values, numbers)
         else:

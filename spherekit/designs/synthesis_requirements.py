@@ -100,17 +100,19 @@ class Specification:
     def select_rows(self, columns: Columns) -> tuple[Columns, Floats]:
         """Return the rows of a table of designs that have values of all objectives.
 
+        A synthesis minimises objectives. A row is one assembly mode (way to assemble the
+        mechanism) of one design (choice of sizes).
+
         Parameters
         ----------
         columns
-            Columns of the table by name. A row is one assembly mode (way to assemble the
-            mechanism) of one design.
+            Columns of the table by name.
 
         Returns
         -------
         rows
             The columns of the selected rows. If there are precision points, they include
-            the figure `MATCH`, the root mean square of the errors at these points.
+            `MATCH`, the root mean square of the errors at these points (wanted values).
         objectives
             (selected rows, k) values of the objectives.
         """

@@ -191,7 +191,7 @@ def _visible_path(arrow: Arrow, view: SphereView) -> Floats:
 
 
 def _draw_path(panel: Axes, view: SphereView, path: Floats, look: Look) -> None:
-    """Draw the path of an axis, and a dot at its first direction.
+    """Draw the path of an axis on a map of the sphere, with a dot at its first direction.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def _draw_path(panel: Axes, view: SphereView, path: Floats, look: Look) -> None:
     view
         The projection of the sphere onto this panel.
     path
-        (n, 3) directions, NaN at gaps.
+        (n, 3) unit vectors of the axis at successive samples, NaN at gaps.
     look
         Colour, line style and label.
     """
