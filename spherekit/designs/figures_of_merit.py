@@ -652,7 +652,7 @@ class KernelFigures:
         revolution_offsets: Floats,
         profiles: Sequence[ContactProfile],
     ) -> QuantitiesOfModes:
-        """Return the quantities of designs in n assembly modes, at some samples of the inputs.
+        """Return the quantities of designs in n assembly modes, at some samples.
 
         A design is one choice of sizes, and an assembly mode is one way to assemble it. The
         quantities are needed for figures of merit (numbers that rate a design). A kernel,
