@@ -142,21 +142,17 @@ class UnwrappedStretch:
     reference_revolutions: Floats
 
     def count_revolutions(self, values: Floats) -> Floats:
-        """Return the whole revolutions by which angles continue those of the curve.
+        """Return the whole revolutions that make pair angles continuous along the stretch.
 
-        With these revolutions added, each angle is a continuous function of the input, and
-        in (-pi, pi] at the reference input. The revolutions of an angle are
-
-            to curve + period count * `winding` - `reference_revolutions`
-
-        where "to curve" leads from the angle to that of the curve, and the period count is
-        the number of whole periods from the curve to the input.
+        A stretch is a range of the input over which configurations were followed as a
+        curve. With the revolutions added, each angle is a continuous function of the input.
+        At the reference input it is in (-pi, pi].
 
         Parameters
         ----------
         values
-            (n, variables) configurations (rad). The input is not reduced to one revolution;
-            the other angles are in (-pi, pi].
+            (n, variables) configurations (rad). The input is counted over whole
+            revolutions; the other angles are in (-pi, pi].
 
         Returns
         -------
@@ -168,6 +164,8 @@ class UnwrappedStretch:
         is_on_stretch = inputs.remainders <= highest
         # A larger deviation shows that the configuration belongs to another mode.
         is_on_stretch &= to_curve.deviation < SAME_MODE_TOLERANCE_RAD
+        # Three parts: from the angle to that of the curve, the gain in each whole period of
+        # the input, and less those of the curve at the reference input.
         gained_revolutions = inputs.period_counts[:, None] * self.winding
         revolutions = to_curve.revolutions + (
             gained_revolutions - self.reference_revolutions
@@ -185,15 +183,16 @@ class UnwrappedStretch:
         return low - DEAD_CENTRE_SLACK_RAD, high + DEAD_CENTRE_SLACK_RAD
 
     def _shift_to_curve(self, inputs: Floats) -> PeriodicInputs:
-        """Shift inputs (n,) by whole periods to the period that begins with the curve.
+        """Shift inputs (n,) by whole periods into the range of the followed curve.
 
-        This period begins at the lowest input that counts as one of the curve. So an input
-        slightly below the lower end of the curve stays there, and is not shifted to the end
-        of the period. With an infinite period, the inputs above this lowest input stay the
-        same, and those below it become infinite.
+        After a period of the input the configurations repeat. The shifted inputs are in the
+        period that begins at the lowest input that counts as one of the curve. If the
+        period is infinite, inputs above this lowest input stay the same, and those below it
+        become infinite.
         """
         lowest, _ = self._range_with_slack
-        # Distance from `lowest`, which is the slack below the lower end of the curve.
+        # The curve may begin a little above a dead centre. An input below it by at most the
+        # slack stays there, and is not shifted to the end of the period.
         from_lowest = inputs - self.curve.inputs[0] + DEAD_CENTRE_SLACK_RAD
         return PeriodicInputs(
             period_counts=np.floor(from_lowest / self.period),
@@ -201,7 +200,7 @@ class UnwrappedStretch:
         )
 
     def _compare_with_curve(self, inputs: Floats, values: Floats) -> CurveDistance:
-        """Compare the angles of configurations with those of the curve.
+        """Compare the pair angles of configurations with those of the followed curve.
 
         Parameters
         ----------
@@ -209,7 +208,11 @@ class UnwrappedStretch:
             (n,) inputs (rad) at which the curve is evaluated. Beyond an end of the curve,
             it is evaluated at the end.
         values
-            (n, variables) configurations (rad).
+            (n, variables) configurations (rad), with angles known up to whole revolutions.
+
+        Returns
+        -------
+        The whole revolutions by which they differ, and the largest remaining difference.
         """
         low, high = self.curve.inputs[[0, -1]]
         curve_values, _ = self.curve.interpolate(np.clip(inputs, low, high))
@@ -369,9 +372,9 @@ class AngleUnwrapping:
         Parameters
         ----------
         key
-            Number under which `count` stores the curves of this mode that it has followed,
-            to use them again. It is the number of the mode, or a negative number if the
-            mode is one piece of a mode that continues through crossings.
+            Number under which `count` stores curves that it has followed. It is the number
+            of the mode, or a negative number if the mode is one piece of a mode that
+            continues through crossings of curves.
         mode
             The mode.
         q
@@ -393,17 +396,17 @@ class AngleUnwrapping:
         return unwrapped[0]
 
     def _count_by_stretches(self, mode: int, values: Floats) -> Floats:
-        """Return the revolutions of configurations of a mechanism with one input.
+        """Return the revolutions of passive angles in configurations of one assembly mode.
 
-        A stretch is a part of the range of the input over which the mode was followed. The
-        stretches that earlier calls have followed are tried first. From the first
-        configuration that is on none of them, a new stretch is followed and stored, until
-        all configurations are done.
+        This is for mechanisms with one input. A stretch is a range of the input over which
+        the mode was followed, so that angles are counted continuously. Known stretches are
+        tried first. From a configuration that is on none of them, a new stretch is followed
+        and stored.
 
         Parameters
         ----------
         mode
-            Number of the mode, under which its stretches are kept.
+            Number of the mode, under which its stretches are stored.
         values
             (n, variables) configurations (rad). The input counts full revolutions; the
             other angles are in (-pi, pi].
@@ -429,8 +432,8 @@ class AngleUnwrapping:
             )
             stretches.append(stretch)
             remaining = _count_on_stretch(stretch, values, remaining, revolutions)
-            # The start is not tried again, even if its own stretch does not contain it.
-            # Otherwise the loop would follow stretches from it forever.
+            # The start may be missing even from its own stretch. It is not tried again, so
+            # that the loop ends.
             remaining = remaining[remaining != start]
         return revolutions
 
@@ -583,6 +586,9 @@ class AngleUnwrapping:
     def _follow_to(self, values: Floats, targets: Floats) -> RevolutionSteps:
         """Follow configurations to the inputs of other ones, and compare the angles.
 
+        The angles of the targets are known up to whole revolutions. Following shows how
+        many revolutions they have gained.
+
         Parameters
         ----------
         values, targets
@@ -592,9 +598,9 @@ class AngleUnwrapping:
         Returns
         -------
         RevolutionSteps
-            The revolutions by which the followed passive angles exceed those of the
-            targets. `is_connected` is False if a path fails, or leads to another
-            configuration than the target.
+            The revolutions by which the followed angles exceed those of the targets.
+            `is_connected` is False if a path fails, or leads to another configuration than
+            the target.
         """
         # The inputs, which are the variables `_driven`, move to q. The last configurations
         # of the paths are `nodes`.
@@ -604,8 +610,8 @@ class AngleUnwrapping:
         # `_angles` are the passive variables that are angles.
         difference = (followed.nodes.values - targets)[:, self._angles]
         revolutions = np.round(difference / TURN)
-        # Two configurations at the same inputs are equal, up to revolutions, or belong to
-        # two assembly modes and differ much. 0.3 rad tells these cases apart.
+        # At equal inputs, two configurations are equal up to revolutions, or belong to
+        # different assembly modes and differ much.
         deviation = max_abs(difference - TURN * revolutions, axis=1)
         is_same_mode = deviation < SAME_MODE_TOLERANCE_RAD
         return RevolutionSteps(revolutions, (followed.status == Status.OK) & is_same_mode)
@@ -619,18 +625,18 @@ def _count_on_stretch(
     Parameters
     ----------
     stretch
-        A part of the range of the input over which a mode was followed.
+        A range of the input over which configurations were followed continuously.
     values
         (n, variables) configurations (rad).
     rows
         (k,) indices of the configurations that are looked for on the stretch.
     revolutions
-        (n, angles) whole revolutions. They are changed in place in the given rows, to NaN
+        (n, angles) whole revolutions. They are changed in place at these indices, to NaN
         for configurations that are not on the stretch.
 
     Returns
     -------
-    The given rows that are not on the stretch.
+    The indices of those that are not on the stretch.
     """
     if not len(rows):
         return rows

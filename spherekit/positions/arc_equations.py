@@ -82,11 +82,12 @@ class GroupGeometry:
         return np.asarray(np.linalg.norm(cross(*axes_in_link), axis=-1))
 
     def form_equations(self, order: EliminationOrder) -> Array:
-        """Return the arc equations of all removed links.
+        """Return the arc equations of a group, one for each removed link.
 
-        Removed links are links with two pairs, without which the other bodies of the group
-        form a tree. Each gives one equation in the angles of the tree: its two axes are at
-        a fixed arc. The equation is linear in 1, cosine and sine of each angle.
+        A removed link has two pairs. Without the removed links, the other bodies of the
+        group form a tree, whose pair angles are the unknowns. The axes of the two pairs of
+        a removed link must be at a fixed arc. This equation is linear in 1, cosine and sine
+        of each angle.
 
         Parameters
         ----------
@@ -112,8 +113,8 @@ class GroupGeometry:
 
         To have fewer unknowns, t links with two pairs each are removed from the group,
         until the other bodies form a tree. The unknowns are the angles of the t pairs of
-        this tree. Each removed link gives one equation: in the tree, the axes of its two
-        pairs must be at the fixed arc between its own two axes.
+        this tree. Each removed link gives an equation: in the tree, the axes of its two
+        pairs must be at the fixed arc of the link.
 
         Parameters
         ----------
@@ -200,6 +201,9 @@ class GroupGeometry:
     def measure_pair_angles(self, orientations: Floats) -> Floats:
         """Return the angles of all pairs at orientations of the bodies at the first sample.
 
+        A pair has a frame in each of its two bodies, with z along its axis. The angle leads
+        about z from the x axis of the first frame to that of the second.
+
         Parameters
         ----------
         orientations
@@ -207,13 +211,11 @@ class GroupGeometry:
 
         Returns
         -------
-        (solutions, pairs) angles in (-pi, pi] (rad) about the z axis of each pair. They are
-        measured from the x axis of its frame in the first body to the x axis of its frame
-        in the second body.
+        (solutions, pairs) angles in (-pi, pi] (rad).
         """
         first_bodies, second_bodies = np.transpose(self.group.ends)
-        # Rotations (pairs, 3, 3) from the frame of each pair to the axes of its first and
-        # of its second body. Index 0 is the first sample.
+        # Frames (pairs, 3, 3) of all pairs in the axes of their first and second bodies.
+        # Index 0 is the first sample.
         first_in_body = self.pair_frames[0][:, 0]
         second_in_body = self.pair_frames[1][:, 0]
         # The same frames in the axes of the first body of the group, for each solution.
@@ -223,6 +225,8 @@ class GroupGeometry:
 
     def measure_pair_angles_at(self, orientations: Floats, samples: Indices) -> Floats:
         """Return the angles of all pairs at orientations that belong to several samples.
+
+        A sample is one choice of the inputs.
 
         Parameters
         ----------
@@ -237,7 +241,8 @@ class GroupGeometry:
         (k, pairs) angles in (-pi, pi] (rad), as in `measure_pair_angles`.
         """
         first_bodies, second_bodies = np.transpose(self.group.ends)
-        # Indexing by samples gives (pairs, k, 3, 3), but orientations have k first.
+        # Frames of all pairs at these samples, with the configuration (k) as the first
+        # axis.
         first_in_body = np.moveaxis(self.pair_frames[0][:, samples], 0, 1)
         second_in_body = np.moveaxis(self.pair_frames[1][:, samples], 0, 1)
         first_frames = orientations[:, first_bodies] @ first_in_body
@@ -247,9 +252,10 @@ class GroupGeometry:
     def _link_axes(
         self, binary_link: BinaryLink
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Return the unit axes of the two pairs of a binary link, a body with two R pairs.
+        """Return the axes of both pairs of a binary link, in the link and its neighbours.
 
-        The axis of a pair is the z axis of its frame.
+        A binary link is a body with two R pairs. The axis of a pair is the z axis of its
+        frame.
 
         Returns
         -------

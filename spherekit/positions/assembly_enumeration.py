@@ -71,8 +71,8 @@ one mode may be found as two.
 class ConfigurationsAtInput(NamedTuple):
     """The k closed configurations of a mechanism that were found at one choice of inputs.
 
-    The mechanism is placed group by group. A dyad closes in two ways, which its sign
-    distinguishes.
+    The mechanism is placed group by group (sets of links that are placed together). A dyad
+    is a group of two links, which closes in two ways. Its sign distinguishes them.
 
     Attributes
     ----------
@@ -81,11 +81,10 @@ class ConfigurationsAtInput(NamedTuple):
     values
         (k, variables) pair variables (rad).
     methods
-        How the modes of each group were found: in closed form, by elimination, or by a
-        search that can miss some. A group is solved once for each combination of modes of
-        the groups before it. If different methods were used for a group, the least complete
-        one is stored. None is stored for a group that was never solved, because the groups
-        before it close in no mode.
+        For each group the method that found its modes (ways to close it): closed form,
+        elimination, or a search that can miss some. If several methods were used for a
+        group, the least complete one is stored. None for a group that was never solved,
+        because the groups before it do not close.
     is_truncated
         Whether there are more configurations than `MAX_CONFIGURATIONS`.
     """
@@ -130,16 +129,18 @@ class ModePlacement(NamedTuple):
 
 
 class ModeEnumeration(NamedTuple):
-    """The modes in which a mechanism was placed, and how they were found.
+    """The assembly modes in which a mechanism was placed, and how they were found.
+
+    The links are placed in groups, one after another.
 
     Attributes
     ----------
     placements
         The mechanism in each mode.
     methods
-        For each group the method that found its modes: closed form, elimination or random
-        search. None for a group that was never solved, because the groups before it close
-        in no mode.
+        For each group the method that found the ways to close it: closed form, elimination
+        or random search. None for a group that was never solved, because the groups before
+        it do not close.
     """
 
     placements: list[ModePlacement]
@@ -147,11 +148,12 @@ class ModeEnumeration(NamedTuple):
 
 
 def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtInput:
-    """Return all configurations that are found at inputs q (inputs,) in rad.
+    """Return all closed configurations that are found at inputs q (inputs,) in rad.
 
-    Usually the mechanism is placed group by group. With some contacts of wheels, all groups
-    have to be searched together instead.
+    Usually the mechanism is placed group by group (sets of links that are placed together).
+    Some mechanisms with wheels have to be searched as a whole instead.
     """
+    # The lengths that wheels have rolled, if the whole mechanism is searched together.
     gear_phases = _find_phases_of_common_search(solver)
     if gear_phases is None:
         return _combine_group_modes(solver, q)
@@ -166,9 +168,10 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
 def _find_phases_of_common_search(solver: PositionSolver) -> GearPhases | None:
     """Return how far wheels have rolled, if all groups have to be searched together.
 
-    Wheels look the same after each revolution, so the search of a single group cannot tell
-    how far they have rolled. If the inputs determine all rolled lengths, these are
-    prescribed in a search of the whole mechanism.
+    Usually groups are searched one after another. But a wheel looks the same after each
+    revolution, so a search of a single group cannot tell how far it has rolled. If the
+    inputs determine all rolled lengths, these are prescribed in a search of the whole
+    mechanism.
 
     Returns
     -------
@@ -188,9 +191,10 @@ def _find_phases_of_common_search(solver: PositionSolver) -> GearPhases | None:
 
 
 def _combine_group_modes(solver: PositionSolver, q: Floats) -> ConfigurationsAtInput:
-    """Return the configurations at inputs q (inputs,) by placing group by group.
+    """Return the configurations at inputs q (inputs,), placing group after group of links.
 
-    Each mode of a group is combined with all modes of the groups after it.
+    A group can close in several ways, its modes. Each mode of a group is combined with all
+    modes of the groups after it.
     """
     # One mode more than the limit shows whether there are more.
     placements, methods = enumerate_modes(solver, q[None], MAX_CONFIGURATIONS + 1)
@@ -200,9 +204,8 @@ def _combine_group_modes(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
         description = (
             f"the first {MAX_CONFIGURATIONS} configurations are kept, and there are more"
         )
-        # The doubt, from 0 to 1, says how likely it is that a configuration is missing. The
-        # largest doubt of all groups counts for the whole result, so it is enough to mark
-        # one group, here the last one.
+        # The doubt, from 0 to 1, says how likely a configuration is missing. The largest
+        # doubt of all groups counts, so one group is marked, here the last one.
         methods[-1] = SolutionMethod(description, doubt=1.0)
     variable_count = len(solver.mechanism.variable_owners)
     values = [placement.state.values[0] for placement in placements]
@@ -217,14 +220,14 @@ def _combine_group_modes(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
 def _search_in_gear_phase(
     solver: PositionSolver, gear_phases: GearPhases, q: Floats
 ) -> Floats:
-    """Search the configurations of a mechanism with wheels, from random starts.
+    """Search the configurations of a mechanism with wheels as a whole, from random starts.
 
     Parameters
     ----------
     solver
         The mechanism.
     gear_phases
-        The rolled lengths of its wheels as functions of the inputs.
+        The lengths that its wheels have rolled on each other, as functions of the inputs.
     q
         (inputs,) values of the inputs (rad).
 
@@ -233,9 +236,9 @@ def _search_in_gear_phase(
     (n, variables) closed configurations (rad) in which wheels have rolled as far as the
     inputs require.
     """
-    # Configurations repeat after whole periods of the inputs. Random starts are near the
-    # anchor, the inputs from which rolled lengths are counted. The search is therefore made
-    # at the inputs that differ from q by whole periods and are nearest to the anchor.
+    # Random starts have small rolled lengths. These are counted from the anchor inputs. The
+    # search is therefore done at equivalent inputs near the anchor, whole periods away from
+    # q.
     near_anchor = q - whole_laps(q - gear_phases.anchor_inputs, gear_phases.periods)
     rolled_lengths = gear_phases.rolled_lengths(near_anchor[None])
     locked_values = np.append(near_anchor, rolled_lengths)[None]
@@ -250,10 +253,10 @@ def _search_in_gear_phase(
 
 
 def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEnumeration:
-    """Return the modes of a mechanism that close at any of some inputs.
+    """Return the assembly modes of a mechanism that close at any of some inputs.
 
-    The groups are placed one after another. Each mode of a group is combined with all modes
-    of the groups after it.
+    The links are placed in groups, one after another. A group can close in several ways,
+    its modes. Each mode of a group is combined with all modes of the groups after it.
 
     Parameters
     ----------
@@ -261,31 +264,32 @@ def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEn
         The mechanism.
     q
         (n, inputs) values of the inputs (rad). Dyads (two links and three R pairs) and
-        trains of wheels have closed forms, which give all rows at once. With other groups n
-        has to be 1, because their modes are searched at one choice of the inputs.
+        trains of wheels have closed forms for all n inputs at once. With other groups n has
+        to be 1.
     max_modes
         Largest number of modes that are returned.
 
     Returns
     -------
-    The placed bodies in each mode, and the method of each group. The caller learns from the
-    methods whether modes may be missing.
+    The placed bodies in each mode, and the method of each group. The methods tell whether
+    modes may be missing.
     """
     group_count = len(solver.assembly.groups)
     methods: list[SolutionMethod | None] = [None] * group_count
 
     def place_next_groups(placement: ModePlacement) -> Iterator[ModePlacement]:
-        """Yield all modes of the mechanism in which the first groups are placed as given.
+        """Yield all modes of the mechanism that begin with a placement of its first groups.
 
-        The next group is placed in each of its modes, and then the groups after it.
+        The next group of links is placed in each of its modes (ways to close it), and then
+        the groups after it, recursively.
         """
         position = len(placement.signs)
         if position == group_count:
             yield placement
             return
         states_by_mode, method = _place_group_modes(solver, placement.state, position, q)
-        # This group is solved once for each mode of the groups before. `methods` keeps the
-        # method that may have missed most modes of the group.
+        # This group is solved once for each mode of the groups before. The least complete
+        # method counts.
         methods[position] = least_complete(methods[position], method)
         for sign, next_state in states_by_mode:
             yield from place_next_groups(
@@ -301,7 +305,7 @@ def enumerate_modes(solver: PositionSolver, q: Floats, max_modes: int) -> ModeEn
 def _place_group_modes(
     solver: PositionSolver, state: AssemblyState, position: int, q: Floats
 ) -> tuple[list[tuple[int, AssemblyState]], SolutionMethod]:
-    """Place a group in each of its modes.
+    """Place a group of links in each of its modes (ways to close it).
 
     Parameters
     ----------
@@ -310,10 +314,10 @@ def _place_group_modes(
     state
         The bodies placed so far, which are not changed.
     position
-        Position of the group in solving order.
+        Position of the group in the order of placing.
     q
-        (n, inputs) values of the inputs (rad). For groups other than dyads and trains of
-        wheels n is 1.
+        (n, inputs) values of the inputs (rad). For groups other than dyads (two links) and
+        trains of wheels n is 1.
 
     Returns
     -------
@@ -347,7 +351,9 @@ def _place_dyad_modes(
 def _place_train_mode(
     solver: PositionSolver, state: AssemblyState, position: int, q: Floats
 ) -> list[tuple[int, AssemblyState]]:
-    """Place a train of wheels, which has a single mode, if it closes at some input.
+    """Place a train of wheels, if it closes at some input.
+
+    The gear ratios determine all its angles, so there is only one way to place it (mode).
 
     Parameters
     ----------
@@ -356,13 +362,14 @@ def _place_train_mode(
     state
         The bodies placed so far, which are not changed.
     position
-        Position of the train among the groups, in solving order.
+        Position of the train among the groups, in the order of placing.
     q
         (n, inputs) values of the inputs (rad).
 
     Returns
     -------
-    The sign 0 and the new state, or nothing.
+    A list with the sign 0 (the mark of groups without a sign) and the new state, or an
+    empty list.
     """
     next_state = state.copy()
     closure = solver.place_wheel_train(next_state, position, q)
@@ -373,10 +380,11 @@ def _place_train_mode(
 def _place_computed_modes(
     solver: PositionSolver, state: AssemblyState, group: Group
 ) -> tuple[list[tuple[int, AssemblyState]], SolutionMethod]:
-    """Place a group without a closed form at a single value of the inputs.
+    """Place a group of links without a closed form, at a single value of the inputs.
 
-    All modes follow from elimination of the unknowns down to one polynomial equation. If
-    this is not possible, they are searched, and the reference pose is tried first.
+    All its modes (ways to close it) follow from elimination of the unknowns down to one
+    polynomial equation. If this is not possible, they are searched from the reference pose
+    and random starts.
 
     Parameters
     ----------
@@ -390,7 +398,7 @@ def _place_computed_modes(
     Returns
     -------
     states_by_mode
-        The sign 0 and the new state, for each mode.
+        For each mode the sign 0 (the mark of groups without a sign) and the new state.
     method
         How the modes were found.
     """
@@ -431,9 +439,9 @@ def group_matrices(
 ) -> Floats:
     """Return the matrices of a group that are singular where two of its modes meet.
 
-    A group is a set of bodies that are placed together, and its modes are the ways to place
-    it. As long as a mode meets no other one, the determinant of its matrix does not vanish
-    and keeps its sign. `group_signs` distinguishes modes by this sign.
+    A group is placed as a whole, and its modes are the ways to place it. Between meetings
+    of modes, the determinant of the matrix keeps its sign. `group_signs` distinguishes
+    modes by this sign.
 
     Parameters
     ----------
@@ -442,13 +450,13 @@ def group_matrices(
     linearisation
         Its closure at n configurations.
     position
-        Position of the group in solving order.
+        Position of the group in the order of placing.
 
     Returns
     -------
-    (n, 3, 3) axes of the three R pairs of a dyad in rows. For other groups (n, 3 loops,
-    variables) matrices of the velocity equations. These are square, except in groups with
-    redundant constraints, which have more equations than variables and no determinant.
+    For a dyad (two links), (n, 3, 3) axes of its three R pairs in rows. For other groups
+    (n, 3 loops, variables) matrices of the velocity equations. They are square unless
+    constraints are redundant.
     """
     group = solver.assembly.groups[position]
     if group.is_dyad:
@@ -475,11 +483,12 @@ def _group_velocity_matrices(
 def group_signs(
     solver: PositionSolver, values: Floats, least: float = SIGN_RECIPROCAL_CONDITION
 ) -> SmallIntegers:
-    """Return the signs that distinguish the modes of each group.
+    """Return the signs that distinguish the modes of each group of links.
 
-    The sign of a dyad is that of the triple product of its three axes. The sign of another
-    group is that of the determinant of its velocity equations. A sign can change only where
-    two modes of the group meet.
+    A group is placed as a whole, and its modes are the ways to place it. The sign of a dyad
+    (two links) is that of the triple product of its three axes. The sign of another group
+    is that of the determinant of its velocity equations. A sign can change only where two
+    modes meet.
 
     Parameters
     ----------
@@ -488,13 +497,12 @@ def group_signs(
     values
         (n, variables) closed configurations (rad).
     least
-        Least reciprocal condition number of a matrix with a sign.
+        Least reciprocal condition number of a matrix with a reliable sign.
 
     Returns
     -------
-    (n, groups) signs. 0 if the matrix is worse conditioned than `least`. A matrix that is
-    not square, because constraints are redundant, has no determinant. Its sign is 0 (not
-    known), or 1 if `least` is 0.
+    (n, groups) signs, 0 if the sign is not reliable. A matrix that is not square, because
+    constraints are redundant, has no determinant. Its sign is 0, or 1 if `least` is 0.
     """
     linearisation = solver.closure.linearise(values)
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)

@@ -82,8 +82,8 @@ class ChordProjections:
     chords
         (m,) indices of the chords.
     offsets
-        (m, variables) configurations minus starts of the chords (rad). Whole periods of the
-        variables are subtracted, so that the offsets are small.
+        (m, variables) configurations minus starts of the chords (rad), less whole periods
+        of the variables.
     distances_along
         (m,) distances (rad) from the starts of the chords to the projected configurations,
         measured along the chords, from 0 to the chord length.
@@ -250,9 +250,9 @@ class ArcCurve(Chords):
     def _evaluate_on_chords(self, which: Indices, distances: Floats) -> CurvePoints:
         """Return the points of the curve with given projections on chords.
 
-        A chord is the straight line between two successive nodes. The point is predicted by
-        interpolation between them, and corrected by Newton's method in the plane normal to
-        the chord.
+        The curve is stored as nodes (points). A chord is the straight line between two
+        successive nodes. A point is predicted by interpolation, and corrected by Newton's
+        method in the plane normal to the chord.
 
         Parameters
         ----------
@@ -268,9 +268,8 @@ class ArcCurve(Chords):
         chord_lengths = self.chord_lengths[which]
         directions = self.directions[which]
         prediction = self.predict(which, distances / chord_lengths)
-        # The loop equations leave one degree of freedom. A further linear equation (the
-        # border) determines the point: direction . values = target, the plane normal to the
-        # chord at the given distance.
+        # The loop equations leave one degree of freedom. One more linear equation selects
+        # the point: direction . values = target, the plane normal to the chord.
         targets = np.vecdot(directions, self.nodes.values[which]) + distances
         values, _ = correct(self.closure, prediction, borders=directions, targets=targets)
         # The points with tangents, which point along the chord, and second derivatives.
@@ -290,11 +289,11 @@ class ArcCurve(Chords):
         return integrate_rate(self._speed, self.starts, rounding)
 
     def _speed(self, u: Floats) -> Floats:
-        """Return ds/du at parameters u of any shape.
+        """Return ds/du of the arc length s at parameters u of any shape.
 
-        The curve is given by nodes. s is its arc length, and u is the length of the chords
-        (straight lines between successive nodes) up to the projection of a point on its
-        chord. ds/du is the reciprocal of the cosine between the tangent and the chord.
+        The curve is stored as nodes (points). The parameter u is the length along the
+        chords (straight lines between successive nodes). Integration of ds/du gives the arc
+        length. It is the reciprocal of the cosine between the tangent and the chord.
 
         Raises
         ------
@@ -338,13 +337,13 @@ class ArcCurve(Chords):
 
         The first of these cases that applies gives the result:
 
-        1. The period is known for the whole mechanism: it is the result.
-        2. The curve is closed, so that its configurations return after one lap, and the
-           variable grows in a lap: the result is this growth.
-        3. The curve is closed, the variable only swings, and no wheels roll: the result is
-           one revolution. An angle and the same angle plus 2 pi are one position.
-        4. Otherwise the configurations never return, and the result is infinite. An example
-           are wheels, which are in another position after one revolution of the variable.
+        1. The period is known for the whole mechanism: it is the result. 2. The curve is
+        closed, so that configurations return after one lap, and the variable grows in a
+        lap: the result is this growth. 3. The curve is closed, the variable only swings,
+        and no wheels roll: the result is one revolution. An angle and the same angle plus 2
+        pi are one position. 4. Otherwise the configurations never return, and the result is
+        infinite. For example, wheels can be in another position after one revolution of the
+        variable.
 
         Parameters
         ----------
@@ -379,9 +378,8 @@ class ArcCurve(Chords):
         rest = s - laps * self.length
         # Both ends of the curve belong to it, also with rounding errors.
         is_inside = np.abs(rest / self.length - 0.5) <= 0.5 + 1e-12
-        # Chords join neighbouring nodes of the curve. The parameter u of a point is the
-        # length along these chords up to the projection of the point onto its chord.
-        # `table` has the arc length as a function of u, which is inverted.
+        # The curve is evaluated by another parameter, the length u along the straight lines
+        # between its nodes. `table` has the arc length as a function of u.
         u = self.table.invert(np.where(is_inside, rest, 0.0))
         points, _ = self._evaluate_parameter(u)
         points.values[:] += np.outer(laps, self.rise)
@@ -397,8 +395,8 @@ class ArcCurve(Chords):
             length, both (n,).
         variable
             Number of a variable, if the function depends on this one alone. If the variable
-            is constant along the curve, the function is zero everywhere or nowhere. No
-            zeros are returned then.
+            is constant along the curve, no zeros are returned, because the function is
+            constant.
 
         Returns
         -------
@@ -423,7 +421,7 @@ class ArcCurve(Chords):
         )
 
     def find_value(self, variable: int, value: float, period: float | None = None) -> Zeros:
-        """Return all arc lengths s at which a variable has a value.
+        """Return all arc lengths s at which a variable has a certain value.
 
         The arc length (rad) is measured in the space of all variables.
 
@@ -449,8 +447,8 @@ class ArcCurve(Chords):
             It is zero at all differences that are whole periods. If the period is infinite,
             it is the difference itself.
             """
-            # NumPy's sinc(x) is sin(pi x) / (pi x) and 1 at x = 0. The product below is
-            # therefore the sine above, and needs no special case for an infinite period.
+            # NumPy's sinc(x) is sin(pi x) / (pi x), and 1 at x = 0. The product below is
+            # therefore the sine above. It is also right for an infinite period.
             difference = points.values[:, variable] - value
             slope = np.cos(np.pi / period * difference) * points.tangents[:, variable]
             return difference * np.sinc(difference / period), slope
@@ -478,14 +476,15 @@ class ArcCurve(Chords):
     def _find_on_curve(self, values: Floats) -> ChordProjections:
         """Return which configurations (n, variables) are on the curve, and where.
 
-        A chord is the straight line between two successive nodes of the curve. The result
-        has the projection of each configuration on its chord. A configuration at a node can
-        be near both chords that meet there, and then has one projection on each.
+        A chord is the straight line between two successive nodes (stored points) of the
+        curve. The result has the projections of configurations on chords. A configuration
+        at a node can be near both chords that meet there, and then has one projection on
+        each.
         """
         projections = self.project(values, self.periods)
-        # The point of the curve with the same projection on the chord must be the
-        # configuration itself. Both are compared by their offsets from the start of the
-        # chord, since the offsets of the configuration are free of whole periods.
+        # A configuration is on the curve if it is the point of the curve with the same
+        # projection. Both are compared by their offsets from the start of the chord, which
+        # are free of whole periods.
         curve_points = self._evaluate_on_chords(
             projections.chords, projections.distances_along
         )

@@ -70,6 +70,9 @@ tried."""
 class DeterminantSigns:
     """Signs of the closure Jacobians of m configurations, with the inputs locked.
 
+    The sign changes only at singular configurations, where assembly modes meet. It helps to
+    tell modes apart.
+
     Attributes
     ----------
     sign
@@ -102,7 +105,8 @@ class NodeEdges(NamedTuple):
 class NodeTable:
     """The samples of all nodes, and the nodes of all samples.
 
-    Nodes are numbered from 0 in the order in which they are added.
+    A node is one configuration of the mechanism at one sample (choice of the inputs). A
+    sample can have several. Nodes are numbered from 0 in the order in which they are added.
 
     Attributes
     ----------
@@ -174,14 +178,19 @@ class NodePieces:
         return np.any((nodes >= 0) & is_in_piece, axis=1)
 
     def unite(self, first_node: int, second_node: int) -> None:
-        """Unite the pieces of two nodes, unless these pieces share a sample."""
+        """Unite the pieces of two nodes, unless these pieces share a sample.
+
+        A node is one configuration at one sample of the inputs. A piece is a set of joined
+        nodes with at most one node per sample, as in an assembly mode.
+        """
         larger = int(self.piece_of_node[first_node])
         smaller = int(self.piece_of_node[second_node])
         if larger == smaller:
             return
         if self._count_nodes(larger) < self._count_nodes(smaller):
             larger, smaller = smaller, larger
-        # The smaller piece gets the identifier of the larger one, which is cheaper.
+        # The nodes of the smaller piece get the identifier of the larger one, since they
+        # are fewer.
         moved_nodes = np.concatenate(self._parts[smaller])
         moved_samples = self._node_table.sample[moved_nodes]
         if np.any(self.have_nodes_at(larger, moved_samples)):
@@ -226,8 +235,16 @@ class ConfigurationGraph:
     def __init__(self, solver: PositionSolver, input_grid: InputGrid) -> None:
         """Start with an empty graph of configurations at the n samples of a grid.
 
-        A node of the graph is one closed configuration of the mechanism at one sample of
-        the inputs. An edge is a verified path between two nodes at neighbouring samples.
+        A sample is one choice of the inputs. A node of the graph is one closed
+        configuration of the mechanism at one sample. An edge is a verified path between two
+        nodes at neighbouring samples.
+
+        Parameters
+        ----------
+        solver
+            The mechanism, ready to be evaluated.
+        input_grid
+            The n samples of its inputs.
         """
         self.solver = solver
         self.input_grid = input_grid
@@ -237,8 +254,7 @@ class ConfigurationGraph:
         # (n,) whether all configurations of a sample are nodes; set by the caller.
         self.is_complete = np.zeros(len(input_grid), dtype=bool)
         # Numbers of the variables of the inputs, and of those that are angles of R pairs.
-        # The angles determine the configuration. Other variables are arc lengths along
-        # profiles at contacts.
+        # Only angles are compared; the others are arc lengths along profiles at contacts.
         self._driven = list(solver.driven)
         self._angles = solver.angles
         # (k,) sign of the determinant of the closure Jacobian without the inputs, and
@@ -268,8 +284,8 @@ class ConfigurationGraph:
     def add(self, sample: Indices, values: Floats) -> Indices:
         """Add configurations as nodes of the graph, and return the node of each.
 
-        Nodes are joined by paths to nodes at neighbouring samples later. A set of joined
-        nodes, at most one for each sample, is called a piece.
+        A node is one configuration at one sample (choice of the inputs). It is joined to
+        nodes at neighbouring samples later. Sets of joined nodes are called pieces.
 
         Parameters
         ----------
@@ -295,6 +311,8 @@ class ConfigurationGraph:
     def _add_missing(self, sample: Indices, values: Floats) -> Indices:
         """Add configurations that are no nodes yet, equal ones as a single node.
 
+        A node is one configuration at one sample (choice of the inputs).
+
         Parameters
         ----------
         sample
@@ -316,7 +334,8 @@ class ConfigurationGraph:
             values[rows_of_new_nodes],
             signs=signs.select(rows_of_new_nodes),
         )
-        # The rows of new nodes rise, so this finds the position of each representative.
+        # `rows_of_new_nodes` rises, so `searchsorted` finds the position of each
+        # representative.
         return new_nodes[np.searchsorted(rows_of_new_nodes, representative)]
 
     def _determinant_signs(self, values: Floats) -> DeterminantSigns:
@@ -336,10 +355,10 @@ class ConfigurationGraph:
     def _append_nodes(
         self, sample: Indices, values: Floats, signs: DeterminantSigns
     ) -> Indices:
-        """Append nodes to all arrays that have one entry for each node.
+        """Append new nodes to all arrays of the graph that have one item for each node.
 
-        No path from a new node was tried in any direction, no path ends at it, and the node
-        is a piece of its own.
+        A node is one configuration at one sample (choice of the inputs). A new node is not
+        joined to others: it is a piece of its own, and no path starts or ends there.
 
         Parameters
         ----------
@@ -367,25 +386,25 @@ class ConfigurationGraph:
     ) -> Indices:
         """Return for each configuration the first one that is equal to it.
 
-        Equality is passed on: if a is equal to b, and b to c, then a and c count as equal.
+        If a is equal to b, and b to c, then a and c count as equal too.
 
         Parameters
         ----------
         sample
-            (m,) index of the sample of each configuration.
+            (m,) index of the sample (choice of the inputs) of each configuration.
         values
             (m, variables) configurations (rad).
         signs
             Signs of the determinants of their closure Jacobians. Configurations with
             opposite signs differ, however near they are, because a singular configuration
-            separates them. A nearly singular configuration has no reliable sign, so it can
-            be equal to configurations of either sign.
+            separates them. A nearly singular configuration has no reliable sign and can be
+            equal to either.
 
         Returns
         -------
-        (m,) index of the first configuration that has the same sample, no opposite sign,
-        and the same angles up to `SAME_CONFIGURATION_RAD`. It is the index of the
-        configuration itself if no earlier one is equal.
+        (m,) index of the first equal configuration, or of the configuration itself. Equal
+        means the same sample, no opposite sign, and the same angles up to
+        `SAME_CONFIGURATION_RAD`.
         """
         representative = np.arange(len(sample))
         reliable_signs = np.where(signs.is_regular, signs.sign, 0.0)
@@ -396,15 +415,18 @@ class ConfigurationGraph:
             later = later[has_no_opposite_sign]
             differences = wrap(values[earlier] - values[later])[:, self._angles]
             is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
-            # The most distant pairs come last, so the first equal configuration remains.
+            # Later passes have pairs farther apart in the list, so the earliest one is
+            # stored last.
             representative[later[is_same]] = earlier[is_same]
-        # The loop ends when every index is that of a configuration that stands for itself.
+        # Follow the chain of equal configurations to its first one.
         while np.any(representative != representative[representative]):
             representative = representative[representative]
         return representative
 
     def find(self, sample: Indices, values: Floats) -> Indices:
-        """Return the nodes of configurations.
+        """Return the nodes that are equal to some configurations.
+
+        A node is one stored configuration at one sample (choice of the inputs).
 
         Parameters
         ----------
@@ -422,8 +444,7 @@ class ConfigurationGraph:
         nodes = np.full(len(sample), -1, dtype=np.intp)
         if not len(self.sample):
             return nodes
-        # The arrays of differences have an entry for each configuration, node and angle.
-        # Chunks of configurations keep them small.
+        # Chunks limit the memory for the differences between configurations and nodes.
         for first in range(0, len(sample), PATHS_AT_ONCE):
             chunk = slice(first, first + PATHS_AT_ONCE)
             nodes[chunk] = self._find_among(
@@ -432,12 +453,13 @@ class ConfigurationGraph:
         return nodes
 
     def _find_among(self, candidates: Indices, values: Floats) -> Indices:
-        """Return which of its candidates is the node of each configuration.
+        """Return which of some candidate nodes is equal to each configuration.
 
         Parameters
         ----------
         candidates
-            (m, c) nodes with which each configuration is compared, padded by -1.
+            (m, c) nodes (stored configurations) with which each configuration is compared.
+            Unused places are -1.
         values
             (m, variables) configurations (rad).
 
@@ -446,7 +468,7 @@ class ConfigurationGraph:
         (m,) the nearest candidate, or -1 if it differs from the configuration.
         """
         differences = wrap(self.values[candidates] - values[:, None])[..., self._angles]
-        # The padding -1 reads the values of the last node. Its distance is not used.
+        # The index -1 reads the last node, so its distance is replaced.
         distances = np.where(candidates < 0, np.inf, max_abs(differences, axis=2))
         rows = np.arange(len(values))
         nearest = np.argmin(distances, axis=1)
@@ -454,11 +476,11 @@ class ConfigurationGraph:
         return np.where(is_same, candidates[rows, nearest], -1)
 
     def add_sheet(self, values: Floats) -> None:
-        """Add the configurations of a sheet as nodes, join them, and unite their pieces.
+        """Add the configurations of a sheet as nodes, and join them.
 
-        A sheet is the set of configurations that paths over the grid reach from one start,
-        at most one per sample (`spherekit.positions.mode_predictor.sheets_through`). Each
-        step of these paths was tested not to lead to another assembly mode.
+        A sheet is the set of configurations that paths over the grid of inputs reach from
+        one start, at most one per sample (choice of the inputs). The paths were tested not
+        to lead to another assembly mode.
 
         Parameters
         ----------
@@ -470,12 +492,12 @@ class ConfigurationGraph:
         old_node_count = len(self.sample)
         # If a configuration is a node already, `add` returns this node, not a new one.
         nodes = self.add(sample, values[sample])
-        # Edges from each node to the next put the whole sheet into one connected component
-        # of the graph. A component can have several nodes at a sample, if modes meet.
+        # Edges from each node to the next make the whole sheet one connected component of
+        # the graph.
         self._edges.append(NodeEdges(starts=nodes[:-1], ends=nodes[1:]))
-        # New nodes are pieces of their own at different samples. They are united first, so
-        # that they all become one piece. The pieces of earlier nodes are united with it if
-        # they have no sample in common.
+        # A piece is a set of nodes with at most one per sample. New nodes are united first,
+        # which is always possible. Pieces of earlier nodes are united with them only if
+        # they share no sample.
         new_nodes = nodes[nodes >= old_node_count]
         earlier_nodes = nodes[nodes < old_node_count]
         ordered_nodes = np.concatenate([new_nodes, earlier_nodes]).tolist()
@@ -483,19 +505,18 @@ class ConfigurationGraph:
             self._pieces.unite(ordered_nodes[0], node)
 
     def find_unbalanced(self) -> Bools:
-        """Return at which samples a configuration must be missing.
+        """Return at which samples (choices of the inputs) a configuration must be missing.
 
-        A node is a configuration at a sample. Its sign is that of the determinant of the
-        closure Jacobian (without the inputs). The signs of all configurations of a sample
-        add up to zero: if inputs or arcs of links are changed, configurations only appear
-        and vanish in pairs with opposite signs, so the sum does not change. It is zero,
-        because with some arcs the loops close nowhere. A sum that is not zero therefore
-        shows that a configuration was not found.
+        Each configuration has the sign of the determinant of its closure Jacobian (without
+        the inputs). At each sample, the signs of all configurations add up to zero. The
+        reason is that, if sizes or inputs are changed, configurations appear and vanish
+        only in pairs with opposite signs, and that for some sizes there are none. Another
+        sum shows that a configuration was not found.
 
         Returns
         -------
-        (n,) whether the signs of the nodes of a sample add up to another number than zero.
-        False for samples with a singular node, which has no sign.
+        (n,) whether the sum of the signs at a sample is not zero. False for samples with a
+        singular configuration, which has no sign.
         """
         # Sums over the nodes of each sample: of the signs, and of singular nodes, which are
         # not regular.
@@ -508,14 +529,13 @@ class ConfigurationGraph:
         return (sign_sums != 0.0) & (singular_counts == 0)
 
     def join(self) -> None:
-        """Join nodes at neighbouring samples, as far as the division into modes needs it.
+        """Join nodes at neighbouring samples by paths, until the assembly modes are known.
 
-        A node is a configuration at one sample of the inputs. A piece is a set of joined
-        nodes with at most one node per sample. Pieces are united, and become the assembly
-        modes in the end.
+        A node is a configuration at one sample (choice of the inputs). A piece is a set of
+        joined nodes with at most one node per sample. Pieces are united, and become the
+        assembly modes in the end.
 
-        First, paths from all nodes are followed to the previous sample along the last axis
-        of the grid. Nodes that they join become long pieces along this axis. Then paths are
+        First, paths along the last axis of the grid make long pieces. Then paths are
         followed along the other axes. A single path can join two long pieces that are side
         by side, so a few paths from each piece are tried first, and more only if pieces
         remain to be joined.
@@ -539,20 +559,19 @@ class ConfigurationGraph:
     def _join_in_directions(self, directions: Sequence[int]) -> None:
         """Follow paths in some directions until no untried path can join two pieces.
 
-        A piece is a set of joined nodes (configurations) that may become an assembly mode,
-        so it has at most one node per sample. A path leads from a node to the next sample
-        in a direction of the grid of inputs.
+        A piece is a set of joined nodes (configurations at samples of the inputs) with at
+        most one node per sample. Pieces become the assembly modes. A path leads from a node
+        to the next sample in a direction of the grid.
 
-        One path is often enough to join two pieces. In each round, at most
-        `paths_per_piece` paths are therefore followed for each piece. This number grows
-        from round to round by the factor `PORTION_GROWTH`, because many have to be tried
-        near inputs at which modes meet.
+        One path is often enough to join two pieces, so few paths are followed for each
+        piece at first. Their number grows from round to round, because many are needed near
+        inputs at which modes meet.
 
         Parameters
         ----------
         directions
-            Rows of `InputGrid.neighbours`: 2 a leads to the next sample along axis a, and
-            2 a + 1 to the previous one.
+            Numbers of directions: 2 a leads to the next sample along axis a of the grid,
+            and 2 a + 1 to the previous one.
         """
         paths_per_piece = 1
         while True:
@@ -568,16 +587,16 @@ class ConfigurationGraph:
     def _find_useful_starts(self, direction: int) -> Indices:
         """Return the nodes from which an untried path in a direction may join two pieces.
 
-        A path leads from a node (a configuration at a sample) to the neighbouring sample. A
-        piece is a set of joined nodes with at most one node per sample. A path can join two
-        pieces only if its own piece has no node at the neighbouring sample yet, and if a
-        node of another piece can be its end there.
+        A path leads from a node (a configuration at a sample of the inputs) to the
+        neighbouring sample. A piece is a set of joined nodes with at most one node per
+        sample. A path is useful only if its piece has no node at the neighbouring sample
+        yet, and a node of another piece can be its end.
 
         Parameters
         ----------
         direction
-            Direction in the grid of inputs. The number 2 a stands for the direction to the
-            next sample along axis a, and 2 a + 1 for that to the previous one.
+            Direction in the grid of inputs: 2 a leads to the next sample along axis a, and
+            2 a + 1 to the previous one.
 
         Returns
         -------
@@ -588,8 +607,8 @@ class ConfigurationGraph:
         can_start = (target >= 0) & self._is_regular & ~self._is_tried[direction]
         (starts,) = np.nonzero(can_start)
         useful_starts = [np.empty(0, dtype=np.intp)]
-        # The starts are examined in portions, because arrays have an entry for each start
-        # and each node at its target.
+        # Portions limit the memory, since each start is compared with all nodes at its
+        # target.
         for first in range(0, len(starts), PATHS_AT_ONCE):
             portion = starts[first : first + PATHS_AT_ONCE]
             can_join = self._can_have_end(portion, direction)
@@ -601,10 +620,11 @@ class ConfigurationGraph:
     def _can_have_end(self, starts: Indices, direction: int) -> Bools:
         """Return whether paths in a direction can end at a configuration.
 
-        A verified path can end only at a node that is not singular and that has the same
-        sign of the determinant of the closure Jacobian. No other path in this direction may
-        end at this node. At a sample where configurations may be missing among the nodes,
-        the path can also end at a new one.
+        A path leads from a node (a configuration at a sample of the inputs) to the
+        neighbouring sample. It can end at a node there that is not singular, has the same
+        sign of the determinant of the closure Jacobian, and is not the end of another path
+        in this direction. If configurations may be missing among the nodes of the sample,
+        it can also end at a new one.
 
         Parameters
         ----------
@@ -618,8 +638,8 @@ class ConfigurationGraph:
         (m,) whether the path from each start can have an end.
         """
         target = self._neighbours[direction][self.sample[starts]]
-        # All nodes at the target of each path: (m, nodes of a sample). The padding -1 reads
-        # the data of the last node in the next three arrays. `is_node` excludes it.
+        # All nodes at the target of each path: (m, nodes of a sample). Unused places are
+        # -1. They read the data of the last node below, and `is_node` excludes them.
         ends = self._node_table.list_nodes_at(target)
         is_node = ends >= 0
         is_regular = self._is_regular[ends]
@@ -635,19 +655,18 @@ class ConfigurationGraph:
     def _select_starts(self, direction: int, paths_per_piece: int) -> Indices:
         """Return the nodes from which paths in a direction are followed next.
 
-        Two pieces (sets of joined nodes) are often side by side at many samples. A single
-        path is then enough to join them, although many nodes can start one. Only a few
-        paths are therefore selected from each piece to each block of samples.
-
-        A block contains the samples that differ only in the inputs of later axes. In a grid
-        of two inputs, for example, paths along axis 0 lead from one row of samples to the
-        next, and each row is a block.
+        A node is a configuration at a sample of the inputs. A piece is a set of joined
+        nodes. Two pieces are often side by side at many samples, and a single path is
+        enough to join them. So only a few paths are selected from each piece to each block
+        of samples. A block is the samples that differ only in the inputs of later axes. In
+        a grid of two inputs, for example, paths along axis 0 lead from one row of samples
+        to the next, and each row is a block.
 
         Parameters
         ----------
         direction
-            Direction in the grid of inputs. The number 2 a stands for the direction to the
-            next sample along axis a, and 2 a + 1 for that to the previous one.
+            Direction in the grid of inputs: 2 a leads to the next sample along axis a, and
+            2 a + 1 to the previous one.
         paths_per_piece
             Largest number of paths from one piece to one block.
 
@@ -732,15 +751,16 @@ class ConfigurationGraph:
     def _follow_paths(self, nodes: Indices, sample: Indices) -> tuple[Bools, Floats]:
         """Follow straight paths of the inputs from configurations to other samples.
 
-        Each input takes the shorter of the two routes around its period, if it has one.
-        Each step is tested: Newton's method has to change the predicted configuration
-        little, and the determinant of the closure Jacobian with locked inputs has to keep
-        its sign. Steps that fail are shortened.
+        A node of the graph is a configuration at a sample (choice of the inputs). Each
+        input takes the shorter of the two routes around its period, if it has one. Each
+        step is tested: Newton's method has to change the predicted configuration little,
+        and the determinant of the closure Jacobian with locked inputs has to keep its sign.
+        Steps that fail are shortened.
 
         Parameters
         ----------
         nodes
-            (m,) nodes of the graph (configurations at samples) at which the paths start.
+            (m,) nodes at which the paths start.
         sample
             (m,) index of the sample to which each path leads.
 
@@ -754,8 +774,7 @@ class ConfigurationGraph:
         """
         starts = self.values[nodes]
         goals = self.input_grid.q[sample]
-        # `whole_laps` are the whole periods in a difference of inputs. Without them, the
-        # goals are at most half a period away.
+        # Remove whole periods, so that the goals are at most half a period away.
         goals = goals - whole_laps(goals - starts[:, self._driven], self.solver.periods)
         followed = follow_inputs(
             self.solver.closure,
@@ -766,22 +785,22 @@ class ConfigurationGraph:
         )
         # The configurations at the ends of the paths. Add the whole periods again.
         end_values = followed.nodes.values
+        # Add the whole periods again.
         values = self.solver.shift_inputs(end_values, self.input_grid.q[sample])
         return followed.status == Status.OK, values
 
     def modes(self) -> list[Indices]:
-        """Return the assembly modes, by their nodes at the samples.
+        """Return the assembly modes, by their configurations (nodes) at the samples.
 
         Returns
         -------
-        list of (n,) arrays, one for each mode: its node (configuration) at each sample, or
+        list of (n,) arrays, one for each mode: the number of its node at each sample, or
         -1. The mode with the most nodes comes first. Modes with equally many are sorted by
         their first sample.
         """
-        # If modes meet, a connected component has several nodes at a sample. It consists of
-        # several pieces with at most one node per sample. A component gets as few modes as
-        # possible from its pieces. Each piece, the largest first, is put into the first
-        # mode that has no node at its samples, or becomes a mode.
+        # Paths join nodes to connected components. A component can have several nodes at a
+        # sample. It consists of pieces with at most one. To get few modes, each piece, the
+        # largest first, is put into the first mode without nodes at its samples.
         component_of_node = self._find_components()
         modes_of_component: dict[int, list[Indices]] = {}
         for nodes in self._pieces.sort_by_size():
@@ -836,12 +855,12 @@ class ConfigurationGraph:
 def _number_within_groups(*keys: Indices) -> Indices:
     """Return the number (m,) of each element within its group, from 0, in their order.
 
-    Elements belong to one group if they are equal in all `keys` (m,), which are numbers
-    from 0. For example, the key [5, 3, 5, 5] gives the numbers [0, 0, 1, 2].
+    Elements that are equal in all `keys` (m,) form a group. Keys are numbers from 0. For
+    example, the key [5, 3, 5, 5] gives the numbers [0, 0, 1, 2].
     """
     if not len(keys[0]):
         return np.empty(0, dtype=np.intp)
-    # The elements of a group follow each other in `order`, and keep their order.
+    # After this stable sort, the elements of a group follow each other in their old order.
     order = np.lexsort(keys)
     sorted_keys = np.stack(keys)[:, order]
     begins_group = np.any(sorted_keys[:, 1:] != sorted_keys[:, :-1], axis=0)
@@ -854,11 +873,11 @@ def _number_within_groups(*keys: Indices) -> Indices:
 
 
 def _pairs_with_equal_keys(key: Indices) -> Iterator[tuple[Indices, Indices]]:
-    """Yield all pairs of elements with equal keys (m,), in several arrays.
+    """Yield all pairs of elements with equal keys (m,), as arrays of indices.
 
-    Among the elements of each key, neighbours are paired first, then elements with one
-    other between them, and so on. The first arrays have the earlier element of each pair,
-    the second arrays the later one.
+    The first array has the earlier element of each pair, the second one the later. The
+    first arrays that are yielded pair neighbours of a key group. The next ones have one
+    other element between them, and so on.
     """
     # Elements with equal keys follow each other in `order`.
     order = np.argsort(key, kind="stable")
@@ -873,13 +892,12 @@ def _pairs_with_equal_keys(key: Indices) -> Iterator[tuple[Indices, Indices]]:
 def _put_into_first_mode(
     modes: list[Indices], nodes: Indices, sample: Indices, count: int
 ) -> None:
-    """Put the nodes of a piece into the first mode that has no node at their samples.
+    """Put a set of configurations into the first assembly mode in which it fits.
 
-    A node is one configuration at one sample of the inputs. A piece is a set of nodes with
-    at most one node at each sample. An assembly mode is such a set, too. Paths of inputs
-    lead from this piece to the pieces that are in `modes` already, if necessary through
-    others. Pieces that are connected in this way become one mode if they have no sample in
-    common. The function is called once for each piece, the largest one first.
+    A node is one configuration at one sample (choice of the inputs). A piece is a set of
+    nodes, and a mode is a union of pieces, each with at most one node per sample. All
+    pieces here are connected by paths, perhaps through others. The function is called once
+    for each piece, the largest one first.
 
     Parameters
     ----------
@@ -904,20 +922,20 @@ def _put_into_first_mode(
 def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
     """Unite assembly modes that occur on separate parts of a path of samples.
 
-    United modes share one number, so that there are fewer of them. At least one sample
-    without a configuration separates the modes that are united. Successive samples of a
-    united mode therefore belong to the same one of its modes.
+    United modes share one number, so that users see fewer of them. A gap of at least one
+    sample (choice of the inputs) separates two modes that are united. A curve through
+    successive samples therefore never changes from one to the other.
 
     Parameters
     ----------
     modes
-        Node (n,) of each mode at each sample of the path, or -1, as
+        Node (configuration) (n,) of each mode at each sample of the path, or -1, as
         `ConfigurationGraph.modes` returns them.
 
     Returns
     -------
-    The united modes, as arrays of the same kind. The modes are taken in their order. Each
-    is put into the first united mode that has no node at its samples, or next to them.
+    The united modes, as arrays of the same kind. Each mode is put into the first united
+    mode that has no node at its samples, or next to them.
     """
     united_modes: list[Indices] = []
     for mode in modes:

@@ -96,15 +96,15 @@ crossing fails, this is not reported as a problem.
 
 
 class Piece(NamedTuple):
-    """A part of a configuration curve that is one assembly mode.
+    """A part of a configuration curve on which the input only rises or only falls.
 
-    Along it the input only rises or only falls, and is in its range.
+    All its configurations belong to one assembly mode, and its input is in the range.
 
     Attributes
     ----------
     assembly_mode
-        Number of the mode. It is None if no given mode has the configurations of the piece.
-        Either the search for modes has missed one, or wheels mesh in another way. For
+        Number of the mode. None if no known mode has the configurations of the piece:
+        either the search for modes has missed one, or wheels mesh in another way. For
         example, a wheel of 20 teeth is in the same position again after one revolution, but
         a wheel of 30 teeth that it drives has then turned by 2/3 of a revolution.
     middle
@@ -113,9 +113,9 @@ class Piece(NamedTuple):
         Arc lengths (rad) of its ends. `stop` exceeds the length of a closed curve if the
         piece contains the point s = 0.
     shift
-        Whole periods of the input (rad). The value of the input on the curve plus this
-        shift is its value in the range. In a range of several periods, the same part of a
-        curve gives one piece in each period, with another shift.
+        Whole periods of the input (rad). The input on the curve plus this shift is the
+        input in the range. In a range of several periods, the same part of a curve gives
+        one piece in each period, with another shift.
     lowest, highest
         Smallest and largest value of the input in the piece (rad).
     """
@@ -205,10 +205,21 @@ def monotone_pieces(
 def _may_reach_range(
     curve: ArcCurve, driven: int, low: float, high: float, period: float
 ) -> bool:
-    """Return whether the input of a curve may be in the range, by the nodes alone.
+    """Return whether the input of a curve may be in a range, by a quick test.
 
-    The nodes are known already, whereas the arc length of a curve takes time to compute.
-    The parameters are described in `monotone_pieces`; `period` is the period of this curve.
+    Only the stored points (nodes) of the curve are used, because its arc length takes time
+    to compute.
+
+    Parameters
+    ----------
+    curve
+        The configuration curve.
+    driven
+        Number of the variable of the input.
+    low, high
+        Range of the input (rad).
+    period
+        Growth of the input (rad) after which the curve repeats, or infinite.
     """
     # On the curve between two nodes, the input differs from its value at the nearer node
     # by less than the length of the chord that joins them.
@@ -217,8 +228,9 @@ def _may_reach_range(
     highest = float(np.max(curve.nodes.values[:, driven])) + margin
     if not np.isfinite(period):
         return lowest <= high and highest >= low
-    # The largest multiple of the period by which the lowest input can be shifted without
-    # exceeding the range. Smaller shifts lead to lower inputs.
+    # Shift the curve by whole periods as far up as possible, so that its lowest input is
+    # still at most `high`. It reaches the range if its highest input is then at least
+    # `low`.
     shift = np.floor((high - lowest) / period) * period
     return bool(highest + shift >= low)
 
@@ -380,7 +392,7 @@ def _assign_modes(
     curve
         The configuration curve.
     pieces
-        The parts of the curve on which the input only rises or only falls.
+        Its pieces, without numbers.
 
     Returns
     -------
@@ -390,7 +402,8 @@ def _assign_modes(
     numbered_pieces = list(pieces)
     middles = np.array([piece.middle for piece in pieces])
     for assembly_mode in assembly_modes:
-        # Configurations of the mode at the inputs of the middles. NaN never is near.
+        # Configurations of the mode at the inputs of the middles. They are NaN, and thus
+        # not near, where the mode does not exist.
         inputs = middles[:, [solver.input_variable]]
         values = solver.evaluate(assembly_mode, inputs).values
         difference = max_abs(curve.wrapped(values - middles), axis=1)
@@ -443,8 +456,8 @@ class _CurveSearch:
     def add_curves(self, values: Floats) -> None:
         """Follow the curves through some configurations, unless a known curve passes them.
 
-        Curves are appended to `curves`. Starts that cannot be followed become `problems`.
-        There are two exceptions. Starts near the end of a curve at a crossing are left out.
+        New curves are appended to `curves`. A message about a start that fails is added to
+        `problems`, with two exceptions. Starts near a crossing of curves are ignored.
         Starts at which the mechanism has several degrees of freedom are only counted, in
         `surface_count`, because no curve passes through them.
 
@@ -454,7 +467,8 @@ class _CurveSearch:
             (n, variables) configurations (rad), often of one assembly mode in the order of
             the input.
         """
-        # A start is judged after all curves are known, because curves end at crossings.
+        # Known curves show where crossings are, so failures are judged after all curves are
+        # known.
         for start, message in self._follow_unknown_curves(values):
             if self._is_near_crossing_end(start):
                 continue
@@ -509,8 +523,9 @@ class _CurveSearch:
     def follow_curves_from_crossings(self) -> None:
         """Follow the curves that leave the crossings at which known curves end.
 
-        The input may be stationary on such curves, so that no assembly mode leads to them.
-        Several curves end at a crossing, but each crossing is searched only once.
+        The search by assembly modes does not find curves on which the input is constant.
+        Such curves can be reached from crossings. Several curves end at a crossing, but
+        each crossing is searched only once.
         """
         searched_ends: list[Floats] = []
         # New curves are appended to the list during this loop, and their ends are searched
@@ -531,10 +546,10 @@ class _CurveSearch:
         """Follow the curves of all modes between the inputs at which modes meet.
 
         An assembly mode ends where it meets another one, at a turning point of the input.
-        Between two turning points the number of modes is constant, and each mode is a part
-        of a curve. It is therefore enough to compute all modes at one input between them,
-        and to follow the curve through each. Where turning points may have been missed,
-        modes are computed at several inputs, `PROBE_STEP_RAD` apart.
+        Between two turning points the number of modes is constant. It is therefore enough
+        to compute all modes at one input between them, and to follow the curve through
+        each. Where turning points may have been missed, modes are computed at several
+        inputs, `PROBE_STEP_RAD` apart.
 
         Parameters
         ----------
@@ -545,8 +560,8 @@ class _CurveSearch:
 
         Returns
         -------
-        The claim, how complete the curves are. If not all modes at an input can be
-        computed, the search ends there, and the curves are only sampled.
+        How complete the curves are. If not all modes at an input can be computed, the
+        search ends there, and nothing is guaranteed.
         """
         incomplete = Completeness(
             Guarantee.SAMPLED, "no elimination finds all modes at an input"
@@ -557,26 +572,25 @@ class _CurveSearch:
             configurations = enumerate_assemblies(drive, np.array([q]))
             if not configurations.is_complete:
                 return incomplete
-            # If the pair that is driven here is the input of the mechanism, the numbers of
-            # modes serve to check the curves later.
+            # If this is the input of the mechanism, the numbers of modes also serve to
+            # check the curves.
             if drive is self.solver:
                 self.mode_counts.append((q, len(configurations.values)))
             self.add_curves(configurations.values)
         return turning_points.claim(PROBE_STEP_RAD)
 
     def search_from_random_starts(self) -> Completeness:
-        """Follow the curves to which random starts over the range lead.
+        """Follow the configuration curves to which random starts over the range lead.
 
-        Other starts are used than in the search of a run for assembly modes. The search
-        ends when many starts have led to each known curve, because few curves can then be
-        missing. The reason of the returned statement has these numbers.
+        The search ends when many starts have led to each known curve, because few curves
+        can then be missing. The starts differ from those of the search for assembly modes.
 
         Returns
         -------
-        How complete the curves are. If wheels roll on each other and the input does not
-        determine how far they have rolled, infinitely many curves exist. Then no start is
-        made, and only the curves of the given assembly modes are complete
-        (`Guarantee.COMPONENT`).
+        How complete the curves are, with the numbers of starts. If wheels roll on each
+        other and the input does not determine how far, there are infinitely many curves.
+        Then nothing is searched, and only the curves of the known assembly modes are
+        complete (`Guarantee.COMPONENT`).
         """
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
@@ -587,8 +601,8 @@ class _CurveSearch:
         high = np.array([self.high])
         rounds = random_starts(self.solver, low, high, seed=SEED + 1)
         variable_count = len(self.solver.mechanism.variable_owners)
-        # `random_starts` makes the first `RANGE_ROUNDS` rounds of starts together, so the
-        # search has at least so many rounds. Later it makes one round at a time.
+        # `random_starts` yields the first `RANGE_ROUNDS` rounds together, so the search has
+        # at least so many.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         progress = ProgressReporter("searching the configuration curves")
         while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:
@@ -604,21 +618,21 @@ class _CurveSearch:
         return Completeness(Guarantee.SAMPLED, statistics.describe("curves"))
 
     def check_mode_counts(self, pieces: Sequence[Piece], is_complete: bool) -> None:
-        """Compare numbers of modes with the numbers of pieces at the same inputs.
+        """Check the curves by comparing numbers of pieces with numbers of assembly modes.
 
-        `mode_counts` has inputs at which all modes were computed, without the curves. A
-        piece is a part of a curve on which the input only rises or only falls, so it is one
-        mode. If there are fewer pieces than modes, a curve is missing. If the curves are
-        claimed to be complete, more pieces than modes are an error, too. A sentence about
-        each error is added to `problems`.
+        A piece is a part of a curve on which the input only rises or only falls, so it is
+        one mode. At the inputs of `mode_counts`, all modes were computed without the
+        curves. If there are fewer pieces than modes, a curve is missing. If the curves
+        should be complete, more pieces are an error, too. A sentence about each error is
+        added to `problems`.
 
         Parameters
         ----------
         pieces
             The pieces of all curves.
         is_complete
-            Whether the curves are claimed to be complete. Then modes are also counted at
-            further inputs spread over the range.
+            Whether the curves should be complete. Then modes are also counted at further
+            inputs spread over the range.
         """
         if is_complete:
             self._count_modes_at_further_inputs()
@@ -651,8 +665,9 @@ class _CurveSearch:
     def _is_near_meeting(self, q: float, piece_ends: Floats) -> bool:
         """Return whether the number of modes at an input may depend on rounding.
 
-        Modes meet at the end of a piece, where the input reverses, and where curves cross.
-        Next to such an input, rounding decides how many modes there are.
+        Modes meet at the end of a piece (part of a curve), where the input reverses, and
+        where curves cross. Next to such an input, rounding decides how many modes there
+        are.
 
         Parameters
         ----------
@@ -664,8 +679,8 @@ class _CurveSearch:
         end_distance = np.min(np.abs(piece_ends - q), initial=np.inf)
         if end_distance < NEAR_TURN_RAD:
             return True
-        # The inputs of crossings are not reduced to the range. They may differ from those
-        # in the range by whole turns, which `wrap` removes.
+        # Inputs of crossings may differ by whole turns from those in the range. `wrap`
+        # removes these.
         crossing_inputs = np.array(
             [end[self.solver.input_variable] for end in _crossing_ends(self.curves)]
         )

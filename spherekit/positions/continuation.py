@@ -41,16 +41,18 @@ Node = TypeVar("Node", bound=CurvePoints)
 
 @dataclass(frozen=True)
 class TriedSteps(Generic[Node]):
-    """The results of k steps, one on each of k curves.
+    """The results of k steps, one along each of k curves.
+
+    A step predicts a point of the curve and corrects it. Tests show whether it is still on
+    the same curve.
 
     Attributes
     ----------
     nodes
         The points at which the steps end.
     is_verified
-        (k,) whether the step passed all tests of `Verification`. These require that the
-        prediction is nearly right, and that equations and tangent change little. A step
-        that leads to another curve fails.
+        (k,) whether the step passed all tests of `Verification`: the prediction is nearly
+        right, and equations and tangent change little.
     changes
         (k,) changes of the equations (the Jacobian of the curve) in the step, relative to a
         change after which they may be singular. The length of the next step follows from
@@ -137,33 +139,32 @@ class CurveContinuation(ABC, Generic[Node]):
         """Try a step on each of some curves (abstract method).
 
         A subclass computes the ends of the steps, and tests whether they are on the same
-        curves.
+        curves, with the limits `step_tests`.
 
         Parameters
         ----------
         rows
             (k,) indices of the curves.
         nodes
-            k nodes, from which the steps start. Their arrays have one row for each.
+            The k points (nodes) from which the steps start.
         distances
             (k,) lengths of the steps (rad), measured along the tangents at the nodes.
 
         Returns
         -------
-        The ends of the steps. For each step, the result also states whether it passed all
-        tests, with the limits `step_tests`. It has the change of the Jacobian of the curve
-        in each step, relative to a change after which the Jacobian may be singular.
+        For each step its end, whether it passed all tests, and the change of the Jacobian
+        of the curve, relative to a change after which the Jacobian may be singular.
         """
 
     @abstractmethod
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: Node, is_verified: Bools
     ) -> Bools:
-        """Return which steps (k,) are taken, all of them verified (abstract method).
+        """Return which of the verified steps (k,) are taken (abstract method).
 
-        A subclass does not take steps beyond its limits, such as the end of the profile of
-        a contact. It may also end curves that reach a limit, by setting their status in
-        `end_status`.
+        A verified step has passed the tests that it leads to the same curve. A subclass
+        does not take steps beyond its limits, such as the end of the profile of a contact.
+        It may also end curves that reach a limit, by setting their status in `end_status`.
 
         Parameters
         ----------
@@ -172,9 +173,9 @@ class CurveContinuation(ABC, Generic[Node]):
         steps
             (k,) lengths of the steps (rad).
         new_nodes
-            k nodes, at which the steps end.
+            The k points (nodes) at which the steps end.
         is_verified
-            (k,) which steps passed all tests that a step leads to the same curve.
+            (k,) whether the step is verified.
         """
 
     @abstractmethod
@@ -186,21 +187,19 @@ class CurveContinuation(ABC, Generic[Node]):
         """Set the status of a curve from whose last node no step is verified."""
 
     def start_after_periods(self, starts: Node, nodes: Node, values: Floats) -> Node:
-        """Return the start nodes of curves with variables moved by whole periods.
+        """Return the first nodes of curves, with variables moved by whole periods.
 
-        A lap, which is one round of a closed curve, returns to the start, but angles may
-        have grown by whole periods. The start with these grown angles is compared with the
-        end of the lap.
+        A closed curve returns to its start after one lap, but angles may have grown by
+        whole periods (revolutions). The moved start is compared with the end of the lap.
 
-        A subclass overrides this method if its curves have more unknowns than the pair
-        variables, such as the rates of the links on a curve of singularities. It compares
-        these further unknowns of `starts` and `nodes`. Where they differ it returns NaN, so
-        that the lap does not close.
+        A subclass can have more unknowns than the pair variables, such as rates of links.
+        It then overrides this method and compares these unknowns of `starts` and `nodes`.
+        Where they differ it returns NaN, so that the lap does not close.
 
         Parameters
         ----------
         starts
-            First nodes of k curves.
+            First nodes (points) of k curves.
         nodes
             Last nodes, from which a step may lead to the start.
         values
@@ -240,7 +239,7 @@ class CurveContinuation(ABC, Generic[Node]):
             steps[rows] *= np.where(outcome.has_failed, 0.5, outcome.growth)
 
     def _advance(self, rows: Indices, steps: Floats) -> StepOutcome:
-        """Try a step on each curve, and append the new nodes.
+        """Try a step on each curve, and append the new points (nodes).
 
         Curves that return to their start end here. A subclass may also end curves that
         reach a limit, such as the end of a profile. Curves that end get an `end_status`.
@@ -252,8 +251,7 @@ class CurveContinuation(ABC, Generic[Node]):
         steps
             (k,) lengths of the steps (rad).
         """
-        # All arrays have one entry for each of the k curves. A step is tried from the last
-        # node of each.
+        # A step starts from the last node of each of the k curves.
         nodes = self.last_nodes.rows(rows)
         tried_steps = self.try_steps(rows, nodes, steps)
         is_closed_now = self._close_laps(rows, nodes, steps, tried_steps=tried_steps)
@@ -276,16 +274,16 @@ class CurveContinuation(ABC, Generic[Node]):
     def _close_laps(
         self, rows: Indices, nodes: Node, steps: Floats, tried_steps: TriedSteps[Node]
     ) -> Bools:
-        """End the curves whose step passes their start, at the start.
+        """End the curves whose step passes their start, and mark them as closed.
 
-        They are closed: they have completed a lap.
+        Their last node becomes the start, moved by whole periods of the variables.
 
         Parameters
         ----------
         rows
             (k,) indices of the curves.
         nodes
-            (k) last nodes of the curves.
+            Last node (point) of each of the k curves.
         steps
             (k,) lengths of the steps (rad).
         tried_steps
@@ -406,15 +404,14 @@ class CurveContinuation(ABC, Generic[Node]):
     ) -> Bools:
         """Return which steps (k,) pass the last test, that both ends predict the middle.
 
-        A polynomial with the position and the first two derivatives at both ends is
-        evaluated at the middle, and must agree with it within the limits of `step_tests`.
-        Its parameter at the middle is the projection of the middle on the chord (the
-        straight line from start to end). It is near one half, but not exactly.
+        This shows that the step is on one smooth curve. A polynomial with the position and
+        the first two derivatives at both ends must agree with the middle, a point computed
+        separately.
 
         Parameters
         ----------
         starts, stops
-            (k) points at both ends of the steps.
+            The k points at the starts and at the ends of the steps.
         middles
             (k, variables) points of the curves near the middles of the steps (rad).
         distances
@@ -427,7 +424,9 @@ class CurveContinuation(ABC, Generic[Node]):
         """
         chords = stops.values - starts.values
         with np.errstate(all="ignore"):  # Steps that failed can have chords of length 0.
-            # Projections of the middles on the chords, as parts of the chords.
+            # The parameter of the polynomial is the projection on the chord (straight line
+            # from start to end), as a part of the chord. At the middle it is about one
+            # half.
             projections = np.vecdot(middles - starts.values, chords)
             fractions = projections / np.vecdot(chords, chords)
             predicted = interpolate_between(starts, stops, fractions)

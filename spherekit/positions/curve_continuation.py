@@ -114,8 +114,8 @@ class _ArcNodes(CurvePoints):
     ) -> "_ArcNodes":
         """Return some points of curves as nodes, from which the curves are continued.
 
-        A node is a point with the data that continuation needs for the next step along the
-        curve: the equations of the curve, and the margins (distances) to all limits.
+        A node is a point with the data for the next step along the curve: the equations of
+        the curve and the margins (distances) to all limits.
 
         Parameters
         ----------
@@ -130,8 +130,8 @@ class _ArcNodes(CurvePoints):
             Which of the points become nodes.
         """
         points = points.rows(chosen)
-        # The closure Jacobian with the tangent as one more row. The matrix need not be
-        # square, because loops can have redundant equations; it has a left inverse.
+        # The closure Jacobian with the tangent as one more row (border). Redundant loop
+        # equations can make it non-square, so its left inverse is used.
         equations = bordered(linearisation.jacobian[chosen], points.tangents)
         inverse = left_inverse(equations)
         # Margins, and their derivatives by the variables. Those of contacts depend on the
@@ -162,7 +162,8 @@ def follow_arc(
     """Return the configuration curve through a closed configuration.
 
     The curve consists of all configurations that the mechanism reaches from this one. It is
-    followed in its own arc length, and can be closed, or open with two ends.
+    closed, or open with two ends. Its parameter is its arc length in the space of all
+    variables.
 
     Parameters
     ----------
@@ -172,8 +173,8 @@ def follow_arc(
     values
         (variables,) a configuration (rad) that closes, to 1e-6 rad or better.
     stops
-        Lowest and highest value (rad) of variables, by their numbers, at which the curve
-        is ended.
+        Lowest and highest value (rad) of variables, by their numbers, at which the curve is
+        ended.
     longest
         The curve is followed from the configuration in both senses. If it does not close,
         it is ended after this length (rad) in each sense.
@@ -362,6 +363,8 @@ def _join_senses(
 def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _ArcNodes:
     """Close a configuration exactly, and return it as the first node of a curve.
 
+    A node is a point of the curve with its tangent and equations.
+
     Parameters
     ----------
     closure
@@ -388,8 +391,8 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
             f"{residual:.3g} rad, but at most {MAX_START_RESIDUAL_RAD:g} is allowed; start "
             "from a computed configuration"
         )
-    # Newton's method closes the loops in the plane normal to the motion: the component
-    # motion . values stays the same. All arrays have one row.
+    # Newton's method closes the loops in the plane normal to the motion, so that the point
+    # does not move along the curve. All arrays have one row.
     motion = _find_motion(closure, values)[None]
     start_values = values[None]
     closed_values, _ = correct(
@@ -412,18 +415,18 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
 def _find_motion(closure: Closure, values: Floats) -> Floats:
     """Return the rates of all pair variables in the only motion at a configuration.
 
-    The rates are scaled to a unit vector (variables,), the tangent of the configuration
-    curve. The component of largest absolute value is positive. This sign defines in which
-    sense the curve is followed.
+    They are a unit vector (variables,), the tangent of the configuration curve. The
+    component of largest absolute value is positive, which defines the sense in which the
+    curve is followed.
 
     Raises
     ------
     SolveError
         If the loops allow no motion.
     """
-    # Rates with J rates = 0 keep the loops closed, where J is the closure Jacobian. The
-    # last right singular vector is this motion if its singular value is zero. Variables in
-    # excess of the equations have no singular value, and count as zero.
+    # Rates with J rates = 0 keep the loops closed, with the closure Jacobian J. The last
+    # right singular vector has this property if its singular value is zero. If there are
+    # more variables than equations, singular values are missing; they count as zero.
     _, singular_values, right_vectors = np.linalg.svd(
         closure.linearise(values[None]).jacobian[0]
     )
@@ -545,12 +548,12 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         return is_verified & np.all(new_nodes.margins >= 0.0, axis=1)
 
     def _land_on_limit(self, row: Indices, number: int) -> None:
-        """End a curve at a limit near its last node, if a verified step leads to it.
+        """End a curve exactly at a limit near its last node, if this is possible.
 
         A limit is a bound of a variable, or equal curvatures of two profiles in contact.
-        Its margin is the distance from it (rad, or difference of curvatures), zero at the
-        limit and negative beyond. A step is verified if tests show that it leads along the
-        same curve. Otherwise nothing is changed, and the curve continues by smaller steps.
+        Its margin is the distance from it (rad, or difference of curvatures), negative
+        beyond it. A last step has to lead to the limit and pass the tests that it stays on
+        the curve. Otherwise nothing is changed, and the curve continues by smaller steps.
 
         Parameters
         ----------
@@ -560,13 +563,10 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
             Number of the limit.
         """
         node = self.last_nodes.rows(row)
-        # A node whose margin is zero, up to the accuracy of closed loops, is at the limit
-        # already. Otherwise a last step must lead there.
+        # With a margin of zero, the node is at the limit already.
         if node.margins[0, number] > CLOSURE_TOLERANCE:
-            # Newton's method finds a point at the limit, but does not verify that it is on
-            # the same curve. A verified step is therefore made, whose length is the
-            # distance to this point along the tangent. If it leads to the same point, this
-            # becomes the last node of the curve.
+            # Newton's method finds a point at the limit, perhaps on another curve. A tested
+            # step of the same length must lead to the same point.
             landing = self._find_point_at_limit(row, node.values, number)
             distance = np.sum(node.tangents * (landing - node.values), axis=1)
             last_step = self.try_steps(row, node, distance)
@@ -579,7 +579,10 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         self.end_status[row] = self.limits.statuses[number]
 
     def _find_point_at_limit(self, row: Indices, values: Floats, number: int) -> Floats:
-        """Return a closed configuration with the margin zero, by Newton's method.
+        """Return a closed configuration that is exactly at a limit, by Newton's method.
+
+        A limit is a bound of a variable, or equal curvatures of two profiles in contact. At
+        the limit its margin (distance) is zero.
 
         Parameters
         ----------
@@ -612,11 +615,11 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         return point
 
     def end_stuck_curve(self, row: int) -> None:
-        """End a curve at its last node, and set the status that explains why.
+        """End a curve from whose last node no step succeeds, and set a status.
 
         If the node is near a limit, the status is that of the limit. Otherwise, if the
-        equations are nearly singular, it is that of a crossing with another curve. In all
-        other cases the curve is lost.
+        equations are nearly singular, another curve crosses there. In all other cases the
+        curve is lost.
         """
         reciprocal_condition = self.last_nodes.reciprocal_condition[row]
         is_near_crossing = reciprocal_condition < END_AT_SINGULARITY_CONDITION

@@ -77,7 +77,10 @@ SAME_POINT_RATIO = 1e-6
 
 
 class Crossing(NamedTuple):
-    """A configuration in which the closure equations lose rank.
+    """A configuration in which several configuration curves cross.
+
+    There the closure equations lose rank: their Jacobian allows several independent
+    motions.
 
     Attributes
     ----------
@@ -93,10 +96,10 @@ class Crossing(NamedTuple):
         Whether second-order terms determine the number of curves. If not, `tangents` is
         empty.
     miss
-        How far the configuration is from a crossing (rad). At an exact crossing the closure
-        residual is zero, and so are the singular values of the closure Jacobian beyond its
-        rank there. `miss` is the largest of these numbers. If it is only rounding, the
-        mechanism cannot be distinguished from one that has this crossing exactly.
+        How far the configuration is from an exact crossing (rad), where the closure
+        residual is zero and so are the surplus singular values of the closure Jacobian.
+        `miss` is the largest of these numbers. If it is only rounding, this may be an exact
+        crossing.
     error
         Size (rad) of the last step of Newton's method that found `values`.
     """
@@ -270,6 +273,9 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
 def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     """Return the derivatives dJ/dx of the closure Jacobian J by the variables x.
 
+    They are second derivatives of the closure equations, which decide how curves leave a
+    crossing.
+
     Parameters
     ----------
     closure
@@ -279,11 +285,12 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
 
     Returns
     -------
-    (variables, 3 loops, variables) derivatives. The first axis is the variable of x.
+    (variables, 3 loops, variables) derivatives. The first axis is the variable of the
+    derivative.
     """
-    # A partial derivative by one variable is the rate of J in a motion in which this
-    # variable alone has the rate 1. The loops open in this motion. Each of the motions, one
-    # for each variable, is a row of the linearisation.
+    # The derivative by one variable is the rate of J if this variable alone has the rate 1.
+    # (The loops then open.) There is one such motion, and one row of the linearisation, for
+    # each variable.
     count = len(values)
     linearisation = closure.linearise(np.tile(values, (count, 1)))
     # J consists of the velocity vectors of the variables (for an R pair, its axis). The
@@ -291,20 +298,20 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     first_rates = linearisation.body_rates(np.eye(count))[:, closure.tree.first_bodies]
     second_rates = _rates_of_second_bodies(linearisation, first_rates)
     vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)
-    # Each velocity vector is an entry of J with a constant sign, so the rates of the
-    # vectors, arranged in the same way, are the rates of J.
+    # The elements of J are these vectors with constant signs, so their rates are the rates
+    # of J.
     return closure.tree.jacobian(vector_rates)
 
 
 def _rates_of_second_bodies(linearisation: Linearisation, first_rates: Floats) -> Floats:
     """Return angular velocities of the second bodies of all pairs, with opened loops.
 
-    In row k, variable k alone has the rate 1. The second body of its pair then rotates
-    relative to the first body with the velocity vector of the variable. The two bodies of
-    any other pair rotate alike.
+    In row k, variable k alone has the rate 1, so the loops open. The second body of its
+    pair rotates relative to the first body. The two bodies of every other pair rotate
+    alike.
 
-    The rates of the bodies themselves (`body_rates`) would not do: the pair that closes a
-    loop has no effect on them, because the bodies are placed by the other pairs only.
+    `body_rates` cannot be used here: it ignores the pairs that close loops, because bodies
+    are placed by the other pairs only.
 
     Parameters
     ----------
@@ -324,21 +331,22 @@ def _rates_of_second_bodies(linearisation: Linearisation, first_rates: Floats) -
 
 
 def _find_directions(forms: Floats) -> Floats | None:
-    """Return the directions of the curves through a crossing.
+    """Return the directions of the configuration curves that cross at a configuration.
 
-    A motion with the components y in a basis of k independent motions is possible to second
-    order if y . B y = 0 for every quadratic form B of the closure equations.
+    There are k independent motions to first order. A motion with the components y is
+    possible to second order if y . B y = 0 for every quadratic form B of the closure
+    equations.
 
     Parameters
     ----------
     forms
-        (forms, k, k) the symmetric matrices B. Redundant closure equations give forms that
-        vanish or depend on the others.
+        (forms, k, k) the symmetric matrices B. Some can be zero or depend on others, if
+        closure equations are redundant.
 
     Returns
     -------
-    (curves, k) unit vectors. None if the forms do not determine them, or if k is neither 2
-    nor 3.
+    (curves, k) unit vectors y. None if the forms do not determine them, or if k is neither
+    2 nor 3.
     """
     motion_count = forms.shape[1]  # the number k of independent motions
     # `_find_common_zeros` solves one or two quadratic equations.
@@ -352,11 +360,11 @@ def _find_directions(forms: Floats) -> Floats | None:
 
 
 def _find_independent_forms(forms: Floats) -> Floats:
-    """Return independent quadratic forms that vanish at the same y as all given forms.
+    """Return independent quadratic forms that vanish at the same vectors as all given ones.
 
-    A form y . B y is given by the elements of the symmetric matrix B up to the diagonal,
-    which are taken as a vector. If B is a combination of other matrices, its form vanishes
-    wherever the others do. So a basis of the space of these vectors replaces all of them.
+    A form is y . B y with a symmetric matrix B. If B is a combination of other matrices,
+    its form vanishes wherever the others do, and is superfluous. A basis of all matrices is
+    returned.
 
     Parameters
     ----------
@@ -365,12 +373,13 @@ def _find_independent_forms(forms: Floats) -> Floats:
 
     Returns
     -------
-    (m, k, k) symmetric matrices of the m independent forms. None of them (m = 0) if all
-    given forms are smaller than `MIN_SECOND_ORDER`, because they may be rounding errors.
+    (m, k, k) symmetric matrices of the m independent forms. m is 0 if all forms are smaller
+    than `MIN_SECOND_ORDER`, because they may be rounding errors.
     """
     size = forms.shape[1]
     rows, columns = np.triu_indices(size)
-    # The first right singular vectors are the basis.
+    # The upper triangles of the matrices are vectors. The first right singular vectors are
+    # a basis.
     _, singular_values, right_vectors = np.linalg.svd(forms[:, rows, columns])
     if singular_values[0] < MIN_SECOND_ORDER:
         return np.zeros((0, size, size))
@@ -385,14 +394,16 @@ def _find_independent_forms(forms: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class _ZeroSearch:
-    """Unit vectors to which Newton's method has led from n starts.
+    """The results of Newton's method for common zeros of quadratic forms, from n starts.
+
+    The zeros are unit vectors with k components.
 
     Attributes
     ----------
     points
         (n, k) unit vectors after the last step.
     residuals
-        (n,) largest value of any quadratic form before the last step.
+        (n,) largest absolute value of any quadratic form before the last step.
     inverse_norms
         (n,) norm of the inverse of the matrix of the last step. It is large if two zeros
         nearly coincide.
@@ -428,10 +439,10 @@ def _find_common_zeros(forms: Floats) -> Floats | None:
 
 
 def _search_zeros(forms: Floats, y: Floats) -> _ZeroSearch:
-    """Search common zeros of quadratic forms y . B y on the unit sphere.
+    """Search common zeros of quadratic forms y . B y on the unit sphere by Newton's method.
 
-    A step dy of Newton's method solves 2 (B y) . dy = -y . B y for each form, and
-    y . dy = 0, which keeps the length of y.
+    A step dy solves 2 (B y) . dy = -y . B y for each form, and y . dy = 0, which keeps the
+    length of y.
 
     Parameters
     ----------
@@ -441,7 +452,7 @@ def _search_zeros(forms: Floats, y: Floats) -> _ZeroSearch:
         (n, k) unit vectors at which the search starts.
     """
     for _ in range(MAX_CROSSING_STEPS):
-        # The vectors B y, with f for a form and n for a start.
+        # The vectors B y: axes start (n), form (f), component (i).
         slopes = np.einsum("fij,nj->nfi", forms, y)
         form_values = np.sum(slopes * y[:, None], axis=2)
         residuals = np.append(form_values, np.zeros((len(y), 1)), axis=1)

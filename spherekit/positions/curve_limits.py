@@ -86,13 +86,13 @@ class CurveLimits:
     def of_mechanism(
         closure: Closure, stops: Mapping[int, tuple[float, float]]
     ) -> "CurveLimits":
-        """Return the limits of a mechanism.
+        """Return the limits of a mechanism at which its configuration curves end.
 
         They are:
 
         - the ends of open profiles,
         - configurations in which two profiles in contact have equal curvatures, since such
-          profiles do not determine their motion (`margins` compares the curvatures),
+          profiles do not determine their motion,
         - ranges of variables that the caller wants.
 
         Parameters
@@ -131,7 +131,7 @@ class CurveLimits:
     def margins(
         self, values: Floats, curvatures: Floats, curvature_rates: Floats
     ) -> LimitMargins:
-        """Return how far configurations are from the limits.
+        """Return how far configurations are from the limits at which curves end.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class CurveLimits:
 
         Returns
         -------
-        The margins of all limits, and their gradients.
+        The margins (distances) of all limits, and their gradients.
         """
         bounds = self._margins_of_bounds(values)
         contacts = self._margins_of_contacts(
@@ -166,10 +166,10 @@ class CurveLimits:
     def _margins_of_contacts(
         self, curvatures: Floats, curvature_rates: Floats, variable_count: int
     ) -> LimitMargins:
-        """Return how far configurations are from equal curvatures at the contacts.
+        """Return how far configurations are from equal curvatures of profiles in contact.
 
         The first profile must have a larger curvature than the second, by more than
-        `EQUAL_CURVATURE`: with equal curvatures the profiles do not determine their motion,
+        `EQUAL_CURVATURE`. With equal curvatures the profiles do not determine their motion,
         and beyond they overlap.
 
         Parameters
@@ -185,8 +185,8 @@ class CurveLimits:
         for number, (pair, variables) in enumerate(self.contacts):
             relative_curvature = curvatures[:, pair, 0] - curvatures[:, pair, 1]
             margins[:, number] = relative_curvature - EQUAL_CURVATURE
-            # In a rolling contact both arc lengths are the same variable. The derivative is
-            # then the difference of both rates, so the terms are added.
+            # The variables are the arc lengths along both profiles. In a rolling contact
+            # they are the same variable, so the terms are added.
             first_variable, second_variable = variables
             gradients[:, number, first_variable] += curvature_rates[:, pair, 0]
             gradients[:, number, second_variable] -= curvature_rates[:, pair, 1]

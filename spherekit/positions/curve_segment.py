@@ -84,10 +84,11 @@ class CurvePoints(ArrayRows):
 def interpolate_between(
     starts: CurvePoints, stops: CurvePoints, fractions: Floats
 ) -> Floats:
-    """Interpolate curves between two points each, by quintic Hermite polynomials.
+    """Interpolate n curves between two points each, by polynomials of degree 5.
 
-    The parameter of a curve is its projection on the chord, which is the straight line from
-    start to stop.
+    The polynomials have the position and the first two derivatives at both ends (quintic
+    Hermite interpolation). Their parameter is the projection on the chord, which is the
+    straight line from start to stop.
 
     Parameters
     ----------
@@ -120,8 +121,8 @@ def interpolate_between(
 def bordered(jacobian: Floats, borders: Floats) -> Floats:
     """Return closure Jacobians J with one more row, the coefficients of border . rates.
 
-    The closure equations J rates = 0 leave one motion. The additional equation determines
-    its speed.
+    The closure equations J rates = 0 leave one motion. The additional row (border)
+    determines its speed, so that the matrix can be inverted.
 
     Parameters
     ----------
@@ -156,11 +157,11 @@ def bordered_reciprocal_condition(equations: Floats, inverse: Floats) -> Floats:
 def curve_points(
     closure: Closure, values: Floats, borders: Floats
 ) -> tuple[CurvePoints, Linearisation]:
-    """Return the tangents and second derivatives of the curves at closed configurations.
+    """Return the tangents and second derivatives of configuration curves at some points.
 
-    Both follow from the closure Jacobian J with a further row b, its border: the tangent t
-    from J t = 0, the second derivative by the arc length s (the bend) from J dt/ds + bias =
-    0, where the bias is dJ/ds t.
+    They follow from the closure Jacobian J with a further row b (border). The tangent t
+    solves J t = 0 with b . t > 0. The second derivative dt/ds by the arc length s solves J
+    dt/ds + dJ/ds t = 0.
 
     Parameters
     ----------
@@ -169,7 +170,7 @@ def curve_points(
     values
         (n, variables) closed configurations (rad).
     borders
-        (n, variables) vectors that are not normal to the curve. The tangents have a
+        (n, variables) vectors b that are not normal to the curve. The tangents have a
         positive component along them.
 
     Returns
@@ -185,7 +186,7 @@ def curve_points(
     inverse = left_inverse(bordered(linearisation.jacobian, borders))
     # The last column solves J t = 0, border . t = 1.
     tangents = unit_rows(inverse[:, :, -1])
-    # J dt/ds + bias = 0. Then the part along the tangent is removed, since |t| = 1.
+    # `bias` is dJ/ds t. The part along the tangent is removed, since |t| = 1 is constant.
     bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], linearisation.bias(tangents))
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
     points = CurvePoints(values, tangents, bends, linearisation.closure_residual)
@@ -197,7 +198,8 @@ def correct(
 ) -> tuple[Floats, NewtonSteps]:
     """Correct predicted points to exact points of a configuration curve.
 
-    Newton's method solves the closure equations with border . values = target.
+    Newton's method solves the closure equations together with a linear equation, border .
+    values = target, which selects one point of the curve.
 
     Parameters
     ----------
@@ -213,8 +215,8 @@ def correct(
     Returns
     -------
     values
-        (n, variables) corrected points (rad). The caller checks whether they have
-        converged: otherwise they are NaN or have a closure residual.
+        (n, variables) corrected points (rad). Points that have not converged are NaN or
+        have a closure residual, which the caller checks.
     newton_steps
         The sizes of the first two steps. They are small if the prediction was good.
     """

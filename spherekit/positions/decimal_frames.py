@@ -42,12 +42,13 @@ where Z is a rotation about z by the pair variable.
 def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
     """Return the frames of all pairs of a mechanism of R pairs in quad precision.
 
-    They are computed from the decimal numbers of the mechanism file. The nearest float64
-    numbers would already have errors of 1e-16.
+    They are computed from the decimal numbers of the mechanism file, such as 64.02 degrees.
+    The nearest float64 numbers would already have errors of 1e-16.
 
     Returns
     -------
-    For the number of each pair, its frames (3, 3) in its first and in its second link.
+    For the number of each pair, its frames (3, 3) in its first and in its second link. The
+    columns of a frame are axes in link axes; the last one is the pair axis.
     """
     document = parse(canonical_text(mechanism, "deg"), mechanism.name)
     geometry = mechanism.geometry
@@ -67,11 +68,12 @@ def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
 def _frames_from_pose(
     axes: Mapping[str, Sequence[float]], angles: Mapping[str, Any]
 ) -> dict[str, Frames]:
-    """Return the frames of pairs whose axes are given in a reference pose.
+    """Return the frames of pairs whose axes are stated in a reference pose.
 
-    The axes of all links and of the ground coincide in this pose. The first frame can have
-    any x axis, because only the angle between both frames matters. The second frame is the
-    first one, rotated about the pair axis by the pair variable.
+    In this pose the axes of all links and of the ground coincide. A pair has a frame in
+    each of its two links, with z along its axis. The second frame is the first one, rotated
+    about z by the pair variable. The x axis of the first frame is arbitrary, because only
+    the angle between both frames matters.
 
     Parameters
     ----------
@@ -87,8 +89,8 @@ def _frames_from_pose(
     """
     frames: dict[str, Frames] = {}
     for name, axis in axes.items():
-        # `repr` returns the shortest decimal number that is rounded to the float64 number.
-        # It is the number of the file, if that has at most 15 digits.
+        # `repr` returns the shortest decimal number that float64 rounds to this number. It
+        # is the number of the file, if that has at most 15 digits.
         exact_axis = normalize(_parse_decimals([repr(float(x)) for x in axis]))
         first = _frame_with_any_x_axis(exact_axis, np.array(axis, dtype=float))
         second = first
@@ -107,8 +109,8 @@ class _LinkAxes:
     exact
         The vectors in quad precision.
     rounded
-        The vectors in float64. They decide which axes are collinear, so that the x axes of
-        frames are chosen as in float64.
+        The same vectors in float64. Decisions, such as whether two axes are collinear, are
+        based on them, so that they are the same as in computations with float64.
     """
 
     exact: Mapping[str, Array]
@@ -157,7 +159,10 @@ def _frames_from_sizes(
     axes_by_link: Mapping[str, _LinkAxes],
     zero_angles: Mapping[str, Any],
 ) -> dict[str, Frames]:
-    """Return the frames of pairs whose links have given axes.
+    """Return the frames of pairs, computed from the pair axes of their links.
+
+    A pair has a frame in each of its two links, with z along its axis. Its variable is zero
+    where both frames coincide.
 
     Parameters
     ----------
@@ -167,8 +172,8 @@ def _frames_from_sizes(
         The pair axes of each link.
     zero_angles
         Angle (rad, quad precision) by which the frame of a pair in its first link is
-        rotated about the pair axis, by the name of the pair. The variable of the pair is
-        zero where both frames coincide. Pairs that are left out have the angle 0.
+        rotated about the pair axis, by the name of the pair. It moves the zero of the
+        variable. Pairs that are left out have the angle 0.
 
     Returns
     -------

@@ -25,15 +25,16 @@ Smaller: all pairs are tried more often.
 def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
     """Return a solver with the driving pair for which meetings of modes are found fastest.
 
-    The search of all configuration curves needs the inputs at which assembly modes meet.
-    They are the zeros of functions of the input (`make_mode_coalescence`). The time of one
-    value of these functions is the cost of a driving pair. For some pairs the functions are
-    not known.
+    The configuration curves of a mechanism do not depend on which pair is driven, so the
+    cheapest can be chosen. The search needs the inputs at which assembly modes meet: the
+    zeros of functions of the input (`make_mode_coalescence`). The time of one value of
+    these functions is the cost of a driving pair. For some pairs the functions are not
+    known.
 
     Returns
     -------
-    A solver of the same mechanism. It is the given solver if this is fast enough, if the
-    functions are not known for any pair, or if a group has contacts or redundant
+    A solver of the same mechanism. It is the solver of the argument if this is fast enough,
+    if the functions are not known for any pair, or if a group has contacts or redundant
     constraints.
     """
     groups = solver.assembly.groups

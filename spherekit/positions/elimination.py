@@ -45,8 +45,8 @@ class EliminationResult:
     """Configurations of a group of links that were found by elimination.
 
     The group is solved by arc equations: each says that the axes of a link with two pairs
-    include the angle of the link, its arc. Of their complex solutions, those are returned
-    that are real, or nearly real.
+    include the angle of the link, its arc. Their complex solutions are computed. Those that
+    are real, or nearly real, are returned.
 
     Attributes
     ----------
@@ -55,8 +55,8 @@ class EliminationResult:
         Newton's method, and a configuration can occur more than once.
     is_real
         (solutions,) whether the solution is real up to rounding. Newton's method must then
-        find a closed configuration next to it. The others have a small imaginary part: they
-        may be complex solutions, or real ones with larger rounding errors.
+        find a closed configuration next to it. Others have a small imaginary part. They may
+        be complex, or real with larger rounding errors.
     problem
         Why a real solution may be missing; empty if none can be missing.
     """

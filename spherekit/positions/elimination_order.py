@@ -31,9 +31,9 @@ a random search.
 class BinaryLink(NamedTuple):
     """A body of a group with two R pairs that join it to two different bodies.
 
-    A group is a set of bodies that are placed together by closing their loops. Removing a
-    binary link opens a loop and leaves one equation. The axes of its two pairs belong to
-    its neighbours, too. The angle between these axes must be the arc of the link.
+    A group is a set of bodies that are placed together by closing their loops. If a binary
+    link is removed, a loop opens, and one equation remains: the two axes, as its neighbours
+    carry them, must be at the arc of the link.
 
     Attributes
     ----------
@@ -53,10 +53,10 @@ class BinaryLink(NamedTuple):
 class EliminationOrder(NamedTuple):
     """The unknown angles and the equations of a group, in an order that can be solved.
 
-    A group with t loops has no mobility if it has 2 t + 1 bodies and 3 t R pairs. If t
-    binary links (links with two pairs) are removed, together with their 2 t pairs, the
+    A group with t loops that cannot move has 2 t + 1 bodies and 3 t R pairs. Of these, t
+    binary links (links with two pairs) are removed, together with their 2 t pairs. The
     other t + 1 bodies form a tree with t pairs. The angles of these t pairs are the
-    unknowns. Each removed link gives one equation.
+    unknowns. Each removed link gives one equation: its two axes are at a fixed arc.
 
     For example, a triad has two loops, five bodies and six pairs. Two removed links leave a
     tree of three bodies, with two unknown angles.
@@ -112,9 +112,10 @@ def has_elimination(group: Group) -> bool:
 
 @lru_cache
 def find_binary_links(group: Group) -> tuple[BinaryLink, ...]:
-    """Return the binary links of a group, by rising position of the body.
+    """Return the binary links of a group of links, by rising position of the body.
 
-    A binary link is a body with two pairs that join it to two different bodies.
+    A binary link is a body with two pairs that join it to two different bodies. Such links
+    can be removed when the group is solved by elimination.
     """
     binary_links = []
     for body in range(len(group.bodies)):
@@ -130,19 +131,19 @@ def find_binary_links(group: Group) -> tuple[BinaryLink, ...]:
 
 @lru_cache
 def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
-    """Return the elimination orders with the fewest complex solutions.
+    """Return the elimination orders of a group that have the fewest complex solutions.
 
     A group is a set of bodies and pairs that is rigid when the inputs are locked (an Assur
     group). One link with two pairs is removed for each loop of the group, which leaves a
-    tree. Each removed link gives one equation in the angles of the tree. One after another,
-    all angles but the first are eliminated from these equations.
+    tree. Each removed link gives one equation in the angles of the tree. All angles but the
+    first are eliminated from these equations.
 
     An elimination order states which links are removed, and the sequences of the angles and
-    of the equations. At most `MAX_ORDERS` are returned; none if the group has no
-    elimination.
+    of the equations. At most `MAX_ORDERS` are returned; none if the group cannot be solved
+    in this way.
     """
     orders: list[EliminationOrder] = []
-    # Binary links have two pairs, so they can be removed.
+    # Only links with two pairs (binary links) can be removed.
     for removed_links in combinations(find_binary_links(group), group.loops):
         tree_pairs = _find_remaining_pairs(group, removed_links)
         if _can_form_equations(tree_pairs, removed_links):
@@ -180,14 +181,15 @@ def _list_orders(
 ) -> Iterator[EliminationOrder]:
     """List the sequences of angles and equations for one choice of removed links.
 
-    Some of them may be impossible to solve.
+    The removed links have two pairs each. Each gives an equation between the angles of the
+    other bodies, which form a tree. Some sequences may be impossible to solve.
 
     Parameters
     ----------
     group
-        The group.
+        The group of bodies.
     tree_pairs
-        The pairs of the tree that the other bodies form. Their angles are the unknowns.
+        The pairs of the tree. Their angles are the unknowns.
     removed_links
         The links that give the equations.
     """
@@ -199,9 +201,8 @@ def _list_orders(
     }
     for ordered_pairs in permutations(tree_pairs):
         for ordered_links in permutations(removed_links):
-            # The last angle is eliminated from the last two equations, by their resultant.
-            # The result is the same if these two equations are exchanged. So only the
-            # sequence in which the bodies of these two links rise is listed.
+            # The last angle is eliminated from the last two equations together, so their
+            # order does not matter. Only the one with rising bodies is listed.
             last_bodies = [link.body for link in ordered_links[-2:]]
             if last_bodies == sorted(last_bodies):
                 yield EliminationOrder(

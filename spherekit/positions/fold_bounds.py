@@ -116,17 +116,17 @@ def rounding_of_loops(linearisation: Linearisation) -> float:
 
 @dataclass(frozen=True)
 class FoldPlacement:
-    """Configurations at n rows that are at a fold or near one.
+    """Improved configurations near folds, with bounds of their errors, at n inputs.
 
     At a fold two configurations of the mechanism meet at one input. In the space of the
-    variables, there is one direction in which the loops hardly open. If a configuration is
-    moved by x in this direction, one component of the closure residual is a quadratic
-    function of x. Its roots are the two configurations.
+    variables, there is then one direction in which the loops hardly open. If a
+    configuration is moved by x in this direction, one component of the closure residual is
+    a quadratic function of x. Its roots are the two configurations.
 
     Attributes
     ----------
     values
-        (n, variables) rad, at the nearest root of the quadratic model, or at its extreme
+        (n, variables) rad, at the nearest root of the quadratic function, or at its extreme
         value if it has no root.
     error
         (n,) bounds (rad) of the errors of the variables; infinite if they are not known.
@@ -224,9 +224,10 @@ def place_at_folds(
 
 @dataclass(frozen=True)
 class _QuadraticResidual:
-    """How far loops are open if a configuration moves along one direction, in n rows.
+    """How far loops are open if n configurations move along one direction each.
 
-    The residual at the distance x (rad) is f(x) = e + s x + h x^2 / 2.
+    The residual at the distance x (rad) is f(x) = e + s x + h x^2 / 2. The loops close at
+    its roots.
 
     Attributes
     ----------
@@ -288,12 +289,12 @@ class _FoldModel:
     """
 
     def __init__(self, linearisation: Linearisation, free: Indices) -> None:
-        """Decompose the Jacobian at n nearly closed configurations.
+        """Decompose the closure Jacobian at n nearly closed configurations.
 
         Parameters
         ----------
         linearisation
-            The configurations.
+            The loop closure at the configurations.
         free
             Numbers of the variables that are not inputs.
         """
@@ -306,6 +307,8 @@ class _FoldModel:
         self._left_vectors = left_vectors
         self._singular_values = singular_values
         self._right_vectors = np.swapaxes(right_vectors, 1, 2)
+        # The last singular value is the smallest. Moving the variables along this direction
+        # hardly opens the loops. They open in the residual direction.
         self._direction = self._right_vectors[:, :, -1]
         self._residual_direction = left_vectors[:, :, -1]
         with np.errstate(divide="ignore"):

@@ -167,10 +167,10 @@ def make_gear_phases(
 def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     """Return rolled lengths of one contact that belong to the same position of the wheels.
 
-    A rolled length is how far both wheels have rolled on each other, as an arc length. If
-    one wheel is turned by whole revolutions, it is in the same position, but the rolled
-    length differs by as many circumferences of this wheel. Revolutions of both wheels give
-    equivalent lengths too, but these are not listed.
+    A rolled length is how far both wheels have rolled on each other, as an arc length. If a
+    wheel is turned by a whole revolution, it looks the same, but the rolled length differs
+    by its circumference. Revolutions of both wheels together give further lengths, which
+    are not listed.
 
     Parameters
     ----------
@@ -200,16 +200,16 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
 
 
 def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
-    """Return the growth (rad) of one input after which all wheels are in the same phase.
+    """Return the growth (rad) of one input after which all wheels are as before.
 
-    It is a whole number of revolutions of the input, the least common multiple of those
-    that the single contacts need.
+    It is a whole number of revolutions of the input: the least common multiple of the
+    numbers that the single contacts need.
 
     Parameters
     ----------
     lap_lengths
-        (m,) growth of each rolled length (rad) after which both wheels of the contact are
-        in their first positions again. Infinite if they never are.
+        (m,) growth of the rolled length (rad) of each contact after which both its wheels
+        are in their first positions again. Infinite if they never are.
     ratios
         (m,) derivatives of the rolled lengths by the input.
 
@@ -224,8 +224,8 @@ def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
     # The ratio zero of a contact at rest gives 0 / 1 laps, also for an infinite lap length.
     revolutions = 1
     for laps_per_revolution in TURN * ratios / lap_lengths:
-        # Ratios of wheels are ratios of numbers of teeth. Every number is close to some
-        # fraction with a huge denominator, so the denominator is limited.
+        # The ratio is one of numbers of teeth. The denominator is limited, because some
+        # fraction with a huge denominator is close to any number.
         fraction = Fraction(float(laps_per_revolution)).limit_denominator(MAX_TEETH)
         if abs(fraction - laps_per_revolution) > GEAR_RATIO_TOLERANCE:
             return np.inf

@@ -66,11 +66,11 @@ class AssemblyState:
     def start(
         mechanism: Mechanism, joints: tuple[Joint, ...], assembly: Assembly, q: Floats
     ) -> "AssemblyState":
-        """Return the state in which only the inputs are placed.
+        """Return the state in which only the links joined by inputs are placed.
 
-        A body is a set of links whose relative orientations are known. In this state they
-        are known of links that are joined by inputs, directly or through other inputs.
-        Every other link is a body of its own.
+        A body is a set of links whose relative orientations are known. At first, inputs
+        join links to bodies. Every other link is a body of its own. Groups of bodies are
+        placed later.
 
         Parameters
         ----------
@@ -99,11 +99,11 @@ class AssemblyState:
             values=values,
             # No group is placed yet, so none has failed to close.
             is_open=np.zeros(n, dtype=bool),
-            # Angle (rad) by which the triangle of a dyad (two links that close a triangle)
-            # may miss closing. It begins with rounding errors; dyads enlarge it.
+            # Angle (rad) by which the spherical triangle of a dyad (two links) may miss
+            # closing. It begins with rounding errors.
             slack=np.full(n, REACH_SLACK),
-            # Least ratio of the smallest to the largest sine of a side, in the spherical
-            # triangles that dyads have closed. It begins with 1, the largest ratio.
+            # Least ratio of the smallest to the largest sine of a side, in the triangles of
+            # dyads. It begins with the largest possible ratio.
             slenderness=np.ones(n),
         )
 
@@ -146,11 +146,11 @@ class AssemblyState:
         )
 
     def merge(self, group: Group, rotations: Floats) -> None:
-        """Merge the bodies of a group into one body, which has the axes of the first body.
+        """Merge the bodies of a group into one body, after they have been placed.
 
-        A body is a set of links whose orientations are known in the axes of the body. Only
-        these orientations, `body_from_link`, change. `read_values` computes the variables
-        of the pairs from them.
+        A body is a set of links whose orientations are known in the axes of the body. The
+        new body has the axes of the first body. Only the orientations `body_from_link`
+        change; `read_values` computes the pair variables from them.
 
         Parameters
         ----------
@@ -209,9 +209,10 @@ def orient_links_in_bodies(
 ) -> dict[int, Floats]:
     """Return the orientation of each link in its body, before any group is placed.
 
-    Links that are joined by an input, or by a chain of inputs, form one body. The axes of a
-    body are those of one of its links, whose number is also the number of the body. A link
-    without inputs is a body of its own.
+    A body is a set of links whose relative orientations are known. Links that are joined by
+    an input, or by a chain of inputs, form one body. The axes of a body are those of one of
+    its links, whose number is also the number of the body. A link without inputs is a body
+    of its own.
 
     Parameters
     ----------
@@ -220,7 +221,7 @@ def orient_links_in_bodies(
     rotations_of_inputs
         For each input pair the rotation (n, 3, 3) from its second link to its first.
     sample_count
-        The number n of samples of the inputs.
+        The number n of samples (choices of the inputs).
 
     Returns
     -------
@@ -228,8 +229,8 @@ def orient_links_in_bodies(
     """
     identity = np.broadcast_to(np.eye(3), (sample_count, 3, 3))
     body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
-    # Beginning at the link that gives a body its axes, each input leads from a link whose
-    # orientation is known (parent) to another link of the body (child).
+    # Each input leads from a link with a known orientation (parent) to another link of the
+    # body (child), beginning at the link that gives the body its axes.
     branches = find_spanning_tree(
         mechanism.ends, start=assembly.body_of_link, pairs=assembly.inputs
     )
@@ -322,11 +323,18 @@ def group_tree(group: Group, joints: Sequence[Joint]) -> LoopTree:
 def group_closure(state: AssemblyState, group: Group) -> Closure:
     """Return the loop-closure equations of a group, at the samples of a state.
 
-    A group is bodies that become one body when all pairs between them are closed together.
-    A body is a set of links whose orientations in the axes of the body are known, in the
-    state. The unknowns of the equations are the variables of the pairs. For each pair the
-    closure has the rotations from its two links to their bodies.
+    A body is a set of links whose orientations are known, in the state. A group is bodies
+    that are placed together by closing the loops of the pairs between them. The unknowns
+    are the variables of these pairs.
+
+    Parameters
+    ----------
+    state
+        The bodies placed so far, at n samples (choices of the inputs).
+    group
+        The group.
     """
+    # For each pair, the rotations from its first and second link to their bodies.
     body_from_first, body_from_second = (
         np.stack(
             [state.body_from_link[state.ends[pair][side]] for pair in group.pairs], axis=1
@@ -342,8 +350,8 @@ def group_closure(state: AssemblyState, group: Group) -> Closure:
 def place_group(state: AssemblyState, group: Group, start: Floats) -> Linearisation:
     """Close the loops of a group by Newton's method, and make its bodies one body.
 
-    A body is a set of links whose relative orientations are known. When the loops of the
-    group (Assur group) are closed, this is true of all its links.
+    A body is a set of links whose relative orientations are known. A group (Assur group) is
+    bodies that are placed together by closing their loops.
 
     Parameters
     ----------
@@ -367,7 +375,10 @@ def place_group(state: AssemblyState, group: Group, start: Floats) -> Linearisat
 def find_train_paths(
     group: Group, fixed_pairs: Collection[int]
 ) -> tuple[tuple[int, int, int], ...]:
-    """Return the order in which known pair angles place the bodies of a train of wheels.
+    """Return the order in which pair angles place the bodies of a train of wheels.
+
+    The angles of some R pairs follow from the inputs by gear ratios. Beginning at the first
+    body, each of these pairs places another body (set of rigidly joined links).
 
     Parameters
     ----------
@@ -396,13 +407,14 @@ def place_train_bodies(
 ) -> list[Array]:
     """Return the orientations of the bodies of a train of wheels.
 
-    The angles of some R pairs follow from the inputs by gear ratios. A tree of these pairs
-    leads to all bodies, so the rolling contacts are not needed to place them.
+    A body is a set of links whose relative orientations are known. The angles of some R
+    pairs follow from the inputs by gear ratios. These pairs connect all bodies, so they
+    place them without the rolling contacts.
 
     Parameters
     ----------
     group
-        The train: bodies (sets of links) that R pairs and rolling contacts join.
+        The train: bodies that R pairs and rolling contacts join.
     body_from_link
         Rotations (..., 3, 3) from the axes of each link to those of its body. The index or
         key is the number of the link. They are real, or complex for complex assembly modes.

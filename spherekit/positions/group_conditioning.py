@@ -17,11 +17,12 @@ parallel axes are enlarged as if they were a spread.
 
 
 def group_reciprocal_condition(jacobians: Floats) -> Floats:
-    """Return the reciprocal condition numbers of the Jacobians of a group.
+    """Return how well the closure equations of a group determine its variables.
 
-    A group is a set of bodies that are placed together by closing their loops. The result
-    does not depend on how close together the axes of the group are: a group whose axes all
-    lie in a small part of the sphere is small, not singular.
+    A group is a set of bodies that are placed together by closing their loops. The measure
+    is the reciprocal condition number of their Jacobian, after a scaling. Without the
+    scaling, a group whose axes are all close together would seem singular, although it is
+    only small.
 
     Parameters
     ----------
@@ -36,8 +37,6 @@ def group_reciprocal_condition(jacobians: Floats) -> Floats:
     """
     reciprocal_condition = np.ones(len(jacobians))
     finite = all_finite(jacobians, (1, 2))
-    # If all axes are close together, the vectors in the Jacobian have nearly one direction.
-    # The scaling makes their components across this direction as large as those along it.
     scaled = _equalise_directions(jacobians[finite])
     norm = np.linalg.norm(scaled, axis=(1, 2))
     inverse_norm = np.linalg.norm(left_inverse(scaled), axis=(1, 2))
@@ -48,14 +47,11 @@ def group_reciprocal_condition(jacobians: Floats) -> Floats:
 def _equalise_directions(jacobians: Floats) -> Floats:
     """Return Jacobians (n, 3 loops, variables) scaled as if their axes were far apart.
 
-    The columns of a Jacobian consist of vectors in space, one for each loop. If the axes of
-    the pairs are close together, all these vectors have nearly one direction, and the
-    Jacobian is ill-conditioned although the mechanism is only small. The condition number
-    of the scaled Jacobian does not show this.
-
-    The components of the vectors along their common direction are divided by their size in
-    this direction, and the components across it by their size there. All loops are scaled
-    alike, so that the rank of the Jacobian does not change.
+    Each column of a Jacobian consists of vectors in space, one for each loop. If the axes
+    of the pairs are close together, all these vectors have nearly one direction. The
+    Jacobian is then ill-conditioned although the mechanism is only small. Therefore the
+    components of the vectors along their common direction are divided by their size in this
+    direction, and the components across it by their size there. The rank does not change.
     """
     # Axes of `loops`: sample, loop, component of the vector, variable.
     n, rows, variable_count = jacobians.shape
@@ -79,6 +75,9 @@ def _equalise_directions(jacobians: Floats) -> Floats:
 
 class VectorSpread(NamedTuple):
     """The common direction of m vectors in space, and their sizes along and across it.
+
+    They are computed for n sets of vectors. They show whether the vectors are nearly
+    parallel.
 
     Attributes
     ----------

@@ -71,11 +71,12 @@ RANDOM_SEARCH = SolutionMethod("search", 1.0)
 def find_group_configurations(
     group: Group, closure: Closure, start_values: Floats | None = None
 ) -> tuple[list[Floats], SolutionMethod]:
-    """Return the closed configurations of a group at one sample, and the method.
+    """Return the closed configurations of a group of links, and how they were found.
 
-    A group is a set of bodies that are placed together by closing their loops. The result
-    contains all configurations if elimination applies and its checks succeed. Otherwise it
-    contains those to which elimination and random starts have led.
+    A group is a set of bodies that are placed together by closing their loops, at one
+    choice of the inputs (sample). All configurations are found if elimination applies and
+    its checks succeed. Otherwise random starts are tried, and configurations may be
+    missing.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def find_group_configurations(
         Variables (variables,) in rad of each configuration. They are sorted by angle, in
         the same order each time.
     method
-        How they were found.
+        How they were found, with a number that says how likely one is missing.
     """
     # Elimination solves polynomials, whose roots are all configurations of the group,
     # complex ones included. `problem` is the check that failed, so that a real one may be

@@ -20,7 +20,7 @@ exceed the memory, which is reported when it happens."""
 
 @dataclass(frozen=True)
 class InputGrid:
-    """Samples of the inputs, on a path or on a grid.
+    """Samples of the inputs (choices of their values), on a path or on a grid.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def make_input_grid(
     wants_grid: bool,
     path: Floats | None,
 ) -> InputGrid:
-    """Return the samples of the inputs of a mechanism.
+    """Return the samples of the inputs at which a mechanism is computed.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def make_input_grid(
     wants_grid
         Whether to sample all combinations of the inputs.
     path
-        (n, inputs) given samples (rad), which are returned instead.
+        (n, inputs) samples (rad) that the user states; they are returned instead.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def make_grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:
 
 
 def make_path(q: Floats, input_count: int) -> InputGrid:
-    """Return given samples as a path.
+    """Return the samples of the inputs that the user states, as a path.
 
     Parameters
     ----------

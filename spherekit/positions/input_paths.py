@@ -66,7 +66,9 @@ MAX_CORRECTION_ITERATIONS = 6
 
 @dataclass(frozen=True)
 class InputPathNodes(ArrayRows):
-    """n closed configurations with derivatives along the paths of their inputs.
+    """n closed configurations with derivatives while the inputs move along straight lines.
+
+    The derivatives serve to predict the next configuration.
 
     Attributes
     ----------
@@ -78,7 +80,8 @@ class InputPathNodes(ArrayRows):
         (n, variables) first and second derivatives of the variables by the distance that
         the inputs move.
     sign
-        (n,) sign of the determinant of the closure Jacobian with locked inputs.
+        (n,) sign of the determinant of the closure Jacobian with locked inputs. It changes
+        only at singular configurations.
     """
 
     direction: Floats
@@ -93,10 +96,9 @@ def nodes_at(
 ) -> InputPathNodes:
     """Return closed configurations with their derivatives as the inputs move.
 
-    The derivatives are by the distance that the inputs move. They follow from the closure
-    equations: J v' = 0, and J v'' + bias = 0, where v are all variables, J is the closure
-    Jacobian, and the bias is the part of the second derivative of the closure that is
-    quadratic in v'.
+    With all variables v and the closure Jacobian J, the derivatives by the distance that
+    the inputs move satisfy J v' = 0 and J v'' + bias = 0. The bias is the part of the
+    second derivative of the closure that is quadratic in v'.
 
     Parameters
     ----------
@@ -118,9 +120,8 @@ def nodes_at(
     opening_rate = np.einsum("nij,nj->ni", linearisation.jacobian, slope)
     slope[:, passive] = -np.einsum("nij,nj->ni", inverse, opening_rate)
     bend[:, passive] = -np.einsum("nij,nj->ni", inverse, linearisation.bias(slope))
-    # The determinant of the Jacobian with locked inputs changes its sign at a singular
-    # configuration. Its sign tells later whether a step has passed one. A Jacobian that is
-    # not square has no determinant, and gets the sign 1.
+    # The sign of the determinant tells later whether a step has passed a singular
+    # configuration.
     return InputPathNodes(
         direction=direction,
         values=linearisation.values,
@@ -147,6 +148,8 @@ def is_nearly_singular(
 ) -> Bools:
     """Return (n,) whether the closure Jacobian with locked inputs is nearly singular.
 
+    If so, the inputs hardly determine the configuration.
+
     Parameters
     ----------
     linearisation
@@ -154,11 +157,11 @@ def is_nearly_singular(
     driven
         Numbers of the variables of the inputs.
     ratio
-        Threshold for the smallest singular value over the largest one. The Jacobian is
-        nearly singular if this quotient does not exceed the threshold.
+        The Jacobian is nearly singular if the ratio of its smallest to its largest singular
+        value is at most this number.
     """
     passive_jacobian = np.delete(linearisation.jacobian, driven, axis=2)
-    # The negated comparison is also true for a condition number that is NaN.
+    # The negated comparison is also true for NaN.
     return ~(condition_numbers(passive_jacobian) < 1.0 / ratio)
 
 
@@ -173,8 +176,7 @@ class _InputSteps:
     nodes
         The configurations at which the steps end.
     is_verified
-        (k,) whether the step passed all tests of `_try_steps`, which show that the step has
-        not left its path.
+        (k,) whether the step passed all tests that it has not left its path (`_try_steps`).
     is_last
         (k,) whether the step leads exactly to the goal of the path.
     """
@@ -270,7 +272,9 @@ def _limit_steps(nodes: InputPathNodes, steps: Floats, smallest_step: float) -> 
 
 
 def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Status:
-    """Return the status of the samples beyond the last node of a path.
+    """Return why a path ends at its last configuration, as the status of samples beyond it.
+
+    A path is a sequence of configurations while the inputs move to a goal.
 
     Parameters
     ----------
@@ -279,7 +283,7 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     driven
         Numbers of the variables of the inputs.
     values
-        (1, variables) the last node (rad).
+        (1, variables) the last configuration (rad).
 
     Returns
     -------
@@ -293,9 +297,7 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     limits = CurveLimits.of_mechanism(closure, stops={})
     margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
     # A margin is the distance from a limit: a difference of curvatures, or an arc length
-    # (rad) to the end of a profile. The limits are the ends of all profiles, then equal
-    # curvatures. They are examined in reverse order, so if both are near, the status is
-    # CURVATURE.
+    # (rad) to the end of a profile. The reverse order examines curvatures first.
     for status, margin in zip(reversed(limits.statuses), reversed(margins[0]), strict=True):
         end_margin = END_AT_PROFILE_END_RAD
         if status == Status.CURVATURE:
@@ -308,12 +310,12 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
 
 @dataclass(frozen=True)
 class FollowedPaths:
-    """The ends of n paths along which inputs were moved.
+    """The ends of n paths along which inputs were moved straight to their goals.
 
     Attributes
     ----------
     nodes
-        (n) last node of each path.
+        Last configuration of each path, with its derivatives.
     status
         (n,) OK if the path reached its goal, otherwise why it ended before.
     tried_steps

@@ -18,8 +18,8 @@ def into_range(
 ) -> Floats:
     """Return inputs shifted by whole periods into a range, or as near to it as possible.
 
-    If several shifted inputs are in the range, the smallest is returned. An input with an
-    infinite period is not changed.
+    Configurations repeat when an input grows by its period. If several shifted inputs are
+    in the range, the smallest is returned. An input with an infinite period is not changed.
 
     Parameters
     ----------
@@ -31,14 +31,14 @@ def into_range(
         Growth of the input (rad) after which configurations repeat.
     """
     is_periodic = np.isfinite(period)
-    # In place of an infinite period any number avoids NaN. It has no effect on the result.
+    # Replace infinite periods by any number, to avoid NaN. The result does not use it.
     period = np.where(is_periodic, period, TURN)
-    # The first shifted input at or above the low end. An input that is below the low end by
-    # rounding only counts as at the low end.
+    # The first shifted input at or above the low end. An input that is below by rounding
+    # only counts as at the low end.
     distance_above_low = np.mod(q - low + RANGE_TOLERANCE_RAD, period)
     first_above_low = low + distance_above_low - RANGE_TOLERANCE_RAD
     last_below_low = first_above_low - period
-    # If none is in the range, the range is between these two. The nearer one is returned.
+    # If no shifted input is in the range, the nearer of its two neighbours is returned.
     is_none_in_range = first_above_low > high + RANGE_TOLERANCE_RAD
     is_below_nearer = low - last_below_low < first_above_low - high
     shifted = np.where(is_none_in_range & is_below_nearer, last_below_low, first_above_low)
@@ -70,27 +70,27 @@ def turns_in_range(
 ) -> tuple[Floats, Indices]:
     """Return all inputs in a range that differ from given ones by whole periods.
 
-    A given input for which there is none is returned once, shifted by whole periods as near
-    to the range as possible.
+    Configurations repeat when an input grows by its period. An input for which there is
+    none in the range is returned once, shifted as near to the range as possible.
 
     Parameters
     ----------
     q
         (m,) inputs (rad).
     low, high
-        Ends of the range (rad). If its length is a whole number of periods, an input at
-        its low end is not repeated at its high end.
+        Ends of the range (rad). If its length is a whole number of periods, an input at its
+        low end is not repeated at its high end.
     period
-        Growth of the input (rad) after which configurations repeat. If it is infinite,
-        each input is returned once.
+        Growth of the input (rad) after which configurations repeat. If it is infinite, each
+        input is returned once.
 
     Returns
     -------
     shifted
-        (k,) inputs (rad). The shifted values of one given input follow each other in rising
+        (k,) inputs (rad). The shifted values of one input follow each other in rising
         order.
     sources
-        (k,) positions of the given inputs from which they come.
+        (k,) positions in `q` of the inputs from which they come.
     """
     first = into_range(q, low, high, period)
     if not np.isfinite(period):
@@ -113,7 +113,7 @@ def _count_inputs_in_range(
     ----------
     first
         (m,) the smallest of these inputs in the range (rad). If none is in the range, the
-        nearest one.
+        nearest one, which counts as 1.
     low, high
         Ends of the range (rad).
     period
@@ -121,8 +121,8 @@ def _count_inputs_in_range(
 
     Returns
     -------
-    (m,) numbers of inputs, the first one included. In a range of k whole periods there are
-    k, because an input at the low end is not repeated at the high end.
+    (m,) numbers of inputs. In a range of k whole periods there are k, because an input at
+    the low end is not repeated at the high end.
     """
     further_count = np.floor((high - first + RANGE_TOLERANCE_RAD) / period)
     # 0 if the length of the range is no whole number of periods.

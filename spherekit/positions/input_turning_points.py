@@ -104,11 +104,12 @@ class InputTurningPoints(NamedTuple):
 
         An assembly mode is a curve of configurations over the input. Modes meet at two
         kinds of inputs: at turning inputs two of them end, at crossing inputs their curves
-        cross and continue. There is one probe between two neighbouring inputs at which
-        modes meet. In doubtful intervals, in which such inputs may have been missed, there
-        are more, at most `step` (rad) apart. A doubtful interval shorter than
-        `POINTLIKE_INTERVAL_RAD` has none, because modes nearly coincide in it; there are
-        probes on both sides of it.
+        cross and continue. Between two neighbouring meetings the number of modes is
+        constant, so one probe is enough.
+
+        In a doubtful interval, meetings may have been missed. It has several probes, at
+        most `step` (rad) apart. A doubtful interval shorter than `POINTLIKE_INTERVAL_RAD`
+        has none, because modes nearly coincide in it.
         """
         # A crossing at an end of the range can be outside by rounding.
         crossing_inputs = np.clip(self.crossing_inputs, self.low, self.high)
@@ -133,13 +134,12 @@ class InputTurningPoints(NamedTuple):
         return np.array(probes or [0.5 * (self.low + self.high)])
 
     def claim(self, step: float) -> Completeness:
-        """Return how complete the modes are that were computed at some inputs.
+        """Return how complete the modes are that were computed at `probes(step)`.
 
-        These inputs are ``probes(step)``. All modes were computed at each of them. Modes
-        appear and vanish only where two of them meet. If all such meetings are known, one
-        probe between each two of them is enough to know all modes. In doubtful intervals,
-        where a meeting may have been missed, there are several probes. A mode that exists
-        only between two of these may be missing.
+        Modes appear and vanish only where two of them meet. If all such meetings are known,
+        one probe between each two of them is enough to know all modes. In doubtful
+        intervals, where a meeting may have been missed, a mode that exists only between two
+        probes may be missing.
 
         Parameters
         ----------
@@ -283,10 +283,10 @@ def _with_crossings(
     """Return the turning points with doubtful intervals replaced by the crossings in them.
 
     Assembly modes are curves of configurations over the input. Where two modes meet, a
-    function of the input is zero. At a turning point, where both end, it changes its sign.
-    At a crossing, where both continue, it has a double zero without a change of sign.
-    Within the error of its values this cannot be distinguished from two zeros or none, so
-    the interval is doubtful until the crossing is computed.
+    function of the input is zero. At a turning point both modes end, and the function
+    changes its sign. At a crossing both continue, and the function only touches zero. With
+    rounding errors this looks like two zeros or none, so the interval is doubtful until the
+    crossing is computed.
 
     Parameters
     ----------
