@@ -335,7 +335,7 @@ def find_foreign_files(
 ) -> list[str]:
     """Return the paths in a folder that spherekit has not written there, and links.
 
-    The caller removes or replaces the folder only if there are none.
+    Callers refuse to work in a folder with such files, so that none of them is lost.
 
     Parameters
     ----------

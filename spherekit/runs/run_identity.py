@@ -28,8 +28,8 @@ def code_identity() -> dict[str, str]:
     Two runs with the same options and the same identity have the same results, bit for bit.
     Only such runs may continue the stored work of each other.
     """
-    # The library heyoka compiles expressions if it is installed; otherwise NumPy evaluates
-    # them, with other rounding errors.
+    # The library heyoka compiles expressions if it is installed. Otherwise NumPy evaluates
+    # them.
     try:
         heyoka_version = version("heyoka")
     except PackageNotFoundError:

@@ -146,10 +146,17 @@ class Sampling:
         return replace(motion, timing=timing)
 
     def _simulated_motion(self, simulation: Simulation, samples: Indices) -> Motion:
-        """Return the motion of a simulation at samples, given by their numbers (n,).
+        """Return the positions of the mechanism at some samples of a simulation.
 
-        The motion has one assembly mode (way to assemble the mechanism), the one in which
-        the simulation starts.
+        They are in one assembly mode (way to assemble the mechanism), the one in which the
+        simulation starts.
+
+        Parameters
+        ----------
+        simulation
+            The solved simulation, or its part solved so far.
+        samples
+            (n,) numbers of the samples.
         """
         assert self.timing is not None
         position_analysis = self.position_analysis
@@ -158,8 +165,8 @@ class Sampling:
         # Samples after the end of the simulation have the state at its end.
         t = np.minimum(self.timing.t[samples], simulation.end.t)
         states = simulation.at(t)
-        # (n, variables). A simulation counts revolutions. A motion has angles in (-pi, pi],
-        # except for the inputs.
+        # (n, variables). The angles of a simulation include whole revolutions. In a motion
+        # only inputs do, and all other angles are in (-pi, pi].
         values = states.values
         values[:, solver.angles] = wrap(values[:, solver.angles])
         values[:, list(simulation.driven)] = states.inputs
@@ -185,8 +192,9 @@ class Sampling:
     ) -> Mapping[str, Floats]:
         """Return pair variables of a block that continue those of the previous block.
 
-        Angles of a motion are in (-pi, pi], except for the inputs. The returned variables
-        have no jumps of whole revolutions.
+        Angles of a motion are in (-pi, pi], except for the inputs, and so they jump by
+        whole revolutions. The returned variables have no such jumps, also from block to
+        block.
 
         Parameters
         ----------
@@ -204,7 +212,7 @@ class Sampling:
         # The inputs of a motion contain their revolutions already.
         passive_names = set(names) - set(self.position_analysis.inputs)
         if self.simulation is not None and passive_names:
-            # The function below then finds no jumps.
+            # A simulation knows the whole revolutions; with them no jumps remain.
             motion = self._add_simulated_revolutions(self.simulation, motion)
         # Revolutions are counted from sample to sample.
         angle_unwrapping = self.position_analysis.angle_unwrapping
@@ -276,9 +284,9 @@ class Sampling:
     def _summarize_events(self, events: Sequence[Event]) -> list[dict[str, Any]]:
         """Return the first events of a simulation for the summary.
 
-        An event at which all links stop has an entry for the swing that it ends. The swing
-        is the change of the input since the previous stop, or since the start. It shows
-        whether a damper has made the swings invisibly small.
+        An event at which all links stop also has the swing that it ends. The swing is the
+        change of the input (rad) since the previous stop, or since the start. A very small
+        swing shows that a damper has nearly stopped the mechanism.
         """
         entries: list[dict[str, Any]] = []
         q_at_last_stop = float(self.inputs[0, 0])
@@ -377,8 +385,8 @@ def make_sampling(
         The solver of a simulation; see `simulate`.
     follow
         False if no analysis of the run needs the motion. Assembly modes (ways to assemble
-        the mechanism) are then not searched, and there are no configurations. If the
-        samples are times, the modes are searched in any case.
+        the mechanism) are then not searched, and there are no configurations. Samples that
+        are times need the modes in any case.
     on_progress
         Function that is called while a simulation is solved. Its argument has all samples
         and the part of the simulation that is solved.
@@ -405,8 +413,8 @@ def make_sampling(
 def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling:
     """Return samples that are values of the inputs.
 
-    They are on the straight path through the ranges of all inputs, on a grid over these
-    ranges, or the values that the study lists (`path`).
+    There are three kinds: samples on the straight path through the ranges of all inputs, on
+    a grid over these ranges, or at the values that the study lists (`path`).
 
     Parameters
     ----------
@@ -419,8 +427,8 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         False if no analysis of the run needs the motion. Assembly modes are then not
         searched, and there are no configurations.
     """
-    # `input_pair=None`: the inputs are those of the mechanism. `crossings` says which curve
-    # a mode follows where curves of configurations cross.
+    # With `input_pair=None` the inputs are those of the mechanism. `crossings` says which
+    # curve a mode follows where curves of configurations cross.
     position_analysis = PositionAnalysis(
         mechanism,
         input_pair=None,
@@ -433,10 +441,9 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         crossings=study.crossings,
     )
     input_grid = position_analysis.input_grid
-    # The samples get times and rates if their inputs can move at constant speed. They can
-    # on the straight path through the ranges, and a single input can pass its values in
-    # rising order. Several inputs on a grid (`is_path` is False) have no such motion, and
-    # on a path that the study lists their direction may change at each sample.
+    # The samples get times and rates if the inputs can pass them at constant speed. This is
+    # so on the straight path. A single input can pass any values in rising order. Several
+    # inputs cannot on a grid (`is_path` is False), or on a listed path with corners.
     is_straight = study.path is None and input_grid.is_path
     has_one_input = len(mechanism.input_pairs) == 1
     timing = None
@@ -453,7 +460,18 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
 
 
 def _sample_laws(study: Study, mechanism: Mechanism, t: Floats) -> Sampling:
-    """Return samples at times t (n,) in s, at which the inputs follow their time laws."""
+    """Return samples at some times, at which the inputs follow their time laws.
+
+    Parameters
+    ----------
+    study
+        The time laws and the options of the search for assembly modes (ways to assemble the
+        mechanism).
+    mechanism
+        The mechanism of the study, with the inputs of the run.
+    t
+        (n,) times of the samples, s.
+    """
     laws = study.laws
     if not laws:
         # The single input moves from the start of its range at the default speed.
@@ -524,13 +542,14 @@ def _simulate_study(
     )
 
     def show_progress(partial_simulation: Simulation) -> None:
-        """Pass the unfinished simulation to `on_progress`, as samples at all times `t`.
+        """Pass the part of a simulation that is solved so far to `on_progress`.
 
-        Both names are arguments of the enclosing function.
+        It is passed as samples at all times `t`. `on_progress` and `t` are arguments of the
+        enclosing function.
         """
-        # Inputs and rates at the later samples are not known yet. During the simulation
-        # nothing reads these attributes, because the motion at a sample is computed from
-        # the simulation. A single column of NaN stands for them, even for several inputs.
+        # Inputs and rates at later samples are not known yet, so NaN stands for them.
+        # Nothing reads these numbers, because `on_progress` computes motions from the
+        # simulation.
         unknown = nans((len(t), 1))
         assert on_progress is not None
         on_progress(
@@ -584,8 +603,8 @@ def sample_simulation(
     end_time = simulation.end.t
     if end_time < duration:
         t = np.append(t[t < end_time], end_time)
-    # The states are evaluated in blocks, because a state has the rotations of all links,
-    # which need much memory.
+    # The states are evaluated in blocks, because they contain the rotations of all links
+    # and need much memory.
     inputs = []
     rates = []
     accelerations = []
@@ -701,19 +720,19 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
     """Return times, rates and accelerations of inputs that have no time laws.
 
     The fastest input moves at the constant speed `DEFAULT_INPUT_SPEED`, the others in
-    proportion to it. Time begins at 0, and accelerations are 0.
+    proportion to it. Time begins at 0, and accelerations are 0. Analyses then have rates
+    and velocities to compute with.
 
     Parameters
     ----------
     q
         (k, inputs) values of the inputs, rad.
     is_straight
-        Whether the inputs move on a straight path from the first to the last row.
-        Otherwise there is a single input, which moves from its least to its greatest value.
-        Its values may be in any order, so the times are not sorted then.
+        Whether the inputs move on a straight path from the first to the last row. Otherwise
+        there is a single input, with values in any order. It moves from its least to its
+        greatest value, so the times are not sorted.
     """
-    # (2, inputs): the first and the last values, or the least and the greatest. The second
-    # result of `input_extents`, of rates, is not used.
+    # (2, inputs): the first and the last values, or the least and the greatest.
     ends = q[[0, -1]] if is_straight else input_extents(q)[0]
     displacement = ends[1] - ends[0]
     fastest = np.argmax(np.abs(displacement))
@@ -721,8 +740,8 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
     if displacement[fastest]:
         relative_speed = displacement / np.abs(displacement[fastest])
     else:
-        # No input moves, as with a single sample. The rates are those of inputs that move
-        # at the default speed, so that velocities are not all zero.
+        # No input moves, for example with a single sample. All inputs get the default
+        # speed, so that velocities are not all zero.
         relative_speed = np.ones_like(displacement)
     return Timing(
         t,

@@ -78,9 +78,9 @@ class TradeOptions:
         Time (s) after which no further round begins.
     """
 
-    # The function `spherekit.trade` also takes the fields of a `Study` as options, except
-    # for these. Each setting has its own tolerance. `verify` and `degrees` concern the
-    # tables of a run, which a trade does not have. `apply_study_options` reads this list.
+    # The fields of a `Study` are options of `spherekit.trade`, too, except for these three.
+    # Each setting has its own tolerance. `verify` and `degrees` concern the tables of a
+    # run, which a trade does not have.
     excluded_study_fields = ("tolerance", "verify", "degrees")
 
     settings: Sequence[Setting] | None = None
@@ -111,7 +111,7 @@ class SettingMeasurement:
     reference
         Words that describe the reference values for users.
     floor
-        Error of the reference values, below which no error can be measured.
+        Error of the reference values themselves. Smaller errors cannot be measured.
     reference_tables
         Tables of the analysis, computed from the reference values.
     settings
@@ -127,12 +127,14 @@ class SettingMeasurement:
 class TimedTables(NamedTuple):
     """Tables of an analysis, and the processor time that was needed to compute them.
 
+    From the two times, the time for another number of samples is estimated.
+
     Attributes
     ----------
     tables
         The tables by name.
     first_seconds
-        Time (s) that does not depend on the number of samples, spent before the first one.
+        Time (s) before the first sample. It does not depend on the number of samples.
     seconds
         Total time (s), including `first_seconds`.
     """
@@ -144,7 +146,7 @@ class TimedTables(NamedTuple):
 
 @dataclass(frozen=True)
 class Candidate:
-    """A way to run an analysis, whose time and error are measured.
+    """A way to run an analysis, to be compared with others by time and error.
 
     It is a setting of the run (such as an engine), or a value of a parameter of the
     analysis.
@@ -198,9 +200,8 @@ def compute_timed_tables(
     reference_fields
         Poles with which the computed ones will be compared, one field for each input that
         moves while the others are locked. A pole is the axis about which one link rotates
-        relative to another, and both directions along it are equally right. The computed
-        directions are reversed where they are opposite to these. Empty if poles are not
-        compared, as in the runs whose times are measured.
+        relative to another. Both directions along it are equally right, so computed
+        directions get the sense of the reference. Empty if only the time is measured.
     """
     start = time.process_time()
     run_plan = make_analysis_plan(sampling, analysis, setting)
@@ -216,7 +217,7 @@ def _make_batches(
     analysis: AbstractAnalysis,
     reference_fields: Sequence[PoleField],
 ) -> Iterator[Batch]:
-    """Yield the data of each block of samples, as the analysis reads them.
+    """Yield the data of each block of samples, in the form that an analysis reads.
 
     Parameters
     ----------
@@ -225,14 +226,15 @@ def _make_batches(
     analysis
         The analysis.
     reference_fields
-        Poles at all samples with which those of the blocks will be compared, for each input
-        that moves while the others are locked. Empty if poles are not compared.
+        Poles (axes of the relative rotation of two links) at all samples, with which those
+        of the blocks will be compared. There is a field for each input that moves while the
+        others are locked. Empty if poles are not compared.
     """
     motions = run_plan.source.blocks(run_plan.block_size)
     for motion, pole_fields, continued_angles in run_plan.evaluate_blocks(motions):
         if reference_fields:
-            # Both directions along the axis of a pole are right. Those of the reference are
-            # chosen, so that a reversed direction does not count as an error.
+            # Both directions along a pole are right. A reversed direction must not count as
+            # an error, so the sense of the reference is taken.
             reference_rows = _find_reference_rows(motion, len(run_plan.sampling))
             pole_fields = align_directions(pole_fields, reference_fields, reference_rows)
         yield run_plan.make_batch(analysis, motion, pole_fields, continued_angles)
@@ -241,8 +243,9 @@ def _make_batches(
 def _find_reference_rows(motion: Motion, sample_count: int) -> Indices:
     """Return the row (n,) of the whole run to which each row of a block belongs.
 
-    The whole run first has the rows of all samples in the first assembly mode, then those
-    in the next mode. The block is ordered in the same way, but only has some samples.
+    A row is one sample in one assembly mode (way to assemble the mechanism). The whole run
+    first has the rows of all samples in the first mode, then those in the next mode. The
+    block has the same order, but only some of the samples.
 
     Parameters
     ----------
@@ -435,8 +438,8 @@ def _simulate(run_plan: RunPlan, study: Study, setting: Setting) -> Sampling:
     Parameters
     ----------
     run_plan
-        A run of the same study. The samples are at its times. It has one assembly mode
-        (way to assemble the mechanism), as every run of a simulation.
+        A run of the same study, which has the times of the samples. Like every run of a
+        simulation, it has one assembly mode (way to assemble the mechanism).
     study
         Start and driving torques of the simulation.
     setting
@@ -482,15 +485,14 @@ def _simulate_tables(
 
     Returns
     -------
-    The tables with their times. The time of the simulation counts as spent before the first
-    sample. It is therefore not multiplied when the time of a run with more samples is
-    estimated.
+    The tables with their times. The time of the simulation counts as time before the first
+    sample, because it does not grow with the number of samples.
     """
     start = time.process_time()
     sampling = _simulate(run_plan, study, setting)
     simulation_seconds = time.process_time() - start
-    # A simulation that ends early has other samples than the reference, so that directions
-    # cannot be compared.
+    # A simulation that ends early has other samples than the reference. Its directions
+    # cannot be compared then.
     if reference_fields and len(sampling) != len(reference_fields[0].status):
         reference_fields = ()
     (analysis,) = run_plan.analyses
@@ -506,7 +508,7 @@ def _simulate_tables(
 
 @dataclass(frozen=True)
 class _TightestSimulation:
-    """The simulation with the smallest tolerance, with which others are compared.
+    """The most accurate simulation (of the smallest tolerance), the reference for others.
 
     Attributes
     ----------

@@ -36,10 +36,17 @@ class SmoothExtremes:
         return cls(**entries)
 
     def add(self, values: Floats) -> None:
-        """Widen the extremes by the values (n,) at the next samples, NaN where unknown.
+        """Add the values of a quantity at the next samples, and update its estimated
+        extremes.
 
-        Parabolas through a value and its two neighbours have their extremes between the
-        samples. The last two values are stored, so that they are neighbours of later ones.
+        An extreme usually is between two samples. It is estimated by the parabola through a
+        value and its two neighbours. The last two values are stored, because they are
+        neighbours of later values.
+
+        Parameters
+        ----------
+        values
+            (n,) values at successive samples, NaN where unknown.
         """
         values = np.concatenate([self._restore_last_values(), values])
         self._store_last_values(values)
@@ -98,10 +105,10 @@ def find_parabola_extremes(
 ) -> ParabolaExtremes:
     """Return the extremes of parabolas through the values at three successive samples.
 
-    The parabolas are functions of the number of the sample. The parabola through the values
-    a, b and c has an extreme near the middle sample if b is not between a and c. The
-    maximum exceeds b by (c - a)**2 / (8 abs(a - 2 b + c)). A minimum is below b by the same
-    amount.
+    They estimate the extremes of a quantity between samples. The samples count as equally
+    spaced. The parabola through the values a, b and c has an extreme near the middle sample
+    if b is not between a and c. The maximum exceeds b by (c - a)**2 / (8 abs(a - 2 b + c)).
+    A minimum is below b by the same amount.
 
     Parameters
     ----------

@@ -54,7 +54,10 @@ _FILE_WORDING = TypeWording(
 
 
 def make_study_analyses(study: Study) -> list[AbstractAnalysis]:
-    """Return the analyses that a study names in its file, by default that of poles.
+    """Return the analyses that a study names in its file.
+
+    A study is a mechanism with the motion to analyse. If it names no analysis, that of
+    poles (axes of the relative rotation of two links) is returned.
 
     Raises
     ------
@@ -127,7 +130,7 @@ def _make_study_analysis(
     parameters
         Values of its parameters in the file, by key.
     """
-    # Errors in these `with` blocks get the line of the analysis in the file. Those of
+    # Errors in the `with` blocks get the line of the analysis in the file. Errors of
     # `_read_parameters` already have the line of the parameter.
     with _locate_errors(study, name):
         cls = load_analysis(name)
@@ -172,7 +175,8 @@ def _read_parameters(
     def make_error(keys: Names, message: str) -> SpherekitError:
         """Return an error with the line of a faulty parameter, or of the analysis.
 
-        `keys` has the key of the parameter. It is empty if no single one is at fault.
+        `keys` has the key of the faulty parameter. It is empty if the error concerns the
+        analysis as a whole.
         """
         return study.fault(("analyses", cls.name, *keys), message)
 
@@ -201,7 +205,7 @@ def _read_file_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:
     value
         The value. An array of the file is a list.
     angle_unit
-        Unit of angles without a unit.
+        The unit of an angle that the file states without a unit.
 
     Returns
     -------
@@ -228,12 +232,13 @@ def _read_simple_value(hint: Any, value: Any, angle_unit: AngleUnit) -> Any:
     Parameters
     ----------
     hint
-        The type: a simple one, a choice, or a number with a unit such as `Degrees`.
+        The type: a simple one, a choice (`Literal`), or a number with a unit (`Degrees`).
     value
-        The value: a number with a unit is a text in the file.
+        The value in the file. A number with a unit is a text, such as "5deg".
     angle_unit
-        Unit of angles without a unit.
+        The unit of an angle that the file states without a unit.
     """
+    # In Python a bool is also an int, so it is excluded for each type of number.
     if (unit := field_unit_of(hint)) is not None:
         if isinstance(value, bool) or not isinstance(value, int | float | str):
             raise ValueError(value)

@@ -112,14 +112,14 @@ def apply_study_options(
 def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
     """Return the keyword options of a public function, with default values and types.
 
-    The function takes a study and options that replace fields of the study. Its options
-    are:
+    Such a function takes a study (a mechanism with its motion), and options that replace
+    fields of the study. Its options are:
 
-    - Most fields of `Study`. If `options_class` has an attribute `excluded_study_fields`,
-      this attribute names further fields that are no options.
-    - The fields of `options_class`, which belong to this function only.
-    - `input_pair`, the names of the driven pairs. It changes the mechanism of the study.
-    - `angle_unit`, the unit of given angles.
+    - most fields of `Study`; the attribute `excluded_study_fields` of `options_class` names
+      further fields that are no options,
+    - the fields of `options_class`, which belong to this function only,
+    - `input_pair`, the names of the driven pairs, which changes the mechanism of the study,
+    - `angle_unit`, the unit of the angles that the caller passes.
 
     Returns
     -------
@@ -151,8 +151,8 @@ def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
 def takes_study_options(options_class: type) -> Callable[[Function], Function]:
     """Return a decorator that shows the options of a function in its signature.
 
-    The function itself takes them as ``**options``. Help texts and editors show the
-    signature with the name, type and default of each option: the fields of a study, and the
+    The function itself takes them as ``**options``. With the decorator, help texts and
+    editors show the name, type and default of each option: the fields of a study, and the
     fields of `options_class`.
     """
 

@@ -134,11 +134,11 @@ def _mode_names(mode: AssemblyMode) -> Facts:
 def _unapplied_joint_limits(
     mechanism: Mechanism, sampling: Sampling
 ) -> dict[str, list[float]]:
-    """Return the joint limits (rad), by pair, that the motion of a run can exceed.
+    """Return the joint limits (rad), by pair, that the motion of a run may exceed.
 
-    Only a simulation ends at joint limits. Any other run can exceed them. The limits of an
-    input are exceeded if its range is wider than they are. The angles of all other pairs
-    are not compared with their limits.
+    The summary of the run warns of them. Only a simulation stops at joint limits. The
+    limits of an input are listed if its range exceeds them. Those of all other pairs are
+    always listed, because their angles are not examined.
     """
     if sampling.simulation is not None:
         return {}
@@ -147,6 +147,7 @@ def _unapplied_joint_limits(
     )
     limits = {}
     for limit in mechanism.joint_limits:
+        # A pair that is no input counts as having an unlimited range.
         input_range = input_ranges.get(limit.pair, [-np.inf, np.inf])
         if min(input_range) < limit.low or max(input_range) > limit.high:
             limits[limit.pair] = [limit.low, limit.high]

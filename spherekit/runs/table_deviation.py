@@ -21,8 +21,8 @@ class Deviation:
     column
         Names of the table and the column: ``TABLE.COLUMN``.
     error
-        The largest deviation, divided by `scale`. It is at least the rounding error of
-        float64.
+        The largest deviation, divided by `scale`. The smallest possible value is the
+        rounding error of float64.
     scale
         1 for absolute errors, such as those of angles. Otherwise the largest reference
         value of all columns of the table with the same unit.
@@ -31,8 +31,8 @@ class Deviation:
     missing
         Number of reference values for which the table has no number.
     estimate
-        Largest error that the analysis itself estimates, relative to the largest number of
-        the column; NaN without an estimate.
+        Largest error as the analysis itself estimates it, divided by the largest number of
+        the column. NaN without an estimate.
     """
 
     column: str
@@ -77,11 +77,10 @@ def compute_deviations(
 ) -> list[Deviation]:
     """Return the largest deviation of every column of numbers from reference values.
 
-    Some errors are absolute, such as errors of angles. The others are relative to the
-    largest reference value of all columns of the table with the same unit. A single column
-    is no good scale, because all its values may be rounding errors. An example is a torque
-    that is zero in theory. Derivatives by an angle may have another scale, see
-    `_find_scale`.
+    Some errors are absolute, such as errors of angles. The others are relative to a scale:
+    the largest reference value of all columns of the table with the same unit. A single
+    column is no good scale, because all its values may be rounding errors, for example of a
+    torque that is zero in theory.
 
     Parameters
     ----------
@@ -131,12 +130,12 @@ def compute_deviations(
 
 
 def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
-    """Return the number to which errors of columns with a unit are relative.
+    """Return the number by which errors of columns with a certain unit are divided.
 
-    It is the largest reference value with this unit. There is one exception. A unit such as
-    N m/rad is that of derivatives by an angle, here of the columns in N m. If these columns
-    are constant, their derivatives are only rounding errors. Errors of the derivatives are
-    then relative to the largest value of the columns in N m.
+    It is usually the largest reference value with this unit. Derivatives by an angle, for
+    example in N m/rad, are an exception if they are only rounding errors. This happens if
+    the columns in N m are constant. The scale is then the largest value of the columns in N
+    m.
 
     Parameters
     ----------

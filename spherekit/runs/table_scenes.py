@@ -29,9 +29,9 @@ Larger: figures with more lines than a reader can tell apart.
 def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Scene]:
     """Return drawings of the tables of an analysis: columns of numbers over the samples.
 
-    Only tables with rows at the samples are drawn. If a sample has several rows, such as
-    one for each pole, the text columns of a row name its subject. `_column_series` selects
-    the rows of an assembly mode and makes one curve (series) of each subject and column.
+    They are for an analysis without drawings. Only tables with rows at the samples are
+    drawn. A sample can have several rows, for example one for each pole. The texts in such
+    a row then name its subject, and each subject has a curve for each column.
 
     Parameters
     ----------
@@ -44,7 +44,8 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Sc
 
     Returns
     -------
-    A scene for each assembly mode (way to assemble the mechanism) with at least one curve.
+    A scene (drawing) for each assembly mode (way to assemble the mechanism) with at least
+    one curve.
     """
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
@@ -65,11 +66,12 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Sc
 def _column_series(
     table: Table, data: TableArrays, mode: int, samples: Integers
 ) -> Iterator[Primitive]:
-    """Yield a curve (series) for each column and subject of an assembly mode.
+    """Yield a curve (series) over the samples for each column and subject of a table.
 
-    The subject of a row is, for example, a pole. The texts in the row name it. Nothing is
-    drawn if a table has more than `MAX_SUBJECTS` of them. A subject without exactly one row
-    at each sample is left out, because a curve has a value at every sample.
+    A table can have several rows at a sample, for example one for each pole, which is then
+    the subject of the row. The texts in the row name the subject. With more than
+    `MAX_SUBJECTS` subjects nothing is drawn. A subject needs exactly one row at each
+    sample, because a curve has a value at every sample.
 
     Parameters
     ----------
@@ -78,7 +80,7 @@ def _column_series(
     mode
         Number of the assembly mode (way to assemble the mechanism).
     samples
-        (k,) numbers of the samples.
+        (k,) numbers of the samples in this mode.
     """
     mode_rows = np.flatnonzero(data[ASSEMBLY_MODE.name] == mode)
     subjects = np.array(_name_subjects(table, data, mode_rows), dtype=str)

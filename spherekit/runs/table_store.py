@@ -70,16 +70,16 @@ class StoredTables:
         """
         from spherekit.tables.table_files import write_columns
 
-        # If there are several blocks, the rows of a file are sorted by assembly mode (way
-        # to assemble the mechanism), so that the final table can have all rows of a mode
-        # together. Otherwise all rows count as those of one mode.
+        # The final table has all rows of an assembly mode (way to assemble the mechanism)
+        # together. With several blocks, the rows of each file are therefore sorted by mode.
+        # A single block needs no sorting, and its rows count as those of one mode.
         needs_sorting = self._has_several_blocks and table.in_assembly_modes
         columns = convert_columns(table, arrays(data))
         sorted_block = (
             sort_by_mode(columns) if needs_sorting else treat_as_one_mode(columns)
         )
-        # The file is divided into groups of at most CHUNK_ROWS rows, each of one mode. The
-        # notes in the file list the mode of each group.
+        # The file is divided into groups of at most CHUNK_ROWS rows of one mode. Its notes
+        # list the mode of each group.
         group_modes = []
         group_rows = []
         for mode, rows in sorted_block.rows_of_modes:
@@ -101,8 +101,8 @@ class StoredTables:
         """Yield the columns of all rows of a table in pieces, one assembly mode at a time.
 
         An assembly mode is one of the ways to assemble the mechanism. The rows are in one
-        file for each block of samples. A file consists of groups of rows of one assembly
-        mode.
+        file for each block of samples. A file consists of groups, and the rows of a group
+        belong to one assembly mode.
 
         Raises
         ------

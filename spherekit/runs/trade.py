@@ -100,10 +100,10 @@ def refine_at_error_peaks(
 ) -> Indices:
     """Add samples where large errors are expected: at peaks of the error bounds of poles.
 
-    A pole is the axis about which one link rotates relative to another. A gap is the
-    distance between a peak and the next chosen sample on either side. At the
-    `MAX_REFINED_PEAKS` highest peaks, the sample in the middle of each gap is added. This
-    is repeated until no sample of the run is skipped beside these peaks.
+    A pole is the axis about which one link rotates relative to another. Errors are measured
+    only at some samples, which could miss a peak. At the `MAX_REFINED_PEAKS` highest peaks,
+    the intervals to the next chosen samples on both sides are therefore halved. This is
+    repeated until no sample of the run is skipped beside these peaks.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def refine_at_error_peaks(
     while len(new_samples):
         largest_bounds = _largest_direction_errors(sampling, samples, request)
         peaks = _find_highest_peaks(largest_bounds)
-        # The gaps before and after each peak, by the index of the sample before the gap.
+        # The intervals before and after each peak, by the index of their first sample.
         gaps = np.unique(np.clip([peaks - 1, peaks], 0, len(samples) - 2))
         middles = (samples[gaps] + samples[gaps + 1]) // 2
         new_samples = np.setdiff1d(middles, samples)
@@ -157,7 +157,7 @@ def _find_highest_peaks(values: Floats) -> Indices:
 
 
 def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
-    """Return a sampling that has only some of the samples of another one.
+    """Return some of the samples of a run as the samples of a smaller run.
 
     Parameters
     ----------
@@ -172,9 +172,9 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
     modes = position_analysis.assembly_modes
     q = sampling.inputs[rows]
     timing = sampling.timing
-    # The samples become a path of the inputs. A run in a single assembly mode is restricted
-    # to this mode again. A run in several modes has all modes of the path. `crossings` is
-    # the rule by which a mode continues where curves of configurations cross.
+    # The samples become a path of the inputs. A run in a single assembly mode stays
+    # restricted to this mode. `crossings` is the rule by which a mode continues where
+    # curves of configurations cross.
     return replace(
         sampling,
         position_analysis=PositionAnalysis(
@@ -318,17 +318,16 @@ def _make_coarser_grid(study: Study, shape: tuple[int, ...], max_count: int) -> 
 
 
 def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
-    """Return the samples at which the default setting is timed, None for no special ones.
+    """Return the samples at which the default setting is timed, None for the usual ones.
 
-    A setting is one way to compute a run. With the default setting, a run with at least
-    `MIN_KERNEL_ROWS` rows uses a kernel: compiled functions for many rows. A row is a
-    sample in one assembly mode. The samples at which errors are measured are too few for a
-    kernel, so the setting would be timed without it.
+    A setting is one way to compute a run. With the default setting, long runs use a kernel
+    (compiled functions for many rows; a row is a sample in one assembly mode). Settings are
+    usually timed at the samples at which errors are measured, and these are too few for a
+    kernel.
 
-    For a long run along a path, the first samples of the run are therefore returned, with
-    `KERNEL_SAMPLE_FACTOR` times as many rows as a kernel needs. The result is None for a
-    run that is too short for a kernel, and for a grid of several inputs. The setting is
-    then timed at the samples at which errors are measured.
+    For a long run along a path, the first samples of the run are therefore returned. They
+    have `KERNEL_SAMPLE_FACTOR` times the number of rows that a kernel needs. The result is
+    None for a run that is too short for a kernel, and for a grid of several inputs.
     """
     sampling = run_plan.sampling
     sample_count = len(sampling)
@@ -377,15 +376,20 @@ def _trade_samples(run_plan: RunPlan, study: Study, trade_options: TradeOptions)
     def run_setting(setting: Setting, is_compared: bool) -> TimedTables:
         """Run the analysis once with a setting (a way to compute velocities).
 
-        `is_compared` states whether the tables will be compared with the reference.
-        Otherwise only the times count.
+        Parameters
+        ----------
+        setting
+            The setting.
+        is_compared
+            Whether the tables will be compared with the reference. Otherwise only the times
+            count.
         """
         if is_compared:
             return compute_timed_tables(sampling, analysis, setting, reference.pole_fields)
-        # Long runs with the default setting, `ORDINARY`, use a kernel: compiled functions
-        # for many rows. The samples at which errors are measured are too few for it, so the
-        # default setting is timed at other samples. `kernel_sampling` has these samples. It
-        # is None if the user's run is too short for a kernel.
+        # Long runs with the default setting, `ORDINARY`, use a kernel (compiled functions
+        # for many rows). The usual samples are too few for a kernel, so this setting is
+        # timed at the samples `kernel_sampling`. They are None if the user's run is too
+        # short for one.
         timed_sampling = kernel_sampling if setting == ORDINARY else None
         if timed_sampling is None:
             return compute_timed_tables(sampling, analysis, setting)
@@ -431,8 +435,8 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
     """
     (analysis,) = run_plan.analyses
     sampling = run_plan.sampling
-    # Errors are relative to the scale of a column. Comparing the reference with itself
-    # gives these scales.
+    # Errors are relative to the scale of a column. The reference is compared with itself
+    # only to get these scales.
     reference_tables = measurement.reference_tables
     deviations = measure_deviations(run_plan, reference_tables, reference_tables)
     scales = {deviation.column: deviation.scale for deviation in deviations}
@@ -535,10 +539,10 @@ def _run_with_value(
 ) -> TimedTables:
     """Run an analysis with one value of a parameter, and measure the time.
 
-    The parameter trades speed for accuracy. An analysis that has such a parameter spends
-    nearly all its time on a search of its own, and hardly any on the samples of the run.
-    Therefore at most `MIN_CHECKED_SAMPLES` samples are computed here, unless the parameter
-    itself is their number.
+    The parameter trades speed for accuracy. An analysis with such a parameter spends nearly
+    all its time on a search, and hardly any on the samples of the run. Therefore at most
+    `MIN_CHECKED_SAMPLES` samples are computed here. If the parameter is the number of
+    samples, its value is used.
 
     Parameters
     ----------
@@ -552,8 +556,8 @@ def _run_with_value(
     value
         The value of the parameter. The parameter "samples" is the number of samples.
     is_compared
-        Whether the tables will be compared with reference tables. It is not used, since
-        they are computed in the same way. `measure_candidates` passes it to every function.
+        Whether the tables will be compared with reference tables. It is passed to all such
+        functions, but is not used here.
     """
     start = time.process_time()
     sample_count = min(study.count, MIN_CHECKED_SAMPLES)
@@ -570,9 +574,8 @@ def _run_with_value(
         raise AnalysisError(result.failures[analysis.name])
     data = arrays(result.results[analysis.name].data[parameter_trade.table])
     seconds = time.process_time() - start
-    # The caller converts times to the number of samples of the run: `first_seconds` counts
-    # once, and the rest of `seconds` grows with this number. The search takes the same time
-    # for any number, so all time is in `first_seconds`.
+    # The caller extrapolates the time to more samples: all but `first_seconds` grows with
+    # their number. The search does not, so all time is in `first_seconds`.
     return TimedTables(
         {parameter_trade.table: data}, first_seconds=seconds, seconds=seconds
     )
@@ -650,8 +653,9 @@ def _group_numbers(
 ) -> dict[Names, Floats]:
     """Return the finite numbers of a column, grouped by the texts in their rows.
 
-    Two runs may find a different number of rows. A number is therefore only compared with
-    numbers in rows with the same texts, such as the kind of a singularity.
+    Two runs with different accuracy are compared, and may find different numbers of rows. A
+    number is therefore only compared with numbers in rows with the same texts, such as the
+    kind of a singularity.
 
     Parameters
     ----------

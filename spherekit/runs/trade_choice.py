@@ -223,7 +223,7 @@ class SettingChoice:
     setting
         The chosen setting.
     error
-        Largest error that was measured with it; NaN if none was measured.
+        Largest error that was measured with this setting; NaN if none was measured.
     reason
         The reason of the choice, as a phrase for users.
     """
@@ -239,10 +239,10 @@ def _choose_from_trades(
     """Return the cheapest setting that meets a tolerance in all trades.
 
     A trade is a measurement of speed against accuracy, for one analysis: the settings of a
-    run (ways to compute it), each with its time and error. Measured times scatter, so all
-    settings that are about as fast as the cheapest one count as equally cheap, and the most
-    accurate of these is returned. If no setting meets the tolerance, the most accurate one
-    is returned.
+    run (ways to compute it), each with its time and error. Measured times scatter, so
+    settings that are about as fast as the fastest one count as equally cheap. Of these the
+    most accurate one is returned. If no setting meets the tolerance, the most accurate of
+    all is returned.
 
     Parameters
     ----------
@@ -255,9 +255,8 @@ def _choose_from_trades(
         Adjective for the trades in the reason, such as ``"stored"``.
     """
     # For each trade, its usable settings with their times and errors. A setting is usable
-    # if it could be run and gave all numbers of the reference (`counts`). A trade may also
-    # list values of a parameter of the analysis. Their `setting` is None, and they are left
-    # out.
+    # (`counts`) if it could be run and has computed all numbers of the reference. Entries
+    # without a setting are values of a parameter of the analysis, and are left out.
     measured_of_trades: list[dict[Setting, Measured]] = []
     for analysis_trade in trades:
         measured_by_setting = {}
@@ -276,7 +275,7 @@ def _choose_from_trades(
             )
     origin = f"of a {kind} trade of {listing(item.analysis for item in trades)}"
     if not costs:
-        # The default setting needs no measurement.
+        # The default setting is then taken without a measurement.
         return SettingChoice(ORDINARY, np.nan, f"no setting {origin} computes all rows")
     # Errors were measured at some samples only, so they need a margin.
     sufficient_costs = {

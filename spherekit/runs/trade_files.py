@@ -39,7 +39,7 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
     path = study.path
     # The description of an analysis is its name, version and parameters.
     ((_, version, analysis_parameters),) = describe_analyses([analysis])
-    # A simulation runs in a single assembly mode, by default the first one.
+    # A simulation (a study with a start) has a single assembly mode, by default the first.
     assembly_mode = study.assembly_mode
     if study.start is not None:
         assembly_mode = study.assembly_mode or 0
@@ -56,9 +56,8 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
         "assembly_mode": assembly_mode,
         # Whether all assembly modes (ways to assemble the mechanism) are searched.
         "search": study.search,
-        # Where configuration curves cross, modes keep the signs of their dyads ("end"), or
-        # follow smooth curves ("pass"). The key is left out for the default "end", because
-        # trades of earlier versions lack it.
+        # Which curve a mode follows where configuration curves cross: "pass" continues
+        # smoothly. The default "end" has no key, as trades of earlier versions lack it.
         **({"crossings": "pass"} if study.crossings == "pass" else {}),
         "laws": {pair: repr(law) for pair, law in study.laws.items()},
         "duration": study.duration,

@@ -38,7 +38,8 @@ def reads_motion_quantities(run_plan: RunPlan) -> bool:
 def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
     """Measure the errors of a run at some of its samples.
 
-    The tables of the analysis are compared with tables from values in many digits.
+    The tables of the analysis are compared with reference tables, which are computed from
+    values in many digits.
 
     Parameters
     ----------
@@ -50,14 +51,14 @@ def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
     deviations
         The largest deviation of each column of numbers.
     row_count
-        Number of rows (samples of all assembly modes) that are compared.
+        Number of compared rows (samples in all assembly modes).
     """
     sample_count = len(run_plan.sampling)
     samples = np.arange(sample_count)
     if sample_count > CHECKED_SAMPLES:
-        # The run is divided into CHECKED_SAMPLES equal parts, with one sample from each.
-        # Its position in the part is the fractional part of a multiple of the golden ratio.
-        # A regular pattern could coincide with a pattern of the run.
+        # One sample is taken from each of CHECKED_SAMPLES equal parts of the run. Its
+        # position in the part varies irregularly, by multiples of the golden ratio. A
+        # regular pattern could coincide with a pattern of the run.
         parts = samples[:CHECKED_SAMPLES]
         positions_in_parts = (parts * GOLDEN) % 1.0
         fractions = (parts + positions_in_parts) / CHECKED_SAMPLES
@@ -68,8 +69,8 @@ def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
     (block,) = run_plan.evaluate_blocks([run_plan.source.motion_at(samples)])
     # The continued angles are pair variables without jumps of whole revolutions.
     motion, pole_fields, continued_angles = block
-    # A pole is an axis, whose direction may point either way. In both tables directions
-    # point as in the reference.
+    # A pole (axis of the relative rotation of two links) may point either way. A reversed
+    # direction is no error, so all directions get the sense of the reference.
     pole_fields = align_directions(
         pole_fields, reference.pole_fields, np.arange(len(motion))
     )
@@ -93,9 +94,9 @@ class ReferenceTables:
         The poles from which they are computed, for each input that moves while the others
         are locked. A pole is the axis about which one link rotates relative to another.
     lacking
-        Text about the rows that have no reference values, such as ", 3 rows without". It
-        is appended to the name of the reference, such as "the closure equations in 20
-        digits". Empty if all rows have reference values.
+        Text about the rows without reference values, such as ", 3 rows without". It is the
+        end of a text such as "the closure equations in 20 digits, 3 rows without". Empty if
+        all rows have reference values.
     """
 
     tables: Tables
@@ -108,8 +109,9 @@ def compute_reference_tables(
 ) -> ReferenceTables:
     """Compute the tables of the analysis of a run from reference values.
 
-    The reference values are solutions of the closure equations in 20 digits, rounded to
-    float64; see `spherekit.proof`. The tables serve to measure the errors of a run.
+    The reference values are solutions of the closure equations (conditions that loops stay
+    closed) in 20 digits, rounded to float64. The tables serve to measure the errors of a
+    run.
 
     Parameters
     ----------
@@ -122,20 +124,18 @@ def compute_reference_tables(
         as exact.
     """
     (analysis,) = run_plan.analyses
-    # A pole is the axis about which one link rotates relative to another. A request states
-    # which poles are read while one input moves and the others are locked. If it has none,
-    # there is nothing to evaluate.
+    # A pole is the axis about which one link rotates relative to another. A request lists
+    # the poles that are read while one input moves and the others are locked.
     requests = [request for request in run_plan.requests if request.poles]
     pole_fields = [evaluate(motion, request) for request in requests]
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
     reference_motion = replace(reference.motion, samples=motion.samples)
-    # Rows of the run for which no solution in many digits was computed. `exact` has the
-    # solutions for each moving input. Configurations do not depend on which input moves,
-    # so the first entry suffices.
+    # Rows of the run for which no solution in many digits was found. `exact` has an entry
+    # for each moving input. The first one suffices, as all have the same configurations.
     is_lacking = (motion.status == Status.OK) & (reference.exact[0].status != Status.OK)
     lacking_count = np.sum(is_lacking)
-    # Pair variables without jumps of whole revolutions. They begin here, because there are
-    # no angles (the empty dictionary) of a block before this one.
+    # Pair variables (joint angles) without jumps of whole revolutions. The empty dictionary
+    # says that no block of samples comes before.
     continued_angles = run_plan.continue_angles(reference_motion, {})
     batch = run_plan.make_batch(
         analysis, reference_motion, reference.pole_fields, continued_angles
