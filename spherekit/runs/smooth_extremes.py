@@ -36,8 +36,7 @@ class SmoothExtremes:
         return cls(**entries)
 
     def add(self, values: Floats) -> None:
-        """Add the values of a quantity at the next samples, and update its estimated
-        extremes.
+        """Add the values of a quantity at the next samples, and update its extremes.
 
         An extreme usually is between two samples. It is estimated by the parabola through a
         value and its two neighbours. The last two values are stored, because they are

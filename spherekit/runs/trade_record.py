@@ -49,19 +49,19 @@ class Measured:
     seconds, seconds_median
         Best and median processor time (s) of the run, without compiling.
     first_seconds
-        The part of both times (s) that is spent before the first sample. It does not depend
-        on the number of samples.
+        The part of the best and of the median time (s) before the first sample. It does not
+        depend on the number of samples.
     compile_seconds
         Time (s) for compiling, which is spent once.
     error
         Largest deviation of any column from reference values. The deviation of a column is
         divided by the scale of the column (`Trade.columns`).
     worst_column
-        The column with this deviation.
+        The column with the largest deviation.
     own_estimate
         Error that the analysis itself estimates.
     missing
-        Number of results that the reference has and this setting does not.
+        Number of reference values for which this setting has no result.
     reason
         Reason why the setting does not apply, with NaN for the error and the times. Empty
         if the setting applies.
@@ -86,7 +86,7 @@ class Measured:
 
     @property
     def counts(self) -> bool:
-        """Whether the setting applies and gives all numbers, so that it can be chosen."""
+        """Whether the setting has computed all numbers, so that it can be chosen."""
         return not self.reason and not self.missing and bool(np.isfinite(self.error))
 
 
@@ -184,12 +184,13 @@ class Trade:
         return tuple(best)
 
     def cheapest(self, tolerance: float) -> Measured | None:
-        """Return one of the quickest settings that meet a tolerance, None if none does.
+        """Return the best setting that meets a tolerance, None if no setting does.
 
-        Measured times scatter. Therefore all settings whose times hardly exceed the
-        shortest one count as equally quick, and the most accurate of these is returned. A
-        setting meets the tolerance if `MARGIN` times its error does not exceed it. The
-        errors were measured at some samples only, and can be larger at others.
+        A setting is a way to compute a run. It meets the tolerance if `MARGIN` times its
+        error does not exceed the tolerance. The margin is needed because errors were
+        measured at some samples only. Measured times scatter, so all settings that are
+        about as fast as the fastest one count as equally fast. Of these the most accurate
+        one is returned.
 
         Raises
         ------
@@ -197,6 +198,7 @@ class Trade:
             If the tolerance is not a positive number.
         """
         check_tolerance(self.mechanism, tolerance)
+        # `pareto` has the settings that no other beats in both time and error.
         costs = {
             measured: Cost(measured.total, measured.error)
             for measured in self.pareto
@@ -226,8 +228,7 @@ class Trade:
         OutputError
             If matplotlib is not installed.
         """
-        # `spherekit.trade` stores the function that draws in `draw`. A trade that comes
-        # from elsewhere has none.
+        # Only `spherekit.trade` stores a function that draws in `draw`.
         if self.draw is None:
             raise AnalysisError(
                 "plot: only a result that spherekit.trade returned can be drawn"
@@ -249,8 +250,8 @@ class Trade:
     def _setting_as_dict(self, measured: Measured) -> Facts:
         """Return one setting with its times and errors as data for JSON.
 
-        A setting is a way to compute a run. "what" describes it in words, and "applies" is
-        false if it cannot compute this run (`Measured.reason` says why). "pareto" is true
+        A setting is a way to compute a run. The entry "what" describes the setting in
+        words. "applies" is false if the setting cannot compute this run. "pareto" is true
         if no other setting has both a shorter time and a smaller error. NaN becomes None,
         because JSON has no NaN.
         """
@@ -259,7 +260,8 @@ class Trade:
             # Only NaN differs from itself.
             is_nan = value != value
             values[key] = None if is_nan else value
-        # `first_seconds` are spent before the first sample, whatever the number of samples.
+        # The time before the first sample, `first_seconds`, is the same for all numbers of
+        # samples.
         seconds_per_sample = (measured.seconds - measured.first_seconds) / self.samples
         return {
             **values,
@@ -300,10 +302,10 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
 def format_seconds(value: float) -> str:
     """Return a time (s) as text, such as ``7 us``, ``1.20 ms``, ``45.0 s`` or ``1300 s``.
 
-    Below 1 ms the text has whole microseconds, from 1000 s on whole seconds. Between these,
-    it has three digits.
+    Below 1 ms the text has whole microseconds, and above 1000 s whole seconds. Between
+    these limits it has three digits.
     """
-    # A limit such as 0.9995 is the number from which on three digits are rounded to 1.00.
+    # With three digits, numbers from 0.9995 on are rounded to 1.00.
     if value < 0.9995e-3:
         return f"{1e6 * value:.0f} us"
     if value >= 999.5:
@@ -314,6 +316,6 @@ def format_seconds(value: float) -> str:
     else:
         number = value
         unit = "s"
-    # "#" keeps zeros at the end (1.20), but also the point of "120.", which is removed.
+    # "#" preserves zeros at the end (1.20), but also the point of "120.", which is removed.
     three_digits = f"{number:#.3g}".rstrip(".")
     return f"{three_digits} {unit}"

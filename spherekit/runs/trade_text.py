@@ -28,15 +28,16 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return a trade as text for users.
 
     A trade consists of the settings of a run (ways to compute it) with their measured times
-    and errors. The text has a table of the settings, the scales to which the errors of
-    columns are relative, and the settings that do not apply.
+    and errors. The text has a table of the settings, and then the scale of each column, by
+    which its errors are divided. The last lines list the settings that do not apply.
 
     Parameters
     ----------
     trade
         The measured settings.
     tolerance
-        Largest error that is accepted. If given, a setting is recommended at the end.
+        Largest error that is accepted. With a tolerance, a setting is recommended at the
+        end.
     """
     # The table of settings, in columns as wide as their longest cell.
     rows: list[Names] = [HEADINGS, *make_rows(trade)]
@@ -68,9 +69,11 @@ def make_rows(trade: Trade) -> list[Names]:
 
 
 def describe_errors(trade: Trade) -> list[str]:
-    """Return lines on the scales to which the errors of columns are relative.
+    """Return lines that explain the errors of a trade.
 
-    Estimates that an analysis makes of its own error have a line each.
+    A trade has the measured errors of several ways (settings) to compute a run. The first
+    lines are estimates that an analysis makes of its own error. The others say to which
+    scale the errors of each column are relative.
     """
     lines = [
         f"  {measured.name}: the analysis's own estimate of its error "
@@ -78,9 +81,8 @@ def describe_errors(trade: Trade) -> list[str]:
         for measured in trade.settings
         if np.isfinite(measured.own_estimate)
     ]
-    # Columns whose errors have the same scale share a line. The words about it begin with
-    # "absolute" if the scale is 1. Otherwise errors are divided by a number, which is
-    # added.
+    # Columns with the same scale share a line. Absolute errors are not divided by anything.
+    # For all others, the number by which they are divided is added.
     columns_by_scale: dict[str, list[str]] = {}
     for column, scale_words, scale in trade.columns:
         scale_number = "" if scale_words.startswith("absolute") else f" ({scale:.3g})"
@@ -105,12 +107,11 @@ def make_heading(trade: Trade) -> str:
 
 
 def advise(trade: Trade, tolerance: float) -> str:
-    """Return a sentence that recommends a setting for a tolerance.
+    """Return a sentence that recommends a setting (way to compute a run) for a tolerance.
 
-    A setting is a way to compute a run. The quickest setting whose error, with a margin, is
-    within the tolerance is recommended. The time of a setting is that of the run and of
-    compiling. If no setting meets the tolerance, the sentence says how accurate the
-    settings are.
+    The sentence recommends the fastest setting with an error within the tolerance. The
+    error is multiplied by a margin, and the time includes compiling. If no setting meets
+    the tolerance, the sentence says how accurate the best one is.
     """
     best = trade.cheapest(tolerance)
     if best is not None:
@@ -119,8 +120,8 @@ def advise(trade: Trade, tolerance: float) -> str:
             f"this is within the tolerance), {format_seconds(best.total)} including "
             "compiling"
         )
-    # The front has the settings that no other beats in both time and error, the quickest
-    # first. Settings that do not compute all numbers of the reference are left out of it.
+    # The front has the settings that no other beats in both time and error, the fastest
+    # first. Settings without all numbers of the reference are left out.
     front = trade.pareto
     if not front:
         return f"For {tolerance:g}: no setting computes all numbers"
@@ -142,10 +143,13 @@ def as_csv(trade: Trade) -> str:
 def _make_cells(measured: Measured, is_on_front: bool) -> Names:
     """Return the cells of one line in the table of measured settings.
 
-    A setting is a way to compute a run. The cells are a star (if no other setting is
-    quicker and as accurate), the name, the largest error and its column, and the best time,
-    the median time and the time for compiling. The number of results that the reference has
-    and this setting lacks (`missing`) is added to the error.
+    A setting is a way to compute a run. The cells are:
+
+    - a star if no other setting is both faster and more accurate,
+    - the name,
+    - the largest error, with the number of missing results,
+    - the column with this error,
+    - the best time, the median time and the time for compiling.
     """
     error = f"{measured.error:.1e}"
     if measured.missing:
@@ -163,19 +167,18 @@ def _make_cells(measured: Measured, is_on_front: bool) -> Names:
 
 
 def list_inapplicable_settings(trade: Trade) -> list[str]:
-    """Return lines that list the settings which do not apply, with the reasons.
+    """Return lines that list the settings which cannot compute a run, with the reasons.
 
-    A trade has the measured times and errors of all settings, the ways to compute a run.
-    Settings that cannot compute it have a reason instead. Reasons that differ only in
-    numbers or in the name of their setting share a line.
+    A setting is a way to compute a run. A trade has the measured times and errors of the
+    settings, or the reason why a setting does not apply. Reasons that differ only in
+    numbers or in the name of the setting share a line.
     """
-    # Reasons are compared without their numbers. Each entry has the first of the equal
-    # reasons, with its numbers, and the names of the settings.
+    # By the reason without numbers: the first such reason with its numbers, and the names
+    # of all settings with this reason.
     settings_by_reason: dict[str, tuple[str, list[str]]] = {}
     for measured in trade.settings:
         if measured.reason:
-            # The name of the setting is taken out of the reason, so that reasons of several
-            # settings become equal.
+            # Without the name of the setting, reasons of several settings become equal.
             reason = measured.reason.replace(f" {measured.name} ", " ")
             reason = reason.removeprefix(f"{trade.mechanism}: ")
             key = without_numbers(reason)

@@ -83,14 +83,15 @@ class _BlockRows(ArrayRows):
     continued_angles: ContinuedAngles
 
     def select_for_check(self, count: int, sample_count: int) -> "_BlockRows":
-        """Return rows to be computed again in many digits: the worst, and some others.
+        """Return the rows of a run that will be checked by a computation in many digits.
 
-        The worst rows are those with the largest closure residual, error bound of a pole
-        direction, and condition number of the closure Jacobian. The other rows are spread
-        evenly over the run.
+        A row is one sample in one assembly mode (way to assemble the mechanism). The worst
+        rows are checked: those with the largest closure residual, error bound of a pole
+        direction (axis of relative rotation), and condition number of the closure Jacobian.
+        The other checked rows are spread evenly over the run.
 
-        A run is computed in blocks. The rows that were selected so far are joined with rows
-        of the next block, and rows are selected from these again.
+        A run is computed in blocks. After each block, rows are selected again from the
+        earlier selection and the new rows.
 
         Parameters
         ----------
@@ -101,10 +102,10 @@ class _BlockRows(ArrayRows):
 
         Returns
         -------
-        The rows, sorted by assembly mode (way to assemble the mechanism) and sample.
+        The rows, sorted by assembly mode and sample.
         """
-        # Numbers of the rows in the whole run. They decide the order of the other rows, so
-        # that later blocks do not change it.
+        # Numbers of the rows in the whole run. The order of the evenly spread rows depends
+        # only on these numbers, so later blocks do not change it.
         row_numbers = self.motion.assembly_mode * sample_count + self.motion.sample
         candidates = [*self._find_worst_rows(), *order_evenly(row_numbers)]
         # A dictionary removes repeated rows and keeps the order.
@@ -114,7 +115,10 @@ class _BlockRows(ArrayRows):
     def replace_rows(
         self, rows: Indices, source: "_BlockRows", source_rows: Indices
     ) -> "_BlockRows":
-        """Return all rows, some of which are replaced by rows of another object.
+        """Return the same rows, some of them replaced by rows of another object.
+
+        A row is one sample in one assembly mode, with its configuration and its poles (axes
+        of relative rotation). The new rows are values in many digits.
 
         Parameters
         ----------
@@ -125,8 +129,8 @@ class _BlockRows(ArrayRows):
         source_rows
             (k,) number in `source` of the row that replaces each of them.
         """
-        # Rotations that are computed from the values when they are read cannot be joined
-        # with those of `source`, which are stored. So they are stored here, too.
+        # The rotations of links (`placed`) may not be computed yet. They are computed here,
+        # so that they can be joined with those of `source`.
         motion = replace(self.motion, placed=self.motion.rotations)
         joined = _BlockRows.concatenate([replace(self, motion=motion), source])
         # In the joined rows, the n rows of this object are followed by those of `source`.
@@ -134,8 +138,8 @@ class _BlockRows(ArrayRows):
         row_numbers = np.arange(n)
         row_numbers[rows] = n + source_rows
         result = joined.rows(row_numbers)
-        # `rows` returns a motion of one mode, in which each row is a sample. Here the rows
-        # are those of all modes as before, so the number of samples of a mode is restored.
+        # `rows` returns a motion in which each row counts as a sample. Here the rows are
+        # those of all modes, so the number of samples of a mode is restored.
         return replace(result, motion=replace(result.motion, samples=self.motion.samples))
 
     def _find_worst_rows(self) -> list[np.intp]:
@@ -153,10 +157,12 @@ class _BlockRows(ArrayRows):
 
 
 def order_evenly(numbers: Integers) -> Indices:
-    """Return indices in an order whose first entries are spread evenly over some numbers.
+    """Return an order of numbers in which the first ones are spread evenly over all of
+    them.
 
-    The numbers are ordered by the fractional part of a multiple of the golden ratio. This
-    order of two numbers does not depend on the others.
+    Rows of a run are selected for checks in this order. The numbers are sorted by the
+    fractional part of their multiple of the golden ratio. So the order of two numbers does
+    not depend on the other numbers, and stays the same if more are added.
 
     Parameters
     ----------
@@ -173,6 +179,8 @@ def order_evenly(numbers: Integers) -> Indices:
 @dataclass(frozen=True)
 class ReferenceRows:
     """Reference values of configurations and poles, computed in many digits.
+
+    They serve to measure the errors of a run.
 
     Attributes
     ----------
@@ -222,7 +230,8 @@ def compute_reference(
     input_pairs = [request.plan.input for request in requests]
     if not input_pairs:
         input_pairs = list(motion.assembly.inputs[:1])
-    # Usually the reference has the sizes of the run, which are rounded to float64.
+    # Usually the reference uses the dimensions of the run, which are rounded to float64.
+    # If rows of the run used the decimal numbers of the file, the reference does so, too.
     frames = None
     if _has_decimal_rows(pole_fields):
         arithmetic = arithmetic or Digits()
@@ -289,11 +298,11 @@ class Verifier:
     ) -> None:
         """Select rows of a block that may be verified at the end of the run.
 
-        Verification compares rows of the run with values that are computed in many digits
-        (the reference). `_count` rows are verified: those with the largest residuals, error
-        bounds and condition numbers, and others spread evenly over all samples of the run.
-        After each block they are selected anew, from the selection so far and the rows of
-        the block. So only few rows are in memory.
+        Verification compares rows of the run (samples in assembly modes) with values that
+        are computed in many digits. `_count` rows are verified: those with the largest
+        residuals, error bounds and condition numbers, and others spread evenly over the
+        run. After each block they are selected anew, from the earlier selection and the
+        rows of the block. So only few rows are in memory.
 
         Parameters
         ----------
@@ -309,9 +318,9 @@ class Verifier:
             motion, tuple(field.as_arrays for field in pole_fields), continued_angles
         )
         # Some analyses (`whole_analyses`) read all samples at once. The run then has a
-        # single block, which is stored. At the end, the tables of these analyses are
-        # computed a second time from all its rows, after the verified rows were replaced by
-        # values in many digits.
+        # single block, which is stored. At the end, the verified rows are replaced by
+        # values in many digits, and the tables of these analyses are computed again from
+        # all rows.
         if self._run_plan.whole_analyses:
             self._whole = block_rows
         is_valid = run_status(motion, block_rows.pole_fields) == Status.OK
@@ -416,11 +425,13 @@ class Verifier:
         selected: _BlockRows,
         reference_rows: _BlockRows,
     ) -> list[_TablePair]:
-        """Compute the tables of an analysis from rows of the run and from reference rows.
+        """Compute the tables of an analysis twice: from rows of the run and from reference
+        rows.
 
-        An analysis usually computes each row by itself, so the verified rows are enough. An
-        analysis that reads all samples of a run at once (`at_once`) needs all rows. Those
-        that are verified are then replaced by reference rows.
+        A row is one sample in one assembly mode. Usually an analysis computes each row by
+        itself, and the verified rows are enough. An analysis that reads all samples of a
+        run at once (`at_once`) needs all rows. The verified rows among them are then
+        replaced by reference rows.
 
         Parameters
         ----------
@@ -457,7 +468,9 @@ class Verifier:
         return self._run_plan.compute_tables(analysis, batch)
 
     def _find_verified_rows(self, assembly_mode: Array, sample: Array) -> Indices:
-        """Return the number of the verified row with a given assembly mode and sample.
+        """Return which verified rows have certain assembly modes and samples.
+
+        The verified rows are the rows of the run that are computed again in many digits.
 
         Parameters
         ----------
@@ -468,15 +481,18 @@ class Verifier:
         -------
         (n,) numbers of verified rows, -1 where there is none.
         """
-        # Complex numbers sort by the mode first and by the sample next. Verified rows are
-        # sorted in this way.
+        # NumPy sorts complex numbers by their real part first. So mode + i sample is a key
+        # in the order of the verified rows.
         verified = self._motion.assembly_mode + 1j * self._motion.sample
         keys = assembly_mode + 1j * sample
         row = np.minimum(np.searchsorted(verified, keys), len(verified) - 1)
         return np.where(verified[row] == keys, row, -1)
 
     def _put_into_whole(self, whole: _BlockRows, reference_rows: _BlockRows) -> _BlockRows:
-        """Return all rows of the run, with reference values in the rows that have them.
+        """Return all rows of the run, with reference values in the verified rows.
+
+        A row is one sample in one assembly mode. Verified rows are computed again in many
+        digits.
 
         Parameters
         ----------
@@ -489,6 +505,7 @@ class Verifier:
         # The number of the verified row that belongs to each row of the run, else -1.
         verified_rows = self._find_verified_rows(motion.assembly_mode, motion.sample)
         replaced = np.flatnonzero(verified_rows >= 0)
+        # In some verified rows, no solution in many digits was found.
         replaced = replaced[self._has_reference[verified_rows[replaced]]]
         return whole.replace_rows(replaced, reference_rows, verified_rows[replaced])
 
@@ -660,10 +677,9 @@ def _pole_errors(
     Errors (n,) by name of the quantity: directions (rad), rates (velocity coefficients),
     and derivatives of both by the input (1/rad).
     """
-    # Errors of directions are about as large as the rounding error of float64. The
-    # difference is therefore computed in more digits and then rounded. Numbers of the
-    # reference are balls (a centre with an error bound). A pole axis has two opposite
-    # directions; the one on the side of the run's direction is taken.
+    # Errors of directions are as small as the rounding error of float64. The difference is
+    # therefore computed in more digits and then rounded. `exact_direction` has the sense of
+    # the run's direction, and its numbers are balls (a centre with an error bound).
     with exact.arithmetic.within():
         direction = pole_field.direction[pole]
         direction_error = centre_floats(exact_direction(exact, pole, direction) - direction)
@@ -707,8 +723,9 @@ def _summarize_columns(columns: Sequence[Facts]) -> Facts:
         - its table and name;
         - ``compared``: whether it was compared;
         - ``in_roundings``: the largest ratio of a deviation to the error that rounding can
-          cause: the rounding error of the value times the condition number of the row;
-        - ``worst``: the row with this ratio;
+          cause. This error is the rounding error of the value, times the condition number
+          of the row;
+        - ``worst``: the row with the largest ratio;
         - ``beyond``: whether the ratio is too large to be explained by rounding.
 
     Returns

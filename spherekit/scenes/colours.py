@@ -116,8 +116,8 @@ def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
     Parameters
     ----------
     link
-        Number of the link that the curve is about; the curve gets the colour of this link.
-        With None it gets a colour that the plot does not have yet.
+        Number of the link to which the curve belongs. The curve gets the colour of this
+        link. With None the curve gets a colour that the plot does not have yet.
     used_colours
         Colours of the other curves of the plot.
     """
@@ -127,9 +127,8 @@ def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
     unused_colours = [colour for colour in LINK_COLOURS[1:] if colour not in used_colours]
     if unused_colours:
         return unused_colours[0]
-    # All colours are used already, so they are repeated in their order. `link_colour`
-    # begins again after the last colour. Its number 0 is the ground, so numbers of curves
-    # begin at 1.
+    # All colours are used, so they are repeated in their order by `link_colour`. Its number
+    # 0 is the ground, so numbers of curves begin at 1.
     curve_number = len(used_colours) + 1
     return link_colour(curve_number)
 

@@ -53,10 +53,10 @@ POINT_ARC_SINE = 1e-12
 
 
 def link_shapes(mechanism: Mechanism) -> list[Body]:
-    """Return the shapes of all links, each in its own axes and not moving.
+    """Return the shapes of all links, in the axes of each link.
 
-    A shape is drawn by great-circle arcs between the axes of the pairs of the link, and by
-    its contact profiles.
+    A shape is drawn by great-circle arcs between the axes of the pairs (joints) of the
+    link, and by its contact profiles. The rotations of moving links are added later.
     """
     shapes = []
     for number, (link, axes) in enumerate(link_axes(mechanism).items()):
@@ -77,20 +77,20 @@ def link_shapes(mechanism: Mechanism) -> list[Body]:
 
 
 def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
-    """Return a scene with the ground, and the plans of the poles as a text.
+    """Return a scene (drawing) with the ground, and the plans of the poles as a text.
 
-    A pole is the axis of the relative rotation of two links. A plan says how the poles
-    follow from each other while one input moves and the others are locked. In each pass
-    poles are found as intersections of great circles through known ones. Poles that do not
-    follow in this way belong to an irreducible part (links whose poles are the solution of
-    one system of equations).
+    A pole is the axis of the relative rotation of two links. A plan lists the steps in
+    which poles are found while one input moves and the others are locked. In each pass
+    poles are found as intersections of great circles through poles of earlier passes. The
+    other poles belong to an irreducible part: links with poles that follow from one system
+    of equations.
 
     Parameters
     ----------
     plans
         The plan for each input.
     shapes
-        The links from `link_shapes`. Only the first one is shown here, the ground, since
+        The links from `link_shapes`. Only the first one, the ground, is shown here, since
         the others move.
     """
     mechanism = plans[0].mechanism
@@ -105,9 +105,9 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
             f"relative to {markdown_text(base)}{locked_words}."
         )
         lines += ["", as_markdown(plan), ""]
-        # The steps that construct poles. The axis of a pair is the pole of its two links
-        # from the start (pass number `round` 0) and needs no explanation. If coaxial pairs
-        # share an axis, it is also the pole of further links, in a later pass.
+        # The axis of a pair is the pole of its two links from the start (pass number 0), so
+        # this step is not listed. If coaxial pairs share an axis, it is also the pole of
+        # further links, in a later pass.
         step_lines = [
             describe(plan, step)
             for step in plan.steps
@@ -125,11 +125,12 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
 
 
 def graph_scene(mechanism: Mechanism) -> Scene:
-    """Return the link/pair graph of a mechanism; its layout takes about a second.
+    """Return a drawing of the link/pair graph of a mechanism.
 
-    Links and pairs are nodes. Each pair is joined by edges to its two links.
+    Links and pairs (joints) are nodes. Each pair is joined by edges to its two links. The
+    layout takes about a second.
     """
-    # A node is its identifier, its label, and the number of the link (None for a pair).
+    # For each node: an identifier, a label, and the number of the link (None for a pair).
     nodes: list[tuple[str, str, int | None]] = [
         (f"link {name}", name if number else f"{name} (ground)", number)
         for number, name in enumerate(mechanism.links)
@@ -149,14 +150,16 @@ def graph_scene(mechanism: Mechanism) -> Scene:
 
 
 def moving_link_scenes(motion: Motion, shapes: list[Body]) -> list[Scene]:
-    """Return the moving links of a block of samples, one scene for each assembly mode.
+    """Return drawings of the moving links at the samples of a block.
+
+    There is one scene (drawing) for each assembly mode (way to assemble the mechanism).
 
     Parameters
     ----------
     motion
         The motion of the block.
     shapes
-        The links from `link_shapes`.
+        The shapes of all links from `link_shapes`, in link axes.
     """
     link_quaternions = {
         link: motion.quaternions(link) for link in range(1, len(motion.mechanism.links))
@@ -194,7 +197,7 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
 
     An arc joins each profile with the first joint of the link, if it has a joint. The arc
     ends at the centre of a circular profile, and at the nearest point of any other profile.
-    A great circle counts as one without centre, since its poles are 90 degrees away.
+    For a great circle the nearest point is used, too, since its centre is 90 degrees away.
 
     Parameters
     ----------
@@ -241,7 +244,7 @@ def link_curves(joints: Floats) -> list[Floats]:
     -------
     Polylines (k, 3) of unit vectors in link axes.
     """
-    # Of several joints on one axis, the first is kept.
+    # Of several joints on one axis, only the first is used.
     distinct: list[int] = []
     for number, joint in enumerate(joints):
         if all(arc(joints[earlier], joint) > SAME_DRAWN_POINT_RAD for earlier in distinct):
@@ -256,7 +259,7 @@ def link_curves(joints: Floats) -> list[Floats]:
     vector_sum = joints.sum(axis=0)
     length = np.linalg.norm(vector_sum)
     middle = vector_sum / length if length > MIN_MEAN_LENGTH else joints[0]
-    # Azimuths count from the corner that is closest to 90 degrees from the middle.
+    # Azimuths are measured from the corner that is nearest to 90 degrees from the middle.
     reference = joints[np.argmin(np.abs(joints @ middle))]
     x, y, _ = (joints @ frame_toward(middle, reference)).T
     order = np.argsort(np.arctan2(y, x), kind="stable")

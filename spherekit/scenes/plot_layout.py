@@ -51,10 +51,11 @@ TURN_BY_UNIT = {"deg": 360.0, "rad": 2.0 * np.pi}
 
 
 def quantity_scale(values: Floats, unit: str) -> float:
-    """Return the scale of a quantity. Changes far below it count as rounding in plots.
+    """Return the scale of a quantity, relative to which a plot recognises rounding errors.
 
-    It is the largest magnitude. For angles, rates and pure numbers it is at least 1, since
-    smaller values may be rounding. A torque or an inertia may be small by itself.
+    The scale is the largest magnitude. For angles, rates and pure numbers it is at least 1,
+    since smaller values may be rounding errors. Torques and inertias may be small, and have
+    no such limit.
 
     Parameters
     ----------
@@ -76,9 +77,8 @@ def choose_plot_range(
 ) -> Range:
     """Return the least and the greatest value that a plot shows.
 
-    A constant quantity gets a range in which rounding is not visible. If a few values are
-    very far from the others, as beside a singularity, they are cut off. Curves get a
-    margin.
+    A constant quantity gets a range in which rounding errors are not visible. A few values
+    that are very far from the others, for example near a singularity, are cut off.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def choose_plot_range(
     scale
         Largest magnitude of the quantity, or more; see `quantity_scale`.
     resolution
-        Changes below `resolution` times `scale` are rounding.
+        Changes below `resolution` times `scale` count as rounding errors.
     shown_by
         Whether values are shown by curves, which get a margin, or by colours.
     """
@@ -115,9 +115,8 @@ def choose_plot_range(
 def choose_map_range(values: Floats, unit: str) -> Range:
     """Return the least and the greatest value that the colours of a map show.
 
-    If all values are whole numbers, they are taken for counts. The range of counts contains
-    0 and 1. Other values get a range without outliers, in which changes that may be
-    rounding (relative to the scale of the quantity) are not visible.
+    Whole numbers are taken for counts, and their range contains 0 and 1. Other values get a
+    range without outliers, in which rounding errors are not visible.
 
     Parameters
     ----------
@@ -183,13 +182,14 @@ def clip_to_frame(line: Floats, frame: Range) -> Floats:
 
     Returns
     -------
-    (m, 2) points of the curve, with those added at which it crosses a side. Points beyond
-    the frame are NaN.
+    (m, 2) points of the curve. The points at which the curve crosses a side are added.
+    Points beyond the frame are NaN.
     """
     for level in frame:  # the lower and the upper side of the frame
         # Insert the points at which the lines between points cross this side.
         height = line[:, 1] - level
         starts = np.flatnonzero(height[:-1] * height[1:] < 0.0)
+        # The position of the crossing as a fraction of the line, by interpolation.
         ratio = height[starts] / (height[starts] - height[starts + 1])
         x = line[starts, 0] + ratio * (line[starts + 1, 0] - line[starts, 0])
         crossings = np.stack([x, np.full_like(x, level)], 1)

@@ -12,7 +12,10 @@ from spherekit.scenes.scene import Scene
 @checked_class(OutputError)
 @dataclass(frozen=True)
 class RecordingHead:
-    """Properties of a whole recording.
+    """Properties of a whole recording, which the viewer needs before the first results.
+
+    A recording is a file (or a stream) of drawings for a 3D viewer. A run is computed in
+    blocks of samples, and its results are recorded block by block.
 
     Attributes
     ----------
@@ -22,18 +25,17 @@ class RecordingHead:
         All input values of the run, which determine the unit of the input timeline.
         None if the run does not have exactly one input.
     assembly_modes : mapping
-        Number and title of each assembly mode (a way to assemble the mechanism), in the
-        order of their pages in the viewer. The results arrive in blocks of samples. An
-        assembly mode that is missing here gets its page with its first block.
+        Number and title of each assembly mode (way to assemble the mechanism), in the order
+        of their pages in the viewer. An assembly mode that is missing here gets a page with
+        its first block.
     properties : mapping
         Words about the run that the recording carries: versions, hashes.
     focus : array (3,), or None
         Unit vector from the centre of the sphere to the middle of the mechanism. The viewer
         first shows the sphere from this side.
     row : int, or None
-        Length of a row in a grid of inputs: the number of successive samples that are
-        neighbours. The paths of poles are cut after each row. By default all samples are
-        neighbours.
+        Number of samples in a row of a grid of inputs. The drawn paths of poles (axes of
+        relative rotation) are cut after each row. None if the samples follow one path.
     times : array (n,) s, or None
         All times of the run, if its samples are times. They then replace the inputs.
     """

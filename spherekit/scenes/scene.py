@@ -30,10 +30,11 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity over which the rows of a scene are plotted, such as an input or the time.
+    """A quantity over which the values of a scene are plotted, such as an input or the
+    time.
 
-    It may also be a quantity that only an analysis knows. A scene is what is drawn for one
-    block of samples, and a run has one or more blocks.
+    A scene is what is drawn for one block of samples, and a run has one or more blocks. The
+    quantity may also be one of an analysis, such as a frequency.
 
     Attributes
     ----------
@@ -42,7 +43,7 @@ class Axis:
     unit : str
         SI unit, rad, or empty for pure numbers.
     values : array (n,)
-        The value of each row of the block.
+        The quantity at each of the n samples (or other rows) of the block.
     span : (low, high), or None
         Least and greatest value of all blocks of the run. None if the run has one block.
     """
@@ -68,12 +69,12 @@ class Axis:
 
 @dataclass(frozen=True)
 class Body:
-    """A link: curves and joints fixed in its own axes, rotated by quaternions.
+    """A link to be drawn: curves and joints in link axes, with its rotation at each sample.
 
     Attributes
     ----------
     path : str
-        Place of the link in the tree of a recording.
+        Address of the link in a recording for the 3D viewer, such as ``link/3``.
     label : str
         Name of the link.
     curves : sequence of arrays (k, 3)
@@ -85,7 +86,8 @@ class Body:
     number : int
         Number of the link in the mechanism, which determines its colour.
     quaternions : array (n, 4), or None
-        From link axes to ground axes, xyzw, for each sample; None for the ground.
+        Rotation from link axes to ground axes at each of n samples, as quaternion x, y, z,
+        w. None for the ground.
     """
 
     path: str
@@ -106,20 +108,19 @@ class Arrow:
     Attributes
     ----------
     path : str
-        Address of the arrow in the tree of a recording, such as ``pole/io``. It is not the
-        path of the tip.
+        Address of the arrow in a recording for the 3D viewer, such as ``pole/io``.
     label : str
         Words beside the arrow.
     directions : array (n, 3)
         Unit vectors in ground axes, one for each sample.
     primary : bool
-        Whether it is a primary pole, the axis of a pair. In recordings such an arrow is
-        thin, without a label or path. Other pole axes are drawn more prominently.
+        Whether the arrow is a primary pole, the axis of a pair (joint). In recordings such
+        an arrow is thin, without a label or path. Other arrows are drawn more prominently.
     shown : bool
-        Whether it is drawn from the start. Otherwise users can switch it on.
+        Whether the arrow is drawn from the start. Otherwise users can switch it on.
     path_shown : bool
-        Whether the path of the tip is shown. This makes sense if the directions of
-        successive samples are points of one motion.
+        Whether the path of the tip is shown. This is useful if successive samples follow
+        one motion.
     """
 
     path: str
@@ -132,15 +133,15 @@ class Arrow:
 
 @dataclass(frozen=True)
 class Trace:
-    """The path that a direction has in the axes of a link. It moves with the link.
+    """The path of a direction as seen from a link. It is drawn on the link.
 
-    An example is an axode, the path of the pole axis of two links. In the axes of one link
-    it is the fixed axode, and in the axes of the other link the moving axode.
+    An example is an axode, the path of the axis of the relative rotation of two links. In
+    the axes of one link it is the fixed axode, and in those of the other the moving axode.
 
     Attributes
     ----------
     path : str
-        Place of the trace in the tree of a recording.
+        Address of the trace in a recording for the 3D viewer.
     label : str
         Name of the trace.
     directions : array (n, 3)
@@ -148,7 +149,8 @@ class Trace:
     number : int
         Number of the link in the mechanism, which determines its colour.
     quaternions : array (n, 4), or None
-        From link axes to ground axes, xyzw, for each sample; None for the ground.
+        Rotation from link axes to ground axes at each of n samples, as quaternion x, y, z,
+        w. None for the ground.
     """
 
     path: str
@@ -159,7 +161,7 @@ class Trace:
 
     @property
     def at_first(self) -> Floats:
-        """The path in ground axes, with the link as in its first row that is not NaN."""
+        """The path in ground axes, with the link as at its first sample without NaN."""
         if self.quaternions is None:
             return self.directions
         first_row = np.argmax(all_finite(self.quaternions, 1))
@@ -169,12 +171,12 @@ class Trace:
 
 @dataclass(frozen=True)
 class GreatCircle:
-    """A great circle given by the normal of its plane.
+    """A great circle of the unit sphere to be drawn, as the normal of its plane.
 
     Attributes
     ----------
     path : str
-        Place of the circle in the tree of a recording.
+        Address of the circle in a recording for the 3D viewer.
     label : str
         Name of the circle.
     normals : array (n, 3)
@@ -188,12 +190,14 @@ class GreatCircle:
 
 @dataclass(frozen=True)
 class Series:
-    """A number for each sample, plotted over the axis of the scene.
+    """A curve in a plot: a number for each sample of a run.
+
+    The horizontal axis of the plot is that of the scene (drawing), such as an input.
 
     Attributes
     ----------
     path : str
-        Place of the curve in the tree of a recording.
+        Address of the curve in a recording for the viewer.
     label : str
         Name of the curve.
     group : str
@@ -203,9 +207,9 @@ class Series:
     unit : str
         SI unit or rad. Figures and viewers show angles in degrees.
     link : int, or None
-        Number of the link whose colour the curve has, if it is about one.
+        Number of the link to which the curve belongs, for its colour. None without a link.
     resolution : float
-        Changes below it are rounding. A plot does not enlarge them to a signal.
+        Smaller changes count as rounding errors, and are not visible in the plot.
     """
 
     path: str
@@ -226,21 +230,21 @@ class Series:
 class InputMarks:
     """Values that are marked in all plots of a page, such as the inputs of singularities.
 
-    In a plot of curves over one input, for example, a vertical line marks each value. If
-    the values of a scene are plotted over other quantities (`Scene.over`), such as a
-    frequency, values of these quantities are marked.
+    In a plot of curves over one input, for example, a vertical line marks each value. Some
+    scenes (drawings) have other axes (`Scene.over`), such as a frequency. Values on these
+    axes are then marked.
 
     Attributes
     ----------
     path : str
-        Place of the marks in the tree of a recording.
+        Address of the marks in a recording for the viewer.
     label : str
         Meaning of the marks.
     inputs : array (k, axes)
         A row for each mark: the values of the inputs (rad), or of the other quantities in
         their units.
     tone : int
-        Number of the colour.
+        Number of the colour in the list of colours.
     """
 
     path: str
@@ -258,7 +262,8 @@ class Mark:
     label : str
         Name of the point.
     place : array (2,) or (3,)
-        Coordinates in the plane of a `Portrait`, or a unit vector of `SphereCurves`.
+        Coordinates in the plane of a `Portrait` (plot of one quantity against another), or
+        a unit vector on the sphere of `SphereCurves`.
     tone : int
         Number of the colour, the same for marks and curves of one kind.
     """
@@ -291,18 +296,17 @@ class PlaneCurve:
 class Portrait:
     """One quantity plotted against another, with a mark that moves with the samples.
 
-    The curve is given by `curves`. If there are none, the path of the mark is drawn. A run
-    is computed in blocks of samples: x and y belong to one block, the ranges to the whole
-    run.
+    Without `curves`, the path of the mark is drawn. A run is computed in blocks of samples:
+    x and y belong to one block, the ranges to the whole run.
 
     Attributes
     ----------
     path : str
-        Place of the portrait in the tree of a recording.
+        Address of the portrait in a recording for the viewer.
     label : str
         Title of the portrait.
     x, y : arrays (n,)
-        Position of the moving mark in each sample.
+        Position of the moving mark at each of the n samples of a block.
     x_label, y_label : str
         Names of both quantities.
     x_range, y_range : (low, high)
@@ -338,7 +342,8 @@ class Portrait:
     def framed(self, points: Floats) -> Floats:
         """Return points (n, 2) of the plane as fractions of the width and height.
 
-        The limits of the frame are at 0 and 1, on logarithmic axes in logarithms.
+        The limits of the frame are at 0 and 1. On logarithmic axes, the fractions are those
+        of the logarithms.
         """
         low, high = np.array([self.x_range, self.y_range]).T
         # `SMALLEST_POSITIVE` avoids the logarithm of 0 and, below, a division by 0.
@@ -356,13 +361,13 @@ class SphereCurves:
     Attributes
     ----------
     path : str
-        Place of the curves in the tree of a recording.
+        Address of the curves in a recording for the 3D viewer.
     label : str
         Name of the curves.
     curves : sequence of arrays (k, 3)
         Polylines of unit vectors.
     tone : int
-        Number of the colour.
+        Number of the colour in the list of colours.
     marks : sequence of Mark
         Named unit vectors (3,).
     """
@@ -376,18 +381,18 @@ class SphereCurves:
 
 @dataclass(frozen=True)
 class SphereMap:
-    """A part of the unit sphere coloured by a value, in ground axes; it does not move.
+    """A part of the unit sphere, coloured by a value at each point.
 
-    Without triangles the vertices are drawn as points.
+    It does not move. Without triangles the vertices are drawn as points.
 
     Attributes
     ----------
     path : str
-        Place of the map in the tree of a recording.
+        Address of the map in a recording for the 3D viewer.
     label : str
         Name of the value.
     vertices : array (v, 3)
-        Unit vectors.
+        Unit vectors in ground axes.
     triangles : array (t, 3) of int
         Numbers of the vertices at the corners, from 0.
     values : array (v,)
@@ -406,6 +411,7 @@ class SphereMap:
     @property
     def shown_values(self) -> Floats:
         """The values at the vertices that are drawn."""
+        # Vertices that are no corner of a triangle are not drawn.
         drawn = np.unique(self.triangles) if len(self.triangles) else slice(None)
         return self.values[drawn]
 
@@ -419,7 +425,7 @@ class Surface:
     Attributes
     ----------
     path : str
-        Place of the surface in the tree of a recording.
+        Address of the surface in a recording for the 3D viewer.
     label : str
         Name of the surface, or of the quantity that colours it.
     vertices : array (v, 3)
@@ -429,7 +435,7 @@ class Surface:
     axes : three texts
         Names of the axes.
     tone : int
-        Number of the colour, if there are no values.
+        Number of the colour in the list of colours, used if there are no values.
     unit : str
         Unit of all three axes.
     values : array (v,), or None
@@ -451,12 +457,12 @@ class Surface:
 
 @dataclass(frozen=True)
 class Diagram:
-    """Points and straight lines that move in a plane with one scale on both axes.
+    """Points and straight lines that move in a plane, drawn with one scale on both axes.
 
     Attributes
     ----------
     path : str
-        Address of the diagram in a recording for the 3D viewer, whose objects form a tree.
+        Address of the diagram in a recording for the 3D viewer.
     label : str
         Title of the diagram.
     x_label, y_label : str
@@ -466,15 +472,15 @@ class Diagram:
     names : sequence of str (k,)
         Names of the points.
     places : array (n, k, 2)
-        x and y of each point in each sample, NaN for no point.
+        x and y of each of k points at each of n samples, NaN for no point.
     tones : sequence of int (k,)
         Numbers of the colours of the points.
     lines : array (n, m, 3)
-        a, b, c of each line a x + b y + c = 0 in each sample.
+        a, b, c of each of m lines a x + b y + c = 0 at each sample.
     words : sequence of str (n,), or empty
-        A text that is shown in the diagram in each sample.
+        A text that is shown in the diagram at each sample.
     readings : array (n, k, 2) rad, or None
-        Two angles that belong to each point in each sample. They are listed as numbers
+        Two angles that belong to each point at each sample. They are listed as numbers
         beside the plane, under the `reading_names`.
     reading_names : two texts
         Names of these two angles.
@@ -497,12 +503,14 @@ class Diagram:
 
 @dataclass(frozen=True)
 class Graph:
-    """A link/pair graph. Links and pairs are nodes; an edge joins a pair to its link.
+    """A link/pair graph of a mechanism. Links and pairs (joints) are nodes.
+
+    An edge joins a pair to one of its two links.
 
     Attributes
     ----------
     path : str
-        Place of the graph in the tree of a recording.
+        Address of the graph in a recording for the viewer.
     nodes : sequence (k,) of (identifier, label, number)
         The number is the number of a link, None for a pair.
     edges : sequence of (identifier, identifier)
@@ -519,12 +527,12 @@ class Graph:
 
 @dataclass(frozen=True)
 class Text:
-    """A panel of text.
+    """A panel of text in a recording (drawings for a viewer).
 
     Attributes
     ----------
     path : str
-        Place of the panel in the tree of a recording.
+        Address of the panel in the recording.
     label : str
         Title of the panel.
     markdown : str
@@ -578,18 +586,21 @@ Page = int | str | None
 
 @dataclass(frozen=True)
 class Scene:
-    """Primitives that are shown together on one page, or on every page.
+    """What is drawn together on one page of a viewer, or on every page.
+
+    It consists of primitives: objects that can be drawn, such as arrows and curves.
 
     Attributes
     ----------
     page : int, str or None
-        Number of an assembly mode, title of a page of its own, or None for every page.
+        Number of an assembly mode (way to assemble the mechanism), title of a separate
+        page, or None for every page.
     primitives : tuple
-        The visible objects.
+        The objects that are drawn.
     over : tuple of Axis
-        The quantities over which values are plotted, such as a frequency. It is empty if
-        values belong to the samples of the run. They are then plotted over the inputs or
-        the time of the run, which are filled in when the scene is drawn.
+        The quantities over which values are plotted, such as a frequency. Empty if values
+        belong to the samples of the run. They are then plotted over the inputs or the time
+        of the run, which are filled in when the scene is drawn.
     source : str
         Name of the analysis that shows the scene. The run fills it in.
     """
@@ -600,10 +611,9 @@ class Scene:
     source: str = ""
 
     def thinned(self, chosen: Bools) -> "Scene":
-        """Return the scene at some of its samples.
+        """Return the drawing with only some of the samples, for shorter recordings.
 
-        A scene that states its own axes (`over`) is returned unchanged, since its values do
-        not belong to samples.
+        A drawing over quantities other than the samples (`over`) is returned unchanged.
 
         Parameters
         ----------
@@ -642,17 +652,17 @@ def convert_to_degrees(scene: Scene) -> Scene:
 
 
 def _convert_fields(item: Any, axis_factors: Floats) -> Any:
-    """Return a primitive or an axis with its angles in degrees.
+    """Return an object to be drawn, or an axis of a plot, with its angles in degrees.
 
     Parameters
     ----------
     item
-        The primitive (an object that is drawn) or axis.
+        The object (a primitive of a scene, such as a curve) or the axis.
     axis_factors
         (axes,) factors that convert values on the axes of the scene: 180/pi for angles and
         their rates, 1 for others.
     """
-    # Marked inputs state no unit. They are values on the axes of the scene.
+    # `InputMarks` have no unit of their own. They are values on the axes of the scene.
     if isinstance(item, InputMarks):
         return replace(item, inputs=axis_factors * item.inputs)
     # A field such as "unit" states the unit of some other fields, such as "values".
@@ -667,8 +677,8 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
             values = getattr(item, name)
             if values is not None:
                 changes[name] = factor * np.asarray(values)
-    # A portrait is a plot of curves and marks in a plane of two quantities x and y. The
-    # points of these have both units.
+    # A portrait is a plot of a quantity y against a quantity x. The points of its curves
+    # and marks have both units.
     if isinstance(item, Portrait):
         xy_factors = np.array(
             [factor_by_unit_field["x_unit"], factor_by_unit_field["y_unit"]]

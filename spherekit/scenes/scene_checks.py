@@ -101,19 +101,20 @@ TEXT_FIELDS = ("path", "label", "markdown", "unit", "group", "x_label", "y_label
 
 @dataclass(frozen=True)
 class _SceneRows:
-    """The rows that the arrays of a scene must have.
+    """The numbers of rows and columns that the arrays of a scene must have.
+
+    A scene is what an analysis draws over the samples of a block, or over other axes.
 
     Attributes
     ----------
     count
-        Number of rows. A scene is drawn over the samples of a block, or over the values of
-        its own axes.
+        Number of rows: that of the samples of the block, or of the values of the axes.
     input_column_counts
         Allowed numbers of columns of the field `inputs` of marks (`InputMarks`).
 
         - In a scene over samples, a mark has a value of each input, or a single number such
           as a time.
-        - In a scene over axes of its own, a mark has a value of each axis.
+        - In a scene over other axes, a mark has a value of each axis.
 
         A message about a wrong number names the first one.
     words
@@ -206,19 +207,20 @@ def check_scene(
 
 
 def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
-    """Check the axes of a scene, and return them with their values as arrays.
+    """Check the axes of a drawing of an analysis, and return them with arrays of values.
 
     Parameters
     ----------
     where
         Words for the scene, with which messages begin.
     axes
-        The field `over` of the scene.
+        The field `over` of the drawing (scene): the quantities over which values are
+        plotted.
 
     Raises
     ------
     PluginError
-        If they are no axes, or have different numbers of values.
+        If the items are no axes, or have different numbers of values.
     """
     if not isinstance(axes, Sequence) or not all(isinstance(axis, Axis) for axis in axes):
         raise PluginError(f"{where}: over has to be a tuple of Axis(...)")
@@ -301,19 +303,18 @@ def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
 
 
 def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts:
-    """Check the fields of a primitive, or of a part of one.
+    """Check the fields of an object that an analysis wants to draw (a primitive).
 
     Parameters
     ----------
     where
         Words for the item, with which messages begin.
     item
-        The primitive, or a mark or curve of one.
+        The primitive, or a mark or curve that is a part of a primitive.
     sizes
-        Known lengths by letter. `ARRAY_SHAPES` gives the shape of each array field, as
-        numbers and letters: ("n", 3) has the length that the letter "n" stands for, and 3.
-        The length of a letter that is not known yet is added by the first array that has
-        it.
+        Lengths of array axes by letter. `ARRAY_SHAPES` has the shape of each array field,
+        for example ("n", 3). All arrays with "n" need the same length on that axis. The
+        first array with a letter determines this length, and adds it here.
 
     Returns
     -------
@@ -333,8 +334,7 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
         array = _check_numbers(f"{where}: {name}", value, shape, sizes)
         # A range stays a pair of floats, which can be compared as such.
         arrays[name] = tuple(map(float, array)) if name in RANGE_FIELDS else array
-    # Sequences such as lists of names have the length of an array, which has been checked
-    # above, or a fixed length.
+    # A sequence such as a list of names has a fixed length, or that of an array above.
     for name, size in SEQUENCE_LENGTHS.get(type(item), {}).items():
         length = len(_check_sequence(where, name, getattr(item, name)))
         needed = sizes[size] if isinstance(size, str) else _SharedSize(size, words="")
@@ -351,8 +351,9 @@ def _check_numbers(
 ) -> Array:
     """Check that a field is an array of numbers of a given shape, and return the array.
 
-    A letter in the shape is a length that several fields share, such as the number of
-    samples. The first field with this letter determines the length.
+    The field belongs to a drawing of an analysis. A letter in the shape is a length that
+    several fields share, such as the number of samples. The first field with this letter
+    determines the length.
 
     Parameters
     ----------
@@ -366,7 +367,7 @@ def _check_numbers(
     try:
         array = np.asarray(value)
     except ValueError:
-        # Rows of unequal length are no array; they are named below.
+        # Rows of unequal length are no array; the message about them follows below.
         array = np.array(None)
     # The shape as Python writes it, with a comma after a single length.
     needed = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
@@ -401,12 +402,12 @@ def _check_numbers(
 
 
 def _check_sequence(where: str, name: str, value: Any, kind: type | None = None) -> Any:
-    """Return a field if it is a sequence, or refuse it.
+    """Return a field of a drawing if it is a sequence, or raise `PluginError`.
 
     Parameters
     ----------
     where
-        Words for the primitive, with which messages begin.
+        Words for the object that is drawn, with which messages begin.
     name
         Name of the field.
     kind
@@ -426,12 +427,12 @@ def _check_sequence(where: str, name: str, value: Any, kind: type | None = None)
 
 
 def _check_triangles(where: str, triangles: Array, vertex_count: int) -> None:
-    """Refuse triangles whose corners are not numbers of vertices.
+    """Raise `PluginError` if corners of triangles are not numbers of vertices.
 
     Parameters
     ----------
     where
-        Words for the primitive, with which messages begin.
+        Words for the object that is drawn, with which messages begin.
     triangles
         (t, 3) numbers of the vertices at the corners.
     vertex_count
