@@ -157,8 +157,7 @@ class _BlockRows(ArrayRows):
 
 
 def order_evenly(numbers: Integers) -> Indices:
-    """Return an order of numbers in which the first ones are spread evenly over all of
-    them.
+    """Return an order of numbers in which the first ones are spread evenly over all.
 
     Rows of a run are selected for checks in this order. The numbers are sorted by the
     fractional part of their multiple of the golden ratio. So the order of two numbers does
@@ -425,8 +424,7 @@ class Verifier:
         selected: _BlockRows,
         reference_rows: _BlockRows,
     ) -> list[_TablePair]:
-        """Compute the tables of an analysis twice: from rows of the run and from reference
-        rows.
+        """Compute the tables of an analysis twice: from run rows and from reference rows.
 
         A row is one sample in one assembly mode. Usually an analysis computes each row by
         itself, and the verified rows are enough. An analysis that reads all samples of a

@@ -95,7 +95,7 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
     """
     mechanism = plans[0].mechanism
     lines = [f"# Plan of {mechanism.name}"]
-    for plan in plans:
+    for plan in plans:  # one for each input
         driven_pair = mechanism.pairs[plan.input]
         base, link = driven_pair.links
         locked_names = [markdown_text(name) for name in mechanism.names_of(plan.locked)]

@@ -30,11 +30,10 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity over which the values of a scene are plotted, such as an input or the
-    time.
+    """A quantity over which the values of a scene are plotted, such as an input.
 
     A scene is what is drawn for one block of samples, and a run has one or more blocks. The
-    quantity may also be one of an analysis, such as a frequency.
+    quantity may also be the time, or a frequency of an analysis.
 
     Attributes
     ----------

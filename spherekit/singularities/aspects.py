@@ -187,11 +187,12 @@ def aspects(
 def _start_configurations(
     solver: PositionSolver, input_grid: InputGrid
 ) -> tuple[Floats, Indices]:
-    """Return configurations at samples of the inputs from which the search starts.
+    """Return configurations at samples of the inputs from which a search starts.
 
-    For mechanisms of dyads, whose assembly modes have a closed form, the result has all
-    modes at all samples. For other mechanisms, whose modes take longer to find, it has all
-    modes at a few samples, evenly spread over the grid.
+    The search follows paths from them to further configurations. If all groups of links are
+    dyads (two links and three R pairs), assembly modes (ways to assemble the mechanism)
+    have a closed form. The result then has all modes at all samples. Otherwise it has all
+    modes at a few samples, evenly spread over the grid of inputs.
 
     Returns
     -------
@@ -207,6 +208,7 @@ def _start_configurations(
             indices = np.linspace(0, count - 1, min(START_SAMPLES_PER_INPUT, count))
             indices_by_input.append(np.unique(indices.astype(int)))
         rows = np.ravel_multi_index(np.ix_(*indices_by_input), input_grid.shape).ravel()
+    # `input_rows` is the position in `rows` of each configuration.
     values, input_rows = configurations(solver, input_grid.q[rows])
     return values, rows[input_rows]
 
@@ -228,18 +230,16 @@ class _AspectNodes(ArrayRows):
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two
-        (n,) determinant that vanishes at type II. Its sign separates aspects. It refers to
-        a basis of the rates that close the loops. If the loop equations are redundant, the
-        sense of this basis is arbitrary, and the sign has no meaning. The value is then 0.
+        (n,) determinant that vanishes at type II. Its sign separates aspects. If the loop
+        equations are redundant, its sign has no meaning, and the value is 0.
     determinant_one
-        (n,) determinant that vanishes at type I, or 0 if the mechanism has no output. If
-        the loop equations are redundant, it is a Gram determinant. This is never negative,
-        but vanishes at type I, too, so that zeros between nodes are found.
+        (n,) determinant that vanishes at type I, or 0 if the mechanism has no output. With
+        redundant loop equations it is a Gram determinant, which is never negative but
+        vanishes at type I, too.
     slope_one
-        (n, g) derivatives of `determinant_one` by the inputs, whose number is g. They show
-        whether it vanishes between two nodes. They are 0 if only type II divides aspects.
-        Type II needs no derivatives, since every step between nodes is verified not to pass
-        a singularity of type II.
+        (n, g) derivatives of `determinant_one` by the g inputs. They show whether the
+        determinant vanishes between two configurations. They are 0 if only type II divides
+        aspects. For type II, each step between configurations is verified in another way.
     """
 
     values: Floats
@@ -298,9 +298,9 @@ class _AspectGraph:
         divides_by_type_one: bool,
         time_limit: TimeLimit,
     ) -> None:
-        """Make a graph that is empty at first.
+        """Create an empty graph of configurations.
 
-        Its nodes will be configurations at samples of the inputs. An edge joins two of them
+        Its nodes will be configurations at samples of the inputs. An edge joins two nodes
         if a path of the inputs leads from one to the other without a singularity. Connected
         parts of the graph are called aspects.
 
@@ -326,16 +326,16 @@ class _AspectGraph:
         self.periods = variable_periods(solver.closure)
         self.output = output
         self.divides_by_type_one = divides_by_type_one
-        # Whether the determinant of type I changes its sign at singularities of this type,
-        # so that its sign has a meaning. `_make_nodes` sets it.
+        # Whether the determinant of type I changes its sign at singularities of this type.
+        # `_make_nodes` sets this.
         self.has_sign_of_type_one = False
         self.nodes = self._make_nodes(
             np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
         )
         # One row for each sample. More columns are added for more configurations.
         self.numbers_at_sample = np.full((len(input_grid), 1), NO_CONFIGURATION)
-        # For each configuration and direction of the grid: whether the path was followed
-        # from its other end already.
+        # For each configuration and direction of the grid: whether the path in this
+        # direction was already followed from its other end.
         self.is_path_known = np.zeros((0, len(self.neighbours)), dtype=bool)
         # The edges, as arrays (m, 2) of numbers of configurations.
         self.connections = [np.zeros((0, 2), dtype=np.intp)]
@@ -411,9 +411,9 @@ class _AspectGraph:
             sample 0:  configurations 4,  7
             sample 1:  configuration  5,  none
 
-        Each given configuration is compared with those of its sample, from the first column
-        to the last one. If it equals none of them, it is new, and takes the first free
-        place in the row. All samples are treated together, column by column.
+        Each configuration of the arguments is compared with those of its sample, from the
+        first column to the last one. If it equals none of them, it is new, and takes the
+        first free place in the row. All samples are treated together, column by column.
 
         Parameters
         ----------
@@ -434,7 +434,7 @@ class _AspectGraph:
             remaining_values = values[remaining]
             remaining_samples = samples[remaining]
             self._fill_free_places(column, remaining_values, remaining_samples)
-            # A configuration that was just stored is found here, too: it equals itself.
+            # This also finds the configurations that were just stored.
             found_numbers = self._find_in_column(
                 column, remaining_values, remaining_samples
             )
@@ -445,16 +445,18 @@ class _AspectGraph:
         return numbers
 
     def _fill_free_places(self, column: int, values: Floats, samples: Indices) -> None:
-        """Store one new configuration at each sample whose place in a column is free.
+        """Store one new configuration at each sample that has a free place in a column.
 
-        The configurations are known to differ from those in all former columns. If the
-        place in this column is free, so are those behind it: no other configuration can be
-        equal, and they are new. If several belong to one sample, only the first is stored.
+        The table `numbers_at_sample` has a row for each sample, with the numbers of its
+        configurations in successive columns. The caller has compared the configurations
+        with all former columns. If the place in this column is free, the row ends here, and
+        the configuration is new. If several new configurations belong to one sample, only
+        the first is stored.
 
         Parameters
         ----------
         column
-            The column of `numbers_at_sample`; it is added if the table ends before it.
+            The column of `numbers_at_sample`. If the table has no such column, it is added.
         values, samples
             (n, V) variables (rad) and (n,) samples of the configurations.
         """
@@ -483,10 +485,12 @@ class _AspectGraph:
         self.is_path_known = np.pad(self.is_path_known, ((0, len(samples)), (0, 0)))
 
     def _find_in_column(self, column: int, values: Floats, samples: Indices) -> Indices:
-        """Return the numbers of configurations that are in a column of their sample.
+        """Compare configurations with those that are stored for the same samples in a
+        column.
 
-        Two configurations are the same if their variables differ by whole periods only,
-        within a tolerance.
+        The table `numbers_at_sample` has a row for each sample, with the numbers of its
+        configurations in successive columns. Two configurations are the same if their
+        variables differ by whole periods only, within a tolerance.
 
         Parameters
         ----------
@@ -497,8 +501,7 @@ class _AspectGraph:
 
         Returns
         -------
-        (n,) number of the configuration in the column if it is the same one, else
-        `NO_CONFIGURATION`.
+        (n,) number of the stored configuration if it is the same, else `NO_CONFIGURATION`.
         """
         stored_numbers = self.numbers_at_sample[samples, column]
         stored_values = self.nodes.values[stored_numbers]
@@ -507,15 +510,16 @@ class _AspectGraph:
         return np.where(is_same, stored_numbers, NO_CONFIGURATION)
 
     def connect_neighbours(self) -> None:
-        """Connect all configurations to neighbouring ones, as far as paths lead.
+        """Connect configurations at neighbouring samples if a path without singularities
+        joins them.
 
-        A path changes one input from a sample to a neighbouring one, and does not pass
-        singularities. Configurations that it connects are therefore in one aspect (a part
-        of the configurations without a singularity inside).
+        A path changes one input from a sample to a neighbouring one. Connected
+        configurations are in one aspect (a part of the configurations without a singularity
+        inside).
 
-        Paths can lead to configurations that are not in the graph yet. These are added, and
-        paths are followed from them in turn, until no path leads to a new one, or until the
-        limit of time or of their number is reached. All results are stored in the graph.
+        A path can lead to a configuration that is not in the graph yet. The configuration
+        is added, and paths are followed from there, too. This ends when no path leads to a
+        new configuration, or at the limit of time or of the number of configurations.
         """
         # Direction 2 k of the grid leads upwards along input k, and 2 k + 1 downwards.
         directions = np.arange(len(self.neighbours))
@@ -530,21 +534,23 @@ class _AspectGraph:
             is_regular = self.nodes.is_regular[processed_count:]
             starts = processed_count + np.flatnonzero(is_regular)
             processed_count = len(self.nodes)
-            # A path downwards is often a path upwards, seen from its other end. It is then
-            # known after the first call, and the second call leaves it out.
+            # Many paths downwards are paths upwards from their other end. They are known
+            # after the first call, and the second call leaves them out.
             self._follow_unknown_paths(starts, upwards)
             self._follow_unknown_paths(starts, downwards)
 
     def _follow_unknown_paths(self, starts: Indices, directions: Indices) -> None:
-        """Follow those paths from configurations that are not known from their other end.
+        """Follow the paths that were not yet followed from their other end.
+
+        A path leads from a configuration to a neighbouring sample of the grid of inputs.
 
         Parameters
         ----------
         starts
             Numbers of the configurations.
         directions
-            Directions of the grid, numbered as in `neighbours`, in which paths start at
-            each of the configurations.
+            Directions of the grid, numbered as in `neighbours`. A path starts at each
+            configuration in each direction.
         """
         # Rows are the configurations, columns are the directions.
         needs_path = ~self.is_path_known[np.ix_(starts, directions)]
@@ -554,12 +560,11 @@ class _AspectGraph:
     def _follow_paths(self, starts: Indices, directions: Indices) -> None:
         """Follow straight paths of the inputs, and connect configurations at their ends.
 
-        A path is followed by verified steps, whose tests reject a step that passes a
-        singularity of type II (the output can move while the inputs rest). If the
-        configuration at its end is new, it is added to the graph. Both ends are connected
-        if they are regular. The caller can let type I (inputs can move while the output
-        rests) divide aspects, too. Then the determinant of type I must also keep its sign
-        on the path.
+        A path leads from a configuration to a neighbouring sample of the inputs. It is
+        followed by steps that cannot pass a singularity of type II (the output can move
+        while the inputs rest). A new configuration at its end is added to the graph. Both
+        ends are connected if they are not singular. If type I (inputs can move while the
+        output rests) also divides aspects, its determinant must keep its sign on the path.
 
         Parameters
         ----------
@@ -576,15 +581,15 @@ class _AspectGraph:
         goal_samples = goal_samples[has_goal]
         values = self.nodes.values[starts]
         goals = self.input_grid.q[goal_samples]
-        # The inputs of a configuration can be whole revolutions away from the sample. The
-        # goals are shifted by as many revolutions, so that the paths are short.
+        # The inputs of a configuration can include whole revolutions. The goals get the
+        # same revolutions, so that the paths are short.
         goals += TURN * np.round((values[:, self.driven] - goals) / TURN)
         followed = follow_inputs(self.solver.closure, self.driven, values, goals)
         end_nodes = followed.nodes
         arrived = followed.status == Status.OK
         ends = self.add_configurations(end_nodes.values[arrived], goal_samples[arrived])
-        # The path back, from the end to the start, need not be followed. Exclusive or with
-        # 1 gives the opposite direction: 2 k + 1 for 2 k, and 2 k for 2 k + 1.
+        # The path back need not be followed. `^ 1` changes 2 k to 2 k + 1 and back, which
+        # is the opposite direction.
         self.is_path_known[ends, directions[arrived] ^ 1] = True
         pairs = np.stack([starts[arrived], ends], axis=1)
         is_connected = np.all(self.nodes.is_regular[pairs], axis=1)
@@ -605,7 +610,7 @@ class _AspectGraph:
         Parameters
         ----------
         pairs
-            (n, 2) configurations at the start and end of each path.
+            (n, 2) numbers of the configurations at the start and end of each path.
         input_changes
             (n, g) changes of the g inputs along the path (rad).
         """
@@ -633,20 +638,19 @@ class _AspectGraph:
         Parameters
         ----------
         free_of
-            The types of singularity ("I", "II") that divide aspects: each aspect is free of
-            them. The result states them.
+            The types of singularity ("I", "II") that divide aspects, for the result. Each
+            aspect is free of them.
         """
         # Numbers of the regular configurations among all, rising.
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
         nodes = self.nodes.rows(regular_numbers)
-        # Connections join numbers among all configurations, all regular. They are converted
-        # to positions among the regular ones.
+        # Connections join regular configurations. Their numbers among all configurations
+        # are converted to positions among the regular ones.
         edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
         label = _number_by_size(label_components(len(regular_numbers), edges))
         sizes = np.bincount(label)
-        # The sign of the determinant of type I may have no meaning, for example if the
-        # output has more degrees of freedom than there are inputs, so that the matrix is
-        # not square. The determinant then counts as zero.
+        # If the sign of the determinant of type I has no meaning, the determinant counts as
+        # zero. An example is a matrix that is not square.
         determinant_one = nodes.determinant_one * self.has_sign_of_type_one
         return Aspects(
             input_grid=self.input_grid,
@@ -666,9 +670,10 @@ class _AspectGraph:
 
 
 def _number_by_size(label: Indices) -> Indices:
-    """Number aspects anew by their size, so that the largest one has number 0.
+    """Renumber aspects by their size, so that the largest one has number 0.
 
-    Aspects of the same size keep their order.
+    An aspect is a set of configurations that are connected without a singularity. Aspects
+    of the same size keep their order.
 
     Parameters
     ----------
@@ -691,7 +696,9 @@ def _most_modes_at_a_sample(
 ) -> Integers:
     """Return the largest number of configurations that each aspect has at one sample.
 
-    They are different assembly modes: ways to assemble the mechanism at the same inputs.
+    An aspect is a set of configurations that are connected without a singularity. Several
+    of them at one sample of the inputs are different assembly modes: ways to assemble the
+    mechanism.
 
     Parameters
     ----------

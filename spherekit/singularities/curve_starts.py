@@ -176,10 +176,16 @@ class LocusPointSearch:
             yield points
 
     def _batches_on_slices(self, section: LockedInputSection) -> Iterator[LocusPoints]:
-        """Yield the singular points on the curves of slices, some curves at a time.
+        """Yield singular configurations on the curves of slices, some curves at a time.
 
-        A slice is the set of configurations in which all inputs but one are locked at given
-        values.
+        A slice is the set of configurations in which all inputs but one are locked at
+        certain values. The result of each batch decides whether the search goes on, also
+        within a time limit.
+
+        Parameters
+        ----------
+        section
+            The slices, as curves of configurations.
         """
         curves = section.slices
         for first in range(0, len(curves), SLICE_CURVES_AT_ONCE):
@@ -216,13 +222,13 @@ class LocusPointSearch:
 
         - Every configuration of the mechanism is singular (`is_everywhere`), so there are
           no curves or surfaces.
-        - The search used slices: curves of configurations with all inputs but one locked.
-          `section` is the set of all slices. If all were searched, a missed curve or
-          surface is within a box between neighbouring slices. An example of the result as
-          text is "complete to a box of 10 deg: but for curves within a box of 10 by 10 deg
-          between slices".
-        - The search used random starts (`section` is None). It is then a sample, without a
-          bound of what it missed.
+        - The search used slices: curves of configurations with all inputs but one locked. A
+          curve or surface that crosses no slice is missed. It is so small that it lies
+          within a box between neighbouring slices. An example of the result as text is
+          "complete to a box of 10 deg: but for curves within a box of 10 by 10 deg between
+          slices".
+        - The search used random starts (`section` is None). Nothing is then known of what
+          it missed.
 
         Parameters
         ----------
@@ -271,9 +277,9 @@ def closed_configurations(
     """Return closed configurations that Newton's method reaches from random starts.
 
     Inputs are distributed uniformly over their ranges and are not changed by Newton's
-    method. A variable of a rolling contact is the length along which the wheels have
-    rolled. If all these lengths follow from the inputs by gear ratios, they are not changed
-    either. Otherwise Newton's method would put the wheels together in another way.
+    method. The variable of a rolling contact is the length along which the wheels have
+    rolled. If all these lengths follow from the inputs by gear ratios, they are fixed, too.
+    Otherwise Newton's method would let other teeth of the wheels meet.
 
     Parameters
     ----------
@@ -320,15 +326,15 @@ def is_singular_everywhere(report: SingularityReport) -> bool:
 def points_from(
     locus: SingularityLocus, values: Floats, driven: Sequence[int]
 ) -> LocusPoints:
-    """Return the singular configurations that Newton's method reaches from given ones.
+    """Return the singular configurations that Newton's method reaches from other ones.
 
-    In most rows Newton's method changes only one of the inputs, so that the others stay in
-    their ranges, see `_locked_input_conditions`.
+    Most configurations are changed with only one free input, so that the other inputs stay
+    in their ranges; see `_locked_input_conditions`.
 
     Parameters
     ----------
     locus
-        The singular configurations.
+        The set of all singular configurations of one type, with its equations.
     values
         (n, V) closed configurations (rad).
     driven
@@ -338,9 +344,9 @@ def points_from(
     -------
     At most n points.
     """
-    # A singular motion consists of unit rates that close the loops while the inputs (type
-    # II) or the output (type I) rest. At a configuration that is not singular none exists.
-    # Newton's method starts with the rates at which the inputs, or the output, move least.
+    # A singular motion is a set of rates that close the loops while the inputs (type II) or
+    # the output (type I) rest. A regular configuration has none, so Newton's method starts
+    # with the rates at which the inputs, or the output, move least.
     motions = locus.measure(locus.tangent_space(values)).motion
     conditions = _locked_input_conditions(len(values), values.shape[1], driven)
     locked_values = np.matvec(conditions, values)
@@ -355,9 +361,9 @@ def _locked_input_conditions(
 ) -> Floats:
     """Return the linear conditions that lock all inputs but one, in turn.
 
-    With two inputs, row 0 locks the second input, row 1 the first one, and row 2 none. Row
-    3 begins again with the second input. In rows that lock no input, Newton's method takes
-    the shortest steps to a singular configuration.
+    Newton's method takes configurations to singular ones under these conditions. With two
+    inputs, configuration 0 has the second input locked, configuration 1 the first one, and
+    configuration 2 none. Configuration 3 begins again with the second input.
 
     Parameters
     ----------
@@ -374,7 +380,7 @@ def _locked_input_conditions(
     """
     input_rows = np.eye(variable_count)[list(driven)]
     choices = [np.delete(input_rows, free, 0) for free in range(len(input_rows))]
-    # No input is locked by as many equations 0 = 0. They do no harm, because each step is
-    # the shortest one that satisfies all equations.
+    # Equations 0 = 0 lock no input. They do no harm, because each step is the shortest one
+    # that satisfies all equations.
     choices.append(np.zeros_like(input_rows[1:]))
     return np.array(choices)[np.arange(row_count) % len(choices)]

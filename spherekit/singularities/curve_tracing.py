@@ -63,7 +63,7 @@ def trace_curves(
 
     Returns
     -------
-    n curves; None for a start from which no step succeeds.
+    n curves, with None for a start from which no step succeeds.
     """
     count = len(starts)
     # Rows 0 to n - 1 follow the curves in one direction, rows n to 2 n - 1 in the other.
@@ -72,7 +72,7 @@ def trace_curves(
         values=both_directions.values,
         # The last axis numbers the dimensions of the locus. A curve has one.
         tangents=both_directions.tangents[:, :, 0],
-        # Second derivatives are not known before the first step.
+        # Second derivatives of the curve are not known before the first step.
         bends=np.zeros(both_directions.values.shape),
         residual=both_directions.residual,
         points=both_directions,
@@ -108,9 +108,9 @@ class _LocusNodes(CurvePoints):
 def _equations_with_tangent(points: LocusPoints, tangents: Floats) -> Floats:
     """Return the linearised equations of points on a curve, with the tangent as last row.
 
-    The equations of the locus leave one freedom, the change along the curve. The last row
-    is the component of a change along the tangent. With it the matrix is regular as long as
-    curves do not cross.
+    The curve is one of singular configurations. Its equations leave one freedom, the change
+    along the curve. The last row is the component of a change along the tangent. With this
+    row the matrix is regular except where curves cross.
 
     Parameters
     ----------
@@ -150,15 +150,16 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def end_finished_curves(self, rows: Indices) -> None:
         """End curves that are complete, and all curves when the time limit is reached.
 
-        Each curve is followed in both directions from its start. A curve that closed in the
-        first direction is complete, so its second direction ends with status OK. At the
-        time limit, curves end with the status MODE_LOST, like other curves that cannot be
-        followed further.
+        Each curve is followed in both directions from its start. If a curve has closed in
+        the first direction, its second direction ends with status OK. At the time limit,
+        curves end with the status MODE_LOST, like other curves that cannot be followed
+        further.
 
         Parameters
         ----------
         rows
-            Rows of the curves that are followed at present, of both directions.
+            Rows of the curves that are followed at present. Each direction of a curve has a
+            row.
         """
         self._end_closed_curves(rows)
         unfinished = rows[self.end_status[rows] == UNFINISHED]
@@ -266,26 +267,27 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def start_after_periods(
         self, starts: _LocusNodes, nodes: _LocusNodes, values: Floats
     ) -> _LocusNodes:
-        """Return the starts of curves, moved by whole periods, to test whether they close.
+        """Return the starts of curves, moved by whole periods, to test whether the curves
+        close.
 
-        A curve of singular configurations closes if it returns to its start, where angles
-        may have grown by whole periods. Each point also has a singular motion: rates that
-        close the loops while the inputs, or the output, rest. A curve only closes if this
-        motion is the same, too. Its sign is arbitrary, so the motion at the start gets the
-        sign of the motion at the last node. If the two motions differ, the start is set to
-        NaN, and the curve does not close.
+        A curve of singular configurations closes if it returns to its start, up to whole
+        periods of the angles. Each point also has a singular motion: rates that close the
+        loops while the inputs, or the output, rest. At the start this motion must be the
+        same, up to its arbitrary sign. The start gets the sign of the last node. If the
+        motions differ, the start becomes NaN, and the curve does not close.
 
         Parameters
         ----------
         starts, nodes
-            First and last nodes of k curves.
+            First and last nodes (computed points) of k curves.
         values
             (k, V) variables of the starts, moved by whole periods (rad).
         """
         # (k, V) unit vectors of the singular motions.
         start_motions = starts.points.motions
         cosine = np.vecdot(start_motions, nodes.points.motions)
-        # Unit vectors are the same motion, up to the sign, if their cosine is near 1 or -1.
+        # Two motions are the same, up to the sign, if the cosine between them is near 1 or
+        # -1.
         is_other_motion = np.abs(cosine) < SAME_LAP_COSINE
         sense = np.where(is_other_motion, np.nan, np.sign(cosine))
         moved_values = np.where(np.isnan(sense)[:, None], np.nan, values)
@@ -296,29 +298,30 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             # (k, V, 1) derivatives along the only tangent.
             motion_derivatives=sense[:, None, None] * starts.points.motion_derivatives,
         )
-        # The base class reads `values` of the nodes, this class also their `points`.
+        # The values are stored twice: the base class reads `values`, this class `points`.
         return replace(starts, values=moved_values, points=points)
 
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: _LocusNodes, is_verified: Bools
     ) -> Bools:
-        """Return which verified steps (k,) are taken; end curves that leave a profile.
+        """Return which verified steps (k,) are taken, and end curves that leave a profile.
+
+        A contact of two profiles exists only while the contact point is on both profiles. A
+        step beyond the end of a profile is not taken.
 
         Parameters
         ----------
         rows
             (k,) numbers of the curves.
         steps
-            (k,) lengths of the steps. They are not used here; the method of the base class
-            has this parameter.
+            (k,) lengths of the steps. Not used here, but the base class passes them.
         new_nodes
             The k nodes at which the steps end.
         is_verified
             (k,) whether each step passed all tests.
         """
         is_taken = is_verified.copy()
-        # Contacts of profiles exist only as long as both points are on their profiles. The
-        # linearised loops have the states of all contacts.
+        # `inside` says for each contact whether the contact point is on both profiles.
         states = self.locus.closure.linearise(new_nodes.values[is_verified]).states
         is_taken[is_verified] = np.all(states.inside, axis=1)
         self.end_status[rows[is_verified & ~is_taken]] = Status.OFF_PROFILE
@@ -331,10 +334,11 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         self.end_status[row] = Status.AT_SINGULARITY if is_crossing else Status.MODE_LOST
 
     def join_halves(self, ahead: int, behind: int) -> SingularCurve | None:
-        """Return the curve that was followed in both directions from one start.
+        """Join the two halves of a curve, which were followed from one start in both
+        directions.
 
-        A closed curve is complete in one direction. The result is None if no step succeeded
-        in either direction.
+        A closed curve is already complete in one direction. The result is None if no step
+        succeeded in either direction.
 
         Parameters
         ----------
@@ -349,8 +353,8 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
                 return SingularCurve(
                     self.locus, points, self.periods, closed=True, ends=ends
                 )
-        # The nodes behind, in reversed order, without the start. Their tangents point away
-        # from the start, and are reversed, so that all point along the joined curve.
+        # The points behind the start, in reversed order and without the start. Their
+        # tangents are reversed, so that all tangents point along the joined curve.
         nodes_behind = self.collect_nodes(behind).points.rows(slice(None, 0, -1))
         points = LocusPoints.concatenate(
             [orient_tangents(nodes_behind, -1.0), self.collect_nodes(ahead).points]

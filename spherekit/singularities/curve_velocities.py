@@ -68,12 +68,12 @@ class _AxisEstimate:
 
 @dataclass(frozen=True)
 class PoleAxes:
-    """Axes of poles at n configurations.
+    """Axes of poles at n configurations, with bounds of their errors.
 
     The axis of a pole is the axis about which two links rotate relative to each other. If
-    the links do not move relative to each other, it can still follow from a construction of
-    poles as intersections of great circles (a plan). Otherwise it is unknown. An unknown
-    axis has the error 1 rad, and its vector may be NaN.
+    the links rest relative to each other, the axis can still follow from intersections of
+    great circles. Otherwise it is unknown. An unknown axis has the error 1 rad, and its
+    vector may be NaN.
 
     Attributes
     ----------
@@ -137,9 +137,9 @@ class LinkMotion:
             (n, variables) pair variables (rad) and their derivatives by the parameter of
             the motion, for example the arc length of a curve.
         bends
-            (n, variables) second derivatives. None at a crossing of curves: the closure
-            equations are singular there, and another method gives values and tangents, but
-            no second derivatives. Accelerations are then NaN.
+            (n, variables) second derivatives. None at a crossing of curves, where the
+            closure equations are singular and second derivatives are unknown. Accelerations
+            are then NaN.
         """
         if bends is None:
             bends = np.full_like(tangents, np.nan)
@@ -189,7 +189,7 @@ class LinkMotion:
         poles
             The poles, as numbers of two links.
         plan
-            A construction that gives these poles, or None.
+            A construction of these poles by great circles, or None.
         """
         directions: dict[Pole, Floats] = {}
         errors: dict[Pole, Floats] = {}
@@ -198,7 +198,7 @@ class LinkMotion:
             for pole in poles:
                 estimates: list[_AxisEstimate] = []
                 if planned_poles is not None:
-                    # The plan has components along the first axis.
+                    # (3, n) becomes (n, 3).
                     planned_direction = planned_poles.directions[pole].T
                     estimates.append(
                         _AxisEstimate(planned_direction, planned_poles.errors[pole])
@@ -217,12 +217,13 @@ class LinkMotion:
         return _AxisEstimate(direction=w / speed[:, None], error=self.rounding / speed)
 
     def _axis_by_derivative(self, pole: Pole) -> _AxisEstimate:
-        """Return the axis along the derivative of the relative angular velocity.
+        """Return the pole axis along the derivative of the relative angular velocity.
 
-        w is the angular velocity of the pole's second link relative to the first, along the
-        axis, and w' its derivative by the arc length. This method is used near a zero of w,
-        where the direction of w is lost in rounding. At the zero, w' is along the axis. At
-        the arc length x from the zero, it is not, because the axis has turned in between:
+        w is the angular velocity of the pole's second link relative to the first, and w'
+        its derivative by the arc length of a curve of configurations. w is along the axis.
+        Near a zero of w, its direction is lost in rounding, and this method is used. At the
+        zero, w' is along the axis. At the arc length x from the zero, the axis has turned a
+        little, and this adds to the error:
 
             error = x * (1 + turning rate of the axis) + rounding error of w / |w'|
 
@@ -231,20 +232,21 @@ class LinkMotion:
         _, dw = self.relative(*pole)
         speed, growth = self.speeds(pole)  # |w| and |w'|
         distance_from_zero = speed / growth
-        # The 1 is a reserve: without it, the bound would vanish if the axis does not turn.
+        # The 1 is a reserve. Without it, an axis that does not turn would have no error.
         turning_rate = 1.0 + self._axis_turning_rate(pole)
-        # Where w is exactly zero, the rate is not defined (NaN). The distance is zero
-        # there, so that any finite rate gives the same error.
+        # Where w is exactly zero, the rate is NaN and the distance is 0. Any finite rate
+        # then yields the same error.
         turning_rate = np.where(np.isnan(turning_rate), 1.0, turning_rate)
         error = distance_from_zero * turning_rate + self.rounding / growth
         return _AxisEstimate(direction=dw / growth[:, None], error=error)
 
     def _axis_turning_rate(self, pole: Pole) -> Floats:
-        """Return the angle (n,) through which an axis turns per unit of arc length.
+        """Return the angle (n,) through which a pole axis turns per unit of arc length.
 
-        It is the part of w' at right angles to the axis, divided by |w|. Here w is the
-        relative angular velocity along the axis, and w' its derivative by the arc length.
-        Where w is exactly zero, it has no direction, and the rate is NaN.
+        The pole axis is that of the relative rotation of two links, along their relative
+        angular velocity w. The rate is the part of w' (derivative by the arc length of a
+        curve of configurations) at right angles to the axis, divided by |w|. Where w is
+        exactly zero, the rate is NaN.
         """
         _, dw = self.relative(*pole)
         speed, _ = self.speeds(pole)
@@ -252,9 +254,9 @@ class LinkMotion:
         along_axis = axis.direction * np.vecdot(axis.direction, dw)[:, None]
         across_axis = dw - along_axis
         turning_rate = np.linalg.norm(across_axis / speed[:, None], axis=1)
-        # Near a zero of w its direction is only rounding, so that the quotient is huge and
-        # has no meaning. The error of the direction is then about 1 rad, and the result is
-        # limited to about 1. Elsewhere the error is so small that the limit has no effect.
+        # Near a zero of w, its direction is only rounding, and the quotient is huge without
+        # a meaning. There the error of the axis is about 1 rad, which limits the result to
+        # about 1. Elsewhere the error is small, and the limit has no effect.
         limit = 1.0 / np.clip(axis.error, EPS, 1.0)
         return np.minimum(turning_rate, limit)
 
@@ -279,10 +281,10 @@ def bound_velocity_rounding(
 ) -> Floats:
     """Return bounds (n,) of the rounding errors of the angular velocities of all links.
 
-    Rounding is amplified near a crossing of curves, where the closure equations are nearly
-    singular. With their reciprocal condition number k, a configuration has an error of
-    about EPS / k, and quantities that follow from it have one of about EPS / k^2. The bound
-    is a sum of multiples of both.
+    Rounding is amplified near a crossing of curves of configurations, where the closure
+    equations are nearly singular. With their reciprocal condition number k, a configuration
+    has an error of about EPS / k. Velocities at this configuration have one of about
+    EPS / k^2. The bound is a sum of multiples of both.
 
     Parameters
     ----------
@@ -293,11 +295,11 @@ def bound_velocity_rounding(
     w
         (n, bodies, 3) angular velocities.
     is_crossing
-        (n,) whether curves cross in the configuration. Another method computes such
-        configurations with their tangents, so that rounding is not amplified (k = 1).
+        (n,) whether curves cross in the configuration. Such configurations are computed by
+        another method, which does not amplify rounding (k = 1).
     """
-    # The closure equations with the tangent as a further row are square and regular, except
-    # at crossings of curves.
+    # With the tangent as a further row, the closure equations are square. They are regular
+    # except at crossings of curves.
     equations = bordered(jacobian, tangents)
     reciprocal_condition = bordered_reciprocal_condition(equations, left_inverse(equations))
     reciprocal_condition = np.maximum(reciprocal_condition, EPS)  # prevents division by 0
@@ -306,7 +308,7 @@ def bound_velocity_rounding(
         CONFIGURATION_ERROR_FACTOR / reciprocal_condition
         + VELOCITY_ERROR_FACTOR / reciprocal_condition**2
     )
-    # Angular velocities of 1 or less have the rounding errors of 1.
+    # Rounding errors are relative to the largest velocity, or to 1 if it is smaller.
     largest_w = np.linalg.norm(w, axis=2).max(axis=1, initial=1.0)
     return EPS * largest_w * amplification
 
@@ -314,6 +316,9 @@ def bound_velocity_rounding(
 @dataclass(frozen=True)
 class RestPoints:
     """The k points of a curve at which two links rest relative to each other.
+
+    The curve consists of configurations of the mechanism. The points are the zeros of the
+    relative angular velocity of both links.
 
     Attributes
     ----------
@@ -388,8 +393,9 @@ class CurveMotion:
     def oriented_axes(self, s: Floats, poles: Sequence[Pole]) -> dict[Pole, Floats]:
         """Return the axes (n, 3) of poles with senses that are continuous along the curve.
 
-        `pole_axes` returns each axis with an arbitrary sense. Here the sense at the start
-        of the curve is continued along the whole curve.
+        A pole is the axis about which one link rotates relative to another. `pole_axes`
+        returns each axis with an arbitrary sense. Here the sense at the start of the curve
+        is continued along the whole curve.
 
         Parameters
         ----------
@@ -403,11 +409,11 @@ class CurveMotion:
         axes = self.pole_axes(start_and_s, poles)
         oriented: dict[Pole, Floats] = {}
         for pole, direction in axes.directions.items():
-            # It is less accurate near points at which the links rest, and only gives the
-            # sense.
+            # This direction is less accurate where the links nearly rest. Only its sense is
+            # used.
             continuous = self._continuous_direction(start_and_s, pole)
-            # The axis at the start keeps its sense. If it is opposite to the continuous
-            # direction, all other axes must be opposite to it, too.
+            # The axis at the start keeps its sense. If this is opposite to the continuous
+            # direction, all axes along the curve must be opposite to it.
             is_opposite = np.vecdot(direction, continuous) < 0.0
             is_opposite_at_start = is_opposite[0]
             is_reversed = is_opposite[1:] != is_opposite_at_start
@@ -427,11 +433,12 @@ class CurveMotion:
     def _continuous_direction(self, s: Floats, pole: Pole) -> Floats:
         """Return unit vectors (n, 3) along a pole axis, continuous on the whole curve.
 
-        They are along w, the angular velocity of the pole's second link relative to the
-        first, and have its direction at the start of the curve. Each time w passes zero, it
-        reverses, but the unit vectors do not: they are opposite to w behind the first zero,
-        have its direction again behind the second one, and so on. They are zero if the
-        links never move relative to each other.
+        The pole axis is that of the relative rotation of two links, along their relative
+        angular velocity w. Each time w passes through zero, w reverses, but the unit
+        vectors do not. At the start of the curve they have the direction of w. Behind the
+        first zero they are opposite to w, behind the second zero they have its direction
+        again, and so on. If the links never move relative to each other, the vectors are
+        zero.
 
         Parameters
         ----------
@@ -459,14 +466,16 @@ class CurveMotion:
     ) -> Floats:
         """Return the continuous direction (n, 3) of a pole axis, from the velocity w.
 
-        It is inaccurate near a zero of w, and NaN at the zero.
+        w is the relative angular velocity of the two links of the pole. The direction of w
+        reverses at each zero of w, which is undone here. The result is inaccurate near a
+        zero, and NaN at the zero.
 
         Parameters
         ----------
         s, pole
-            (n,) arc lengths (rad), and the two links.
+            (n,) arc lengths (rad) along a curve of configurations, and the two links.
         rest_points
-            The zeros of w, their relative angular velocity.
+            The zeros of w.
         """
         links = self.links_at(s)
         w, _ = links.relative(*pole)
@@ -478,22 +487,24 @@ class CurveMotion:
     def _direction_by_derivative(
         self, s: Floats, pole: Pole, rest_points: RestPoints
     ) -> Floats:
-        """Return the continuous direction (n, 3) of a pole axis near zeros of w.
+        """Return the continuous direction (n, 3) of a pole axis near zeros of the velocity
+        w.
 
-        On both sides of a zero, the derivative dw has the direction that w has behind the
-        zero. The sense of dw is therefore that of w behind the zero.
+        w is the relative angular velocity of the two links of the pole. Its direction is
+        inaccurate near a zero, but that of its derivative dw is not. On both sides of a
+        zero, dw has the direction that w has behind the zero.
 
         Parameters
         ----------
         s, pole
             (n,) arc lengths (rad) within about `NEAR_REST_RAD` of a zero, and the links.
         rest_points
-            The zeros of w, their relative angular velocity.
+            The zeros of w.
         """
         links = self.links_at(s)
         _, dw = links.relative(*pole)
         _, growth = links.speeds(pole)
-        # A zero ahead of s is at most about `NEAR_REST_RAD` away.
+        # Zeros are at most about `NEAR_REST_RAD` away, so this point is behind the zero.
         s_behind_zero = s + 2.0 * NEAR_REST_RAD
         sense = self._sense_after_reversals(rest_points, s_behind_zero)
         return dw / (growth * sense)[:, None]
@@ -511,13 +522,13 @@ class CurveMotion:
         return np.where(reversal_counts % 2 == 1, -1.0, 1.0)
 
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
-        """Return all points at which the two links of a pole rest relative to each other.
+        """Return all points of a curve at which the two links of a pole rest relative to
+        each other.
 
-        The relative angular velocity is that of the pole's second link relative to the
-        first. First the zeros of one of its components are located: that along
-        `PROJECTION`, a direction at right angles to no axis, except by chance. The
-        result has those zeros at which the whole vector vanishes within its rounding error.
-        It is None if the links rest on the whole curve.
+        First the zeros of one component of their relative angular velocity are located. The
+        component is that along `PROJECTION`, a constant vector that is hardly ever at right
+        angles to the velocity. The result has those zeros at which the whole vector
+        vanishes within its rounding error. It is None if the links rest on the whole curve.
         """
         curve = self.curve
         node_links = self.links_at(curve.s)
@@ -536,10 +547,10 @@ class CurveMotion:
 
         zeros = find_zeros(projected_rate, curve.s)
         if curve.closed:
-            # A zero at the start of a closed curve is one at its end, too. It counts once.
+            # The start of a closed curve is also its end. A zero there counts once.
             zeros = zeros.merge_seam(curve.length)
-        # Rounding moves the zeros of one component. Newton's method moves them to the
-        # minimum of the whole vector nearby, which is more accurate.
+        # The minimum of the length of the whole vector is more accurate than the zero of
+        # one component.
         s = self._refine_zeros(zeros.places, zeros.double, pole)
         errors = self._bound_zero_errors(s, zeros.double, pole)
         # The links rest where the whole vector vanishes. At other zeros only the component
@@ -562,7 +573,7 @@ class CurveMotion:
         s, is_double
             (k,) arc lengths of the zeros (rad), and whether they are double.
         pole
-            The two links.
+            The two links that rest relative to each other at the zeros.
         """
         length = self.curve.length
         links = self.links_at(s)
@@ -570,9 +581,9 @@ class CurveMotion:
         rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * length
         # `EPS` prevents a division by zero.
         errors = links.rounding / np.maximum(slope, EPS) + rounding_of_s
-        # The slope at the distance x from a double zero is c x, so c follows from the slope
-        # at a distance of a thousandth of the length, towards the middle of the curve.
-        # Larger distances: the curve is no parabola; smaller: the slope is only rounding.
+        # The slope at the distance x from a double zero is c x. So c follows from the slope
+        # at a small distance, towards the middle of the curve. At a thousandth of the
+        # length, the velocity is still nearly a parabola, and the slope is above rounding.
         step = 1e-3 * length
         double_s = s[is_double]
         aside = np.where(double_s > 0.5 * length, -step, step)
@@ -582,11 +593,10 @@ class CurveMotion:
         return np.minimum(errors, length)
 
     def _is_apart_from_crossings(self, s: Floats, errors: Floats) -> Bools:
-        """Return whether zeros can be distinguished from crossings of curves.
+        """Return whether zeros of a velocity can be distinguished from crossings of curves.
 
         At a crossing with other curves, where this curve ends, every rate may vanish. A
-        zero must be farther from such an end than four times its error. Larger: more zeros
-        are left out.
+        zero must be farther from such an end than four times its error.
 
         Parameters
         ----------
@@ -602,12 +612,12 @@ class CurveMotion:
         return is_apart
 
     def _refine_zeros(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
-        """Return zeros of one component of a velocity, moved to minima of its length.
+        """Move zeros of one component of a velocity to the nearest minima of its magnitude.
 
-        The vector w is the relative angular velocity of two links. A zero of one component
-        is near a zero of the whole vector, or w does not vanish there. Gauss-Newton steps
-        lead to the minimum of the length of w: each changes the arc length by
-        -(w . w') / (w' . w'), with the derivative w' by the arc length.
+        The vector w is the relative angular velocity of two links along a curve. If w
+        vanishes near a zero of its component, the minimum is the more accurate zero.
+        Gauss-Newton steps change the arc length by -(w . w') / (w' . w'), with the
+        derivative w' by the arc length.
 
         Parameters
         ----------

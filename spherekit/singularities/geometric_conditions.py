@@ -43,7 +43,10 @@ combines several axes. Larger: more conditions are reported beside crossings."""
 
 @dataclass(frozen=True)
 class FulfilledCondition:
-    """A geometric condition that is fulfilled at a configuration.
+    """A geometric condition that is fulfilled at a singular configuration.
+
+    It says that axes of relative rotation of links are parallel, or that planes through
+    such axes coincide.
 
     Attributes
     ----------
@@ -53,10 +56,12 @@ class FulfilledCondition:
     words
         The condition in words, with the names of the links.
     residual
-        The largest sine of the angles between axes or planes that should coincide.
+        The largest sine of the angles between the axes or planes. It is 0 if the condition
+        is fulfilled exactly.
     certain
         Whether the residual is within the tolerance, which follows from the error bounds of
-        the axes. False if it is larger, but less than `UNDECIDED_FACTOR` times as large.
+        the axes. False if the residual is between this tolerance and `UNDECIDED_FACTOR`
+        times this tolerance.
     """
 
     label: str
@@ -80,7 +85,7 @@ class ParallelAxes:
     def sine(self, poles: SixPoles) -> Floats:
         """Return the largest sine (n,) between two of the axes, NaN if one is unknown."""
         vectors = poles.stacked(self.axes)  # (n, axes, 3)
-        # All products of two axes. The length of the product of unit vectors is the sine.
+        # The length of the vector product of two unit vectors is the sine of their angle.
         products = cross(vectors[:, :, None], vectors[:, None])
         return np.max(np.linalg.norm(products, axis=-1), axis=(1, 2))
 
@@ -92,10 +97,11 @@ class ParallelAxes:
 
 @dataclass(frozen=True)
 class CoincidentPlanes:
-    """The condition that two planes coincide, each given by three axes of `SixPoles`.
+    """The condition that two planes coincide, each through three axes of `SixPoles`.
 
-    Each plane contains the pole axes of three links, which are in one plane by the theorem
-    of Aronhold and Kennedy.
+    The pole axis of two links is the axis about which they rotate relative to each other.
+    By the theorem of Aronhold and Kennedy, the three pole axes of three links are in one
+    plane. The condition means that a mechanism is singular.
 
     Attributes
     ----------
@@ -109,11 +115,12 @@ class CoincidentPlanes:
     def sine(self, poles: SixPoles) -> Floats:
         """Return how far (n,) the two planes are from coinciding, as the sine of an angle.
 
-        In general it is the angle between the planes. If the axes in one of them are
-        parallel, they determine no plane. The result is then the largest sine of the angles
-        between all six axes and the plane nearest to them. It is NaN if an axis is unknown.
-        """
-        # The sine of the largest angle between two of the axes that span each plane.
+        In general this is the angle between the planes. Parallel axes determine no plane.
+        If the axes of one plane are parallel, the angles between all six axes and the plane
+        nearest to them are taken, and the largest sine is returned. The result is NaN if an
+        axis is unknown."""
+        # For each plane its normal, and the largest sine between two of its axes. This sine
+        # vanishes if the axes are parallel.
         first_normal, first_largest_sine = poles.plane(self.first)
         second_normal, second_largest_sine = poles.plane(self.second)
         smaller_sine = np.minimum(first_largest_sine, second_largest_sine)
@@ -233,10 +240,10 @@ def find_conditions(
 
     Returns
     -------
-    For each configuration the certain conditions, then the uncertain ones, each in the
-    order of the table `FOUR_LINKS`. In this table, parallel axes stand before planes that
-    coincide, and all axes in one plane come last. A condition is uncertain if its sine is
-    above the tolerance, but below `UNDECIDED_FACTOR` times the tolerance.
+    For each configuration the certain conditions, then the uncertain ones. Both have the
+    order of the table `FOUR_LINKS`: parallel axes, then coincident planes, and last all
+    axes in one plane. A condition is uncertain if its sine is between the tolerance and
+    `UNDECIDED_FACTOR` times the tolerance.
     """
     conditions_by_row: list[list[FulfilledCondition]] = [[] for _ in tolerances]
     for label, conditions in _possible_conditions(relation, kind).items():
@@ -264,15 +271,21 @@ def find_conditions(
 def _possible_conditions(
     relation: Relation, kind: str
 ) -> Mapping[str, tuple[Condition, ...]]:
-    """Return the conditions by which a relation c y' = d q' can have a type, by label.
+    """Return the geometric conditions under which a singularity has a certain type.
 
-    All conditions of a label have to be fulfilled. If input and output have only two
-    different links, c and d never vanish, and there are no conditions.
+    In the relation c y' = d q', y' is the rate of the output and q' that of the input. Type
+    I means d = 0, type II c = 0, and type III both. Conditions say that axes of relative
+    rotation are parallel, or that planes through them coincide.
 
     Parameters
     ----------
     relation, kind
         The relation, and the type: ``I``, ``II`` or ``III``.
+
+    Returns
+    -------
+    Conditions by their label. All conditions of a label have to be fulfilled. If input and
+    output have only two different links, c and d never vanish, and there are no conditions.
     """
     link_count = len(relation.links.different)
     if link_count == 4:
@@ -287,16 +300,16 @@ def _condition_of_three_links(
 ) -> dict[str, tuple[Condition, ...]]:
     """Return the condition of a type of singularity for a relation of three links.
 
-    The input is the rotation of link i relative to r, with the pole axis u_q. The output is
-    the rotation of link o, with the pole axis u_y. It is relative to link s if
-    `relation.form` is "i", and relative to link r if it is "ii". Here two of the four links
-    i, r, o and s are the same link. The three different links have three pole axes in one
-    plane: u_q, u_y and a third one, p.
+    The input is the rotation of link i relative to r, about the axis u_q. The output is the
+    rotation of link o relative to s (`relation.form` "i") or to r ("ii"), about the axis
+    u_y. Here two of the links i, r, o and s are the same. Each two of the three different
+    links have a pole axis (axis of relative rotation). The three axes are in one plane:
+    u_q, u_y and a third one, p.
 
-    In the relation c y' = d q', c is proportional to the sine of the angle between u_y and
-    p, and d to that between u_q and p. A singularity of type I (d = 0) therefore means that
-    u_q and p are parallel, type II (c = 0) that u_y and p are, and type III that all three
-    are.
+    In the relation c y' = d q' of the rates, c is proportional to the sine of the angle
+    between u_y and p, and d to that between u_q and p. So type I (d = 0) means that u_q and
+    p are parallel, type II (c = 0) that u_y and p are parallel, and type III that all three
+    are parallel.
 
     Parameters
     ----------
@@ -337,11 +350,13 @@ class RelationAt:
         "i" if the output is the rotation of link o relative to s, "ii" if it is that
         relative to r.
     c, d
-        The coefficients, from the directions of pole axes alone.
+        The coefficients. They follow from the directions of pole axes (axes of relative
+        rotation of two links) alone.
     residual
         Difference c y' - d q' at the rates on the curve, relative to the size of the rates.
     type
-        The type according to the coefficients: I (d = 0), II (c = 0), III (both), or None.
+        The type of the singularity according to the coefficients: I (d = 0), II (c = 0),
+        III (both), or None.
     conditions
         The geometric conditions of this type that are fulfilled: parallel axes, planes that
         coincide.
@@ -454,13 +469,13 @@ def _explain_disagreement(
     links: FourLinks,
     resting_links: Sequence[str],
 ) -> str:
-    """Return why the coefficients c and d of c y' = d q' give another type than the rates.
+    """Return why the coefficients of c y' = d q' tell another type of singularity than the
+    rates.
 
     y' is the rate of the output and q' that of the input. Each is the relative rate of two
-    links. c and d are triple products of the pole axes (axes of relative rotation) of any
-    two of these four links. By the coefficients a singularity has type I if d = 0 and type
-    II if c = 0. By the rates it has type I if y' = 0 and type II if q' = 0. Type III means
-    both.
+    links. c and d are triple products of the pole axes (axes of relative rotation) of these
+    links. By the coefficients a singularity has type I if d = 0 and type II if c = 0. By
+    the rates it has type I if y' = 0 and type II if q' = 0. Type III means both.
 
     Parameters
     ----------
@@ -471,7 +486,7 @@ def _explain_disagreement(
     resting_links
         Names of links that rest relative to each other, such as ``3 and 4``.
     """
-    # The same two links rotate relative to each other as input and as output.
+    # Input and output are the relative rotation of the same two links.
     if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
     if kind == Type.III:
@@ -493,11 +508,11 @@ def _explain_disagreement(
 
 
 def _explain_vanishing_coefficients(resting_links: Sequence[str]) -> str:
-    """Return why both coefficients of a relation vanish, if its rates give another type.
+    """Return why both coefficients of an input-output relation vanish, as a phrase.
 
-    The coefficients are triple products of the pole axes of four links. All of them are
-    zero if the axes are in one plane. Links that rest relative to each other are named as
-    the cause instead, if there are any.
+    The coefficients are triple products of the pole axes (axes of relative rotation) of
+    four links. They vanish if the axes are in one plane. If links rest relative to each
+    other, these are named as the cause instead.
 
     Parameters
     ----------

@@ -58,16 +58,17 @@ class Grashof:
 
 
 def grashof(mechanism: Mechanism) -> Grashof | None:
-    """Return the class of a four-bar of R pairs that is driven at one of its pairs.
+    """Return the Grashof class of a spherical four-bar with R pairs, None for other
+    mechanisms.
 
-    The result is None for other mechanisms. The fixed link is the ground if the driven pair
+    The class says which links turn fully. The fixed link is the ground if the driven pair
     is on it, otherwise the first link of the driven pair.
     """
     links = four_bar_links(mechanism)
     if links is None:
         return None
     fixed_link, input_link, coupler, output_link = links
-    # For each link a mapping of its two axes, by the names of the pairs.
+    # For each link its two axes, by the names of the pairs.
     axes_by_link = list(link_axes(mechanism).values())
 
     def arc_of(link: int) -> Floats:
@@ -99,6 +100,7 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
     if not has_axes_only or not is_loop_of_four or len(mechanism.inputs) != 1:
         return None
     fixed, input_link = ends[mechanism.pair_number[mechanism.inputs[0].pair]]
+    # If the ground is the second link of the driven pair, it is the fixed link.
     if input_link == 0:
         fixed, input_link = input_link, fixed
     # In the loop, the output link is the other neighbour of the fixed link, and the coupler
@@ -112,10 +114,10 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
 def class_of(g: ArrayLike, a: ArrayLike, h: ArrayLike, b: ArrayLike) -> NDArray[np.str_]:
     """Return the class of four-bars by Grashof's criterion, from the arcs of their links.
 
-    The classes follow from four sums T1 to T4 of the arcs (McCarthy and Soh 2011, section
-    7.2). The input turns fully if T1 T2 > 0 and T3 T4 > 0, the output if T1 T3 < 0 and
-    T2 T4 < 0. If one of the sums is zero, the four-bar is change-point: all links can lie
-    in one great circle. Otherwise the classes are:
+    The arc of a link is the angle between its two axes. The classes follow from four sums
+    T1 to T4 of the arcs (McCarthy and Soh 2011, section 7.2). The input turns fully if T1
+    T2 > 0 and T3 T4 > 0, the output if T1 T3 < 0 and T2 T4 < 0. If a sum is zero, all links
+    can lie in one great circle (class change-point). Otherwise the classes are:
 
     ===================  ====================  =============  =============
     input turns fully    output turns fully    T1 T2 T3 T4    class
