@@ -485,8 +485,7 @@ class _AspectGraph:
         self.is_path_known = np.pad(self.is_path_known, ((0, len(samples)), (0, 0)))
 
     def _find_in_column(self, column: int, values: Floats, samples: Indices) -> Indices:
-        """Compare configurations with those that are stored for the same samples in a
-        column.
+        """Compare configurations with those that one table column has for their samples.
 
         The table `numbers_at_sample` has a row for each sample, with the numbers of its
         configurations in successive columns. Two configurations are the same if their
@@ -510,8 +509,7 @@ class _AspectGraph:
         return np.where(is_same, stored_numbers, NO_CONFIGURATION)
 
     def connect_neighbours(self) -> None:
-        """Connect configurations at neighbouring samples if a path without singularities
-        joins them.
+        """Connect configurations at neighbouring samples by paths without singularities.
 
         A path changes one input from a sample to a neighbouring one. Connected
         configurations are in one aspect (a part of the configurations without a singularity

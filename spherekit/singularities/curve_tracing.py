@@ -267,8 +267,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def start_after_periods(
         self, starts: _LocusNodes, nodes: _LocusNodes, values: Floats
     ) -> _LocusNodes:
-        """Return the starts of curves, moved by whole periods, to test whether the curves
-        close.
+        """Return the starts of curves, moved by whole periods, to test closed curves.
 
         A curve of singular configurations closes if it returns to its start, up to whole
         periods of the angles. Each point also has a singular motion: rates that close the
@@ -334,8 +333,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         self.end_status[row] = Status.AT_SINGULARITY if is_crossing else Status.MODE_LOST
 
     def join_halves(self, ahead: int, behind: int) -> SingularCurve | None:
-        """Join the two halves of a curve, which were followed from one start in both
-        directions.
+        """Join the two halves of a curve, which were followed in both directions.
 
         A closed curve is already complete in one direction. The result is None if no step
         succeeded in either direction.

@@ -487,8 +487,7 @@ class CurveMotion:
     def _direction_by_derivative(
         self, s: Floats, pole: Pole, rest_points: RestPoints
     ) -> Floats:
-        """Return the continuous direction (n, 3) of a pole axis near zeros of the velocity
-        w.
+        """Return the continuous direction (n, 3) of a pole axis near zeros of velocity w.
 
         w is the relative angular velocity of the two links of the pole. Its direction is
         inaccurate near a zero, but that of its derivative dw is not. On both sides of a
@@ -522,8 +521,7 @@ class CurveMotion:
         return np.where(reversal_counts % 2 == 1, -1.0, 1.0)
 
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
-        """Return all points of a curve at which the two links of a pole rest relative to
-        each other.
+        """Return all points of a curve at which two links rest relative to each other.
 
         First the zeros of one component of their relative angular velocity are located. The
         component is that along `PROJECTION`, a constant vector that is hardly ever at right

@@ -118,7 +118,8 @@ class CoincidentPlanes:
         In general this is the angle between the planes. Parallel axes determine no plane.
         If the axes of one plane are parallel, the angles between all six axes and the plane
         nearest to them are taken, and the largest sine is returned. The result is NaN if an
-        axis is unknown."""
+        axis is unknown.
+        """
         # For each plane its normal, and the largest sine between two of its axes. This sine
         # vanishes if the axes are parallel.
         first_normal, first_largest_sine = poles.plane(self.first)
@@ -469,10 +470,10 @@ def _explain_disagreement(
     links: FourLinks,
     resting_links: Sequence[str],
 ) -> str:
-    """Return why the coefficients of c y' = d q' tell another type of singularity than the
-    rates.
+    """Return why the coefficients of c y' = d q' tell another type than the rates.
 
-    y' is the rate of the output and q' that of the input. Each is the relative rate of two
+    The type is that of a singularity. y' is the rate of the output, q' that of the input.
+    Each is the relative rate of two
     links. c and d are triple products of the pole axes (axes of relative rotation) of these
     links. By the coefficients a singularity has type I if d = 0 and type II if c = 0. By
     the rates it has type I if y' = 0 and type II if q' = 0. Type III means both.

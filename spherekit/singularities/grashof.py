@@ -58,8 +58,7 @@ class Grashof:
 
 
 def grashof(mechanism: Mechanism) -> Grashof | None:
-    """Return the Grashof class of a spherical four-bar with R pairs, None for other
-    mechanisms.
+    """Return the Grashof class of a spherical four-bar, None for other mechanisms.
 
     The class says which links turn fully. The fixed link is the ground if the driven pair
     is on it, otherwise the first link of the driven pair.

@@ -58,7 +58,7 @@ Form = Literal["i", "ii"]
 
 @dataclass(frozen=True)
 class FourLinks:
-    """Numbers of the links of an input and an output.
+    """Numbers of the four links whose relative rotations are an input and an output.
 
     The input is the rotation of link i relative to r, the output that of link o relative to
     s. i and r are different links, and so are o and s. Apart from that, two of the four may
@@ -86,13 +86,13 @@ class FourLinks:
         return tuple(dict.fromkeys((self.i, self.r, self.o, self.s)))
 
     def ends(self, axis: str) -> tuple[int, int]:
-        """Return the numbers of the two links of an axis, a field name of `SixPoles`."""
+        """Return the numbers of the two links that belong to an axis, such as "os"."""
         first, second = LINKS_OF_AXIS[axis]
         return getattr(self, first), getattr(self, second)
 
     @property
     def poles(self) -> list[Pole]:
-        """The poles of all pairs of different links, each listed once.
+        """The poles (axes of relative rotation) of any two different links, each once.
 
         The pole of the output is first, that of the input second.
         """
@@ -110,9 +110,9 @@ class SixPoles:
 
     The pole axis of two links is the axis about which they rotate relative to each other.
     The links are i, r (input and its reference), o, s (output and its reference). The field
-    `os` is the axis of links o and s, and so on. A vector is the same for both orders of
-    its links, and the rate changes its sign: the angular velocity of a relative to b is
-    w_ab u_ab = -w_ba u_ab. A vector is NaN if its two links are the same link.
+    `os` is the axis of links o and s, and so on. The vector is the same for both orders of
+    the two links, but the rate has opposite signs: the angular velocity of a relative to b
+    is w_ab u_ab = -w_ba u_ab. A vector is NaN if both of its links are the same link.
     """
 
     os: Floats
@@ -127,9 +127,10 @@ class SixPoles:
         return np.stack([getattr(self, axis) for axis in axes], axis=1)
 
     def plane(self, axes: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return the plane of three axes.
+        """Return the plane through three axes of relative rotation of links.
 
-        The two axes with the largest angle between them determine it most accurately.
+        The two axes with the largest angle between them determine the plane most
+        accurately.
 
         Parameters
         ----------
@@ -144,6 +145,7 @@ class SixPoles:
             (n,) sine of the largest angle between two of the axes.
         """
         vectors = self.stacked(axes)
+        # The vector products of each axis with the next one.
         products = cross(vectors, np.roll(vectors, -1, axis=1))
         sines = np.linalg.norm(products, axis=-1)
         rows = np.arange(len(vectors))
@@ -154,20 +156,20 @@ class SixPoles:
 
 
 def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> SixPoles:
-    """Return the pole axes of any two of four links, the six fields of `SixPoles`.
+    """Return the axes of relative rotation of any two of four links.
 
     The links are the input link i, its reference link r, the output link o and its
-    reference link s. The field "os", for example, has the axis about which link o turns
-    relative to s. A field is NaN if both links are the same link.
+    reference link s. There are six axes: the field "os", for example, has the axis about
+    which link o turns relative to s. A field is NaN if both links are the same link.
 
     Parameters
     ----------
     links
         The four links.
     pole_axis
-        Function that returns the unit vectors (n, 3) of a pole.
+        Function that returns the unit vectors (n, 3) along the axis of a pole (two links).
     """
-    # The axis of the input exists in any case, and has the shape (n, 3) of all axes.
+    # The axis of the input always exists, so its array shows the shape (n, 3) of all axes.
     input_axis = pole_axis(pole_of(links.i, links.r))
     no_axis = np.full_like(input_axis, np.nan)
     # By the name of the field, such as "os" for the links o and s.
@@ -186,25 +188,24 @@ class Relation:
     The input is the rotation of link i relative to r. The output is the rotation of link o
     relative to s, or relative to r. Two links rotate relative to each other about their
     pole axis. Around any closed chain of links, the relative angular velocities add up to
-    zero. If all other rates are eliminated from these equations, the relation remains. Its
-    coefficients are triple products of pole axes, see `make_relation`.
+    zero. The relation remains if all other rates are eliminated from these equations. Its
+    coefficients follow from pole axes alone, see `make_relation`.
 
     Attributes
     ----------
     form
         "i" if the output is the rotation of link o relative to s, "ii" if it is that
-        relative to r. In form ii, s is an auxiliary link, by whose pole axes the other
-        rates are eliminated. It can be any fourth link.
+        relative to r. In form ii, s can be any fourth link. Its pole axes serve to
+        eliminate the other rates.
     links, poles
         The four links, and the pole axes of any two of them, from which c and d are
         computed.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
-        (n,) coefficients, at most 1 in size. If the four links are different, both are
-        triple products, which are 0 where all pole axes are in one plane. If two of them
-        are the same link, the formulas contain the normal of the plane of the pole axes.
-        Both coefficients are NaN where these axes are on one line, which has no plane.
+        (n,) coefficients, at most 1 in size. With four different links, both are triple
+        products of axes, and are 0 where all axes are in one plane. With three different
+        links, both are NaN where all axes are on one line.
     """
 
     form: Form
@@ -232,14 +233,14 @@ class ThirdAxis:
     """The third pole axis of the relation c y' = d q' between the rates of three links.
 
     Input and output are rotations of one link relative to another, with the rates q' and y'
-    about the pole axes u_q and u_y. If they share a link, there are three links. Their
-    third relative rotation, with the rate r' about the third axis p, is the difference or
-    the sum of the two:
+    about the pole axes u_q and u_y. If input and output share a link, there are three links
+    and a third relative rotation. It has the rate r' about the axis p, and is the
+    difference or the sum of the two:
 
-    - y' u_y - q' u_q = r' p if the shared link is the moving link of both or the reference
+    - y' u_y - q' u_q = r' p if the shared link is the moving link of both, or the reference
       link of both. Then c = n . (u_y x p) and d = n . (u_q x p).
-    - y' u_y + q' u_q = r' p if it moves in one and is the reference in the other. Then
-      c = n . (u_y x p) and d = -n . (u_q x p).
+    - y' u_y + q' u_q = r' p if the shared link is the moving link of one and the reference
+      link of the other. Then c = n . (u_y x p) and d = -n . (u_q x p).
 
     The formulas follow from the vector product of each equation with p, which eliminates
     r', and the scalar product with n, the unit normal of the plane of all three axes.
@@ -252,10 +253,9 @@ class ThirdAxis:
     sign_of_d
         1 or -1, the sign in the formula of d.
     label_suffix
-        End of the label of a condition for a singularity, after its type I, II or III. It
-        depends on which two of the four links are the same, as in R. Di Gregorio's lecture
-        on the singularity analysis of spherical mechanisms. It is empty if the lecture does
-        not number the conditions.
+        End of the label of a condition for a singularity, after its type I, II or III. In
+        R. Di Gregorio's lecture on the singularity analysis of spherical mechanisms, it
+        depends on which two of the four links are the same. Empty if the lecture has none.
     """
 
     name: str
@@ -284,9 +284,9 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
 
     Returns
     -------
-    The axis, with the sign of d in the relation c y' = d q' of the rates, and the number of
-    the case in R. Di Gregorio's lecture on singularities, such as ".2". Only two cases have
-    one.
+    The axis, with the sign of d in the relation c y' = d q' of the rates. Also the number
+    of the case in R. Di Gregorio's lecture on singularities, such as ".2", or an empty
+    text.
     """
     if form == "ii":
         return _third_axis_seen_from_input_reference(links)
@@ -304,9 +304,11 @@ def _third_axis_seen_from_input_reference(links: FourLinks) -> ThirdAxis:
 
 
 def _third_axis_of_shared_link(links: FourLinks) -> ThirdAxis:
-    """Return the third axis if two of the links i, r, o and s are the same link (form i).
+    """Return the third axis of rotation if two of the links i, r, o, s are the same.
 
-    The output is the rotation of o relative to s, the input that of i relative to r.
+    The output is the rotation of o relative to s, the input that of i relative to r. With a
+    shared link there are three links, and a third relative rotation. It is the sum or the
+    difference of output and input.
     """
     if links.i == links.s:
         # The output is o relative to i, the input is i relative to r. The sum is o relative
@@ -392,8 +394,9 @@ def make_relation(
 def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) -> Floats:
     """Return unit vectors in the plane of three axes, at right angles to the third axis.
 
-    The products of such a vector with the axes of output and input are the coefficients of
-    the relation between their rates, because its product with the third axis is zero.
+    The axes are those of the relative rotations of three links. A scalar product with such
+    a vector eliminates the rotation about the third axis. The products with the axes of
+    output and input are the coefficients of the relation between their rates.
 
     Parameters
     ----------
@@ -404,9 +407,9 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
 
     Returns
     -------
-    (n, 3) unit vectors, NaN if all three axes are on one line. Two opposite vectors are
-    possible in each row. The one at an acute angle with the vector of the row before is
-    taken, so that the vectors are continuous along a curve of configurations.
+    (n, 3) unit vectors, NaN if all three axes are on one line. Of two opposite vectors, the
+    one nearer to the vector before is taken. So the vectors are continuous along a curve of
+    configurations.
     """
     # "ir" is the axis of the input, the rotation of link i relative to r. `sine` is the
     # largest sine of the angle between two of the axes.

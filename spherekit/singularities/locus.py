@@ -156,7 +156,7 @@ class SingularityMeasure:
 
 @dataclass(frozen=True)
 class LocusBases(ArrayRows):
-    """Bases in which points of the locus change: of configurations, and of motions.
+    """Bases for the changes of n points of the locus (set of all singular configurations).
 
     A point of the locus is a configuration with its singular motion x: unit rates that
     close the loops while the inputs (type II) or the output (type I) rest.
@@ -164,10 +164,11 @@ class LocusBases(ArrayRows):
     Attributes
     ----------
     configuration
-        (n, V, g) orthonormal changes of the variables that keep the loops closed.
+        (n, V, g) for each of the g degrees of freedom, a change of the V pair variables
+        that keeps the loops closed. The changes are orthonormal.
     motion
-        (n, V, k) orthonormal rates that close the loops. x and its changes are combinations
-        of them.
+        (n, V, k) k sets of rates that close the loops, orthonormal. x and its changes are
+        combinations of them.
     """
 
     configuration: Floats
@@ -312,16 +313,20 @@ class _LinearisedLocus:
 
 @dataclass(frozen=True)
 class _ClosingStep:
-    """Newton's step that closes slightly open loops, and what changes with it.
+    """Newton's step that closes slightly open loops at n configurations, and its effects.
+
+    A singular configuration has a motion x: rates that close the loops with E x = 0. E x
+    are the rates of the inputs or of the output. The step changes the configuration, and so
+    x and E x.
 
     Attributes
     ----------
     value_changes
-        (n, V) changes of the variables (rad).
+        (n, V) changes of the V pair variables (rad).
     motion_changes
         (n, V) changes of the motion x, so that it closes the loops after the step.
     constrained_rate_changes
-        (n, m) changes of the rates E x that have to be zero.
+        (n, m) changes of the m rates E x.
     """
 
     value_changes: Floats
@@ -331,16 +336,21 @@ class _ClosingStep:
 
 @dataclass(frozen=True)
 class _LocusTangents:
-    """The tangents of a locus at n points, and how regular it is there.
+    """The tangents of a locus at n points, and how regular the locus is there.
+
+    The locus is the set of all singular configurations of one type. For a mechanism with V
+    pair variables and g degrees of freedom it has g - 1 dimensions. Each point has a
+    singular motion: rates that close the loops while the inputs or the output rest.
 
     Attributes
     ----------
     values
         (n, V, g - 1) orthonormal changes of the variables along the locus.
     motion_derivatives
-        (n, V, g - 1) derivatives of the singular motion along them.
+        (n, V, g - 1) derivatives of the singular motion along these changes.
     reciprocal_condition
-        (n,) 0 where the locus crosses itself, or where a row is not finite.
+        (n,) measure of regularity: 0 where the locus crosses itself, and at points that are
+        not finite.
     """
 
     values: Floats
@@ -397,17 +407,18 @@ class SingularityLocus:
     ) -> TangentSpace:
         """Return the rates among which singular motions are sought.
 
-        They are all rates that close the loops, unless only a part of the mechanism moves
-        the output (`part`). All other variables then rest, since motions of other pairs are
-        no singularities of this output.
+        A singular motion is a set of rates that close the loops while the inputs or the
+        output rest. Usually all rates that close the loops are returned. If only a part of
+        the mechanism moves the output (`part`), the variables outside of the part rest.
+        Motions of these are no singularities of this output.
 
         Parameters
         ----------
         space
             All rates that close the loops of the mechanism.
         reference_basis
-            (n, V, k) basis of the result at neighbouring configurations. The basis of a
-            part is rotated to be as near as possible to it, so that it changes
+            (n, V, k) basis of the result at neighbouring configurations. The new basis is
+            rotated to be as near as possible to this one, so that the basis changes
             continuously.
         """
         if self.part is None:
@@ -420,9 +431,9 @@ class SingularityLocus:
         """Return how near configurations are to being singular.
 
         In a singular configuration the inputs (type II) or the output (type I) rest in some
-        motion. The measure is the smallest size that their rates have in any unit motion x
-        that closes the loops. These rates are E x, so this is the smallest singular value
-        of the matrix E, applied to an orthonormal basis of the motions.
+        motion x (unit rates that close the loops). Their rates are E x. The measure is the
+        smallest size of E x for any x. It is the smallest singular value of E times an
+        orthonormal basis of the motions.
 
         Parameters
         ----------
@@ -549,13 +560,13 @@ class SingularityLocus:
         targets: Floats,
         reference: LocusBases | None,
     ) -> Floats:
-        """Return Newton's steps (n, 2 V) of the unknowns: variables, then motions.
+        """Return Newton's steps from n configurations towards singular configurations.
 
-        A point of the locus is a singular configuration: the loops are closed, and a unit
-        motion x closes the loops with E x = 0. Each step has two parts. The first one
-        closes the loops. The second one keeps them closed and solves E x = 0, |x| = 1 and
-        conditions @ values = targets. A row whose equations are not finite only gets the
-        first part.
+        The unknowns are the V pair variables and the rates x of a motion. In a singular
+        configuration the loops are closed, and x closes the loops with E x = 0. E x are the
+        rates of the inputs or of the output. Each step has two parts. The first part closes
+        the loops. The second part keeps the loops closed and solves E x = 0, |x| = 1 and
+        conditions @ values = targets.
 
         Parameters
         ----------
@@ -564,14 +575,15 @@ class SingularityLocus:
         conditions, targets
             (n, b, V) and (n, b) linear equations in the variables that select a point.
         reference
-            Bases at neighbouring points, to which those of the step are aligned; or None.
+            Bases (of changes of configuration and motion) at neighbouring points. The bases
+            of the step are aligned with them. None without neighbours.
         """
         values, motions = np.split(unknowns, 2, axis=1)
         linearised = self._linearise(values, motions, reference)
         scaling_steps = linearised.unit_motions - motions  # so that |x| = 1
         closing = self._closing_step(linearised)
 
-        # The residuals of the second part, as they are after the first part.
+        # The residuals that the second part has to remove, after the first part.
         rates_to_remove = -linearised.constrained_rates - closing.constrained_rate_changes
         length_errors = np.zeros((len(values), 1))
         condition_errors = targets - np.matvec(conditions, values + closing.value_changes)
@@ -597,15 +609,16 @@ class SingularityLocus:
 
         The locus is the set of singular configurations. Each has a singular motion: unit
         rates x that close the loops, with E x = 0. E x are the rates of the inputs (type
-        II) or of the output (type I). The unknowns of the linear equations are coordinates
-        u of the change of the configuration, and z of the change of x.
+        II) or of the output (type I). The equations are E x = 0 and |x| = 1. Their unknowns
+        are coordinates: u of the change of the configuration, and z of the change of x.
 
         Parameters
         ----------
         values, motions
             (n, V) variables (rad), and motions that need not close the loops exactly.
         reference
-            Bases at neighbouring points, to which those of u and z are aligned; or None.
+            Bases at neighbouring points, with which the bases of u and z are aligned. None
+            without neighbours.
         """
         if reference is None:
             space = self.tangent_space(values)
@@ -620,7 +633,7 @@ class SingularityLocus:
 
         # The blocks of the matrix: derivatives of E x and of |x| by u and z. |x| does not
         # depend on u, because the corrections of x (`motion_slopes`) are perpendicular to
-        # all rates that close the loops, and so to x.
+        # x.
         rates_by_configuration = self._constrained_rate_slopes(
             space, unit_motions, motion_slopes
         )
@@ -645,18 +658,20 @@ class SingularityLocus:
     def _constrained_rate_slopes(
         self, space: TangentSpace, unit_motions: Floats, motion_slopes: Floats
     ) -> Floats:
-        """Return the derivatives (n, m, g) of the rates E x by changes of configuration.
+        """Return the derivatives (n, m, g) of rates E x by changes of configuration.
 
-        E x changes because E changes, and because x has to be corrected.
+        x are the rates of a motion that closes the loops. E x are the m rates of the inputs
+        or of the output, which are zero in a singular configuration. E x changes because E
+        changes, and because x has to be corrected.
 
         Parameters
         ----------
         space
             The g independent changes of the configuration, at n configurations.
         unit_motions
-            (n, V) the rates x.
+            (n, V) the rates x of the V pair variables.
         motion_slopes
-            (n, V, g) the corrections of x, so that it still closes the loops.
+            (n, V, g) the corrections of x, so that x still closes the loops.
         """
         constraint_matrix = self.constraint.equations(space.linearisation)  # E
         constraint_derivatives = self.constraint.equation_derivatives(space.closed_changes)
@@ -666,11 +681,14 @@ class SingularityLocus:
         return slopes
 
     def _closing_step(self, linearised: _LinearisedLocus) -> _ClosingStep:
-        """Return the shortest step that closes slightly open loops, with its effects."""
+        """Return the shortest step that closes slightly open loops, with its effects.
+
+        x are the rates of a motion that closes the loops. E x are the rates of the inputs
+        or of the output, which are zero in a singular configuration. The step changes both.
+        """
         space = linearised.space
-        # The only direction of change is the step itself, so that the derivatives along it
-        # are the changes to first order. For contacts that close a loop, these are an
-        # approximation.
+        # Derivatives along the step are the changes to first order. For contacts that close
+        # a loop, they are an approximation.
         step = ConfigurationChanges(space.linearisation, space.closing_step[:, :, None])
         rate_corrections = linearised.motion_space.rate_corrections(step)[:, 0]
         constraint_change = self.constraint.equation_derivatives(step)[:, 0]
@@ -685,19 +703,21 @@ class SingularityLocus:
         )
 
     def _find_tangents(self, linearised: _LinearisedLocus) -> _LocusTangents:
-        """Return the tangents of the locus at n points of it, and how regular it is there.
+        """Return the tangents of the locus at n points, and how regular the locus is there.
 
-        The locus is the set of singular configurations. A tangent is a change of the
-        configuration and of its singular motion that satisfies all linearised equations:
-        the null space of their matrix. It has g - 1 dimensions at a regular point.
+        The locus is the set of singular configurations. Each has a singular motion: unit
+        rates that close the loops while the inputs or the output rest. A tangent is a
+        change of both that satisfies all linearised equations. The tangents are the null
+        space of the matrix of these equations, with g - 1 dimensions for g degrees of
+        freedom.
 
-        For example, a mechanism with two inputs has four unknowns, g = 2 for the
-        configuration and k = 2 for the motion. The equations that both inputs rest and that
-        the motion has length 1 are three, so that the null space has one dimension: the
-        locus is a curve.
+        For example, a mechanism with two inputs has four unknowns: g = 2 for the
+        configuration and k = 2 for the motion. There are three equations: both inputs rest,
+        and the motion has length 1. So the null space has one dimension, and the locus is a
+        curve.
         """
-        # At a regular point, k + 1 of the equations are independent, so that the null space
-        # has (g + k) - (k + 1) = g - 1 dimensions. k is the motion dimension.
+        # At a regular point, k + 1 equations are independent (k is the motion dimension).
+        # So the null space has (g + k) - (k + 1) = g - 1 dimensions.
         rank = self.motion_dimension + 1
         svd = decompose(linearised.equations)
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
@@ -709,8 +729,8 @@ class SingularityLocus:
         configuration_tangents = orthonormalisation.orthonormal
         motion_tangents = orthonormalisation.combine(motion_columns)
 
-        # A point is irregular for two reasons: an equation depends on the others, or a
-        # tangent hardly changes the configuration. The product vanishes in both cases.
+        # A point is irregular if an equation depends on the others, or if a tangent does
+        # not change the configuration. In both cases the product below vanishes.
         greatest_singular_value = np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
         smallest_singular_value = svd.values[:, rank - 1]
         smallest_change = orthonormalisation.singular_values[:, -1]
@@ -727,10 +747,12 @@ def _motion_slopes(
 ) -> Floats:
     """Return how motions must change with the configuration to keep the loops closed.
 
+    A motion is a set of rates of the V pair variables that close the loops.
+
     Parameters
     ----------
     space
-        The g changes of the configuration: the columns of its basis, per unit.
+        The g independent changes of each of n configurations.
     motion_space
         The loops that the motions close.
     motions
@@ -740,8 +762,8 @@ def _motion_slopes(
     -------
     (n, V, g) derivatives of the rates along the g changes.
     """
-    # Row v and column w of a matrix: change of rate v per unit of rate w, for each
-    # configuration n and change g.
+    # For each configuration n and change g, a matrix with row v and column w: the change of
+    # rate v per unit of rate w.
     correction_matrices = motion_space.rate_corrections(space.closed_changes)
     return np.einsum("ngvw,nw->nvg", correction_matrices, motions)
 
@@ -749,8 +771,8 @@ def _motion_slopes(
 def _solve_least_norm(equations: Floats, right_side: Floats) -> Floats:
     """Return the shortest solution of each of n systems of linear equations.
 
-    If there are fewer equations than unknowns, there are many solutions. Equations that
-    repeat others are ignored.
+    The systems may have fewer equations than unknowns. Equations that repeat others are
+    ignored.
 
     Parameters
     ----------
@@ -770,15 +792,15 @@ def _solve_least_norm(equations: Floats, right_side: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class _Orthonormalisation:
-    """Combinations of the j columns of n matrices M that are orthonormal vectors.
+    """Combinations of the columns of a matrix M that are orthonormal, for n matrices.
 
-    With the singular value decomposition M = U S V^T, they are the columns of
-    U = M V S^-1. The same combinations of the columns of another matrix C are C V S^-1.
+    With the singular value decomposition M = U S V^T, they are the columns of U = M V S^-1.
+    The same combinations of the columns of another matrix C are C V S^-1.
 
     Attributes
     ----------
     orthonormal
-        (n, rows, j) the orthonormal vectors U.
+        (n, rows, j) the j orthonormal vectors U.
     singular_values
         (n, j) the diagonals of S, in descending order. If the smallest is zero, the columns
         of M are dependent.
@@ -806,7 +828,11 @@ def _orthonormalise(matrices: Floats) -> _Orthonormalisation:
 def append_conditions(
     equations: Floats, conditions: Floats, configuration_basis: Floats
 ) -> Floats:
-    """Return the linearised equations of a locus, with conditions on the variables added.
+    """Add conditions on the pair variables to the linearised equations of a locus.
+
+    The locus is the set of singular configurations. Each has a singular motion: rates that
+    close the loops while the inputs or the output rest. The conditions select a point of
+    the locus, for example by locked inputs.
 
     Parameters
     ----------

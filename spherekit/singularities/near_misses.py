@@ -48,11 +48,13 @@ class NearMiss:
         The type, I (the output rests) or II (the input rests), and the index of the output
         among the outputs.
     curve, s
-        Number of the configuration curve, and arc length of the point on it (rad).
+        Number of the curve of configurations, and arc length of the point on the curve
+        (rad).
     q
-        The input at the point, in its range (rad).
+        The input at the point (rad), within the range of the input.
     assembly_modes
-        Numbers of the assembly modes of the configuration.
+        Numbers of the assembly modes (ways to assemble the mechanism) that have the
+        configuration.
     angle
         The distance (rad) from the singularity. For type I it is the arctangent of the
         velocity coefficient. For type II it is the arcsine of the transmission measure, a
@@ -82,13 +84,13 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
       the transmission measure, which states from 0 to 1 how firmly the locked input holds
       the output.
 
-    Configurations that are singular themselves are not included. Some mechanisms have small
-    angles everywhere; `_sine_limits` has smaller limits for them.
+    Singular configurations themselves are not included. For mechanisms with small angles
+    everywhere, `_sine_limits` has smaller limits.
 
     Parameters
     ----------
     sampled
-        The singularities on all curves, and the range.
+        The singularities on all curves of configurations, and the range of the input.
     near
         Largest angle (rad) of a near miss.
     """
@@ -103,9 +105,10 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
 def _near_misses_on_curve(
     sampled: SampledSingularities, kind: Type, output: int, number: int, near: float
 ) -> list[NearMiss]:
-    """Return the points of one curve at which an output comes near one type.
+    """Return where an output comes near one type of singularity on one curve.
 
-    The distance from the type is an angle. Its sine is searched for minima below a limit.
+    The curve consists of configurations of the mechanism. The distance from the type is an
+    angle. Minima of its sine below a limit are near misses.
 
     Parameters
     ----------
@@ -125,9 +128,9 @@ def _near_misses_on_curve(
     for s in positions[sines > limits.least]:
         # The configuration, with one row.
         values = sampled.curves[number].at(s).values
-        # The transmission measure may be small because arcs are short. The angle of a dyad
-        # (two links in series) does not depend on their lengths. If dyads place the output
-        # and none is near its dead centre, the point is no near miss.
+        # The transmission measure is also small if the arcs of links are short. The angle
+        # of a dyad (two links in series) is not. If dyads place the output and none is near
+        # its dead centre, the point is no near miss.
         if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
             continue
         (distance,) = sampled.angle(kind, number, s[None], output)
@@ -172,9 +175,11 @@ def _sine_limits(
     angle: AngleFunction,
     near: float,
 ) -> _SineLimits:
-    """Return the sines between which minima of the distance from a type are near misses.
+    """Return the limits between which a minimum of a distance counts as a near miss.
 
-    Some mechanisms have small distances everywhere, which the limits take into account:
+    The distance is the angle of an output from a type of singularity, and the limits are
+    sines. At the lower limit the configuration is singular itself. Some mechanisms have
+    small distances everywhere, which the limits take into account:
 
     - Type I: the output of a gear reducer is slow throughout. If the velocity coefficient
       is below 1 on the whole curve, the upper limit is multiplied by its largest value.
@@ -184,7 +189,7 @@ def _sine_limits(
     Parameters
     ----------
     sampled
-        The singularities on all curves.
+        The singularities on all curves of configurations.
     kind, number
         The type, and the number of the curve.
     angle
@@ -271,16 +276,17 @@ def least_transmission(
 def _inputs_and_modes(
     sampled: SampledSingularities, curve: int, s: float, values: Floats
 ) -> list[tuple[float, tuple[int, ...]]]:
-    """Return the inputs in the range at which a configuration occurs, with its modes.
+    """Return all inputs in the range that have a certain configuration, with its modes.
 
-    The configuration occurs again after each period of the input.
+    The configuration occurs again after each period of the input. An assembly mode is a way
+    to assemble the mechanism.
 
     Parameters
     ----------
     sampled
-        The singularities on all curves, and the range.
+        The singularities on all curves of configurations, and the range of the input.
     curve, s
-        Number of the curve, and arc length on it (rad).
+        Number of the curve, and arc length on the curve (rad).
     values
         (variables,) the configuration (rad).
 
@@ -288,8 +294,8 @@ def _inputs_and_modes(
     -------
     Each input (rad), with the numbers of the assembly modes.
     """
-    # In a range of whole periods both ends are the same configuration. Inputs within the
-    # margin of the upper end are moved to the lower end.
+    # In a range of whole periods both ends are the same configuration. An input at the
+    # upper end is moved to the lower end, so that it is not listed twice.
     occurrences = sampled.find_occurrences(
         [(curve, s)], values, margin=EQUAL_EXTREMUM_INPUT_RAD
     )
@@ -302,16 +308,16 @@ def local_minima(
     angles: AngleFunction,
     limit: float = np.inf,
 ) -> tuple[Floats, Floats]:
-    """Return the local minima of the sine of an angle along a configuration curve.
+    """Return the local minima of the sine of an angle along a curve of configurations.
 
-    The angle is a distance from a singularity, or a transmission angle. Minima are of two
-    kinds: points between two points with larger sines, and ends (see `_find_ends`) at which
-    the sine is not larger than a little inwards.
+    The angle is a distance from a singularity, or a transmission angle. A minimum is a
+    point between two points with larger sines. It can also be an end of the curve, if the
+    sine is not smaller a little inwards.
 
     Parameters
     ----------
     sampled
-        The singularities on all curves, and the range.
+        The singularities on all curves, and the range of the input.
     number
         Number of the curve.
     angles
@@ -336,7 +342,7 @@ def local_minima(
     else:
         positions, squares = find_local_minima(squared_sine, curve.s, squared_limit)
 
-    # Pieces of closed curves have ends, too, where the input leaves the range.
+    # Closed curves have ends, too, if the input leaves the range.
     ends = _find_ends(sampled, number)
     end_squares = squared_sine(ends.s)
     is_below_limit = end_squares <= squared_limit
@@ -352,10 +358,10 @@ def _minima_in_lap(
 ) -> tuple[Floats, Floats]:
     """Return the local minima of a function in one lap of a closed curve.
 
-    A minimum is found only if the grid has a cell on both sides of it. One at the start of
-    the curve, s = 0, is therefore found at the end of the lap, behind which two cells of
-    the next lap are added. For this purpose the lap does not begin at the start of the
-    curve but at the second point of its grid.
+    The curve has a grid of arc lengths. A minimum is found only between two cells of the
+    grid. A minimum at the start of the curve, s = 0, would have no cell before it.
+    Therefore two cells of the next lap are added, and the lap goes from the second grid
+    point to the same point of the next lap.
 
     Parameters
     ----------
@@ -380,17 +386,20 @@ def _minima_in_lap(
 
 @dataclass(frozen=True)
 class _PieceEnds:
-    """Some ends of pieces of a curve. A piece is a part that is one assembly mode.
+    """Some ends of pieces of a curve of configurations.
+
+    A piece is a part of the curve that belongs to one assembly mode (way to assemble the
+    mechanism).
 
     Attributes
     ----------
     s
         (k,) arc lengths (rad) of the ends.
     inward_s
-        (k,) arc lengths (rad) of points inside the piece, a little away from each end: the
-        part `INWARD_PART` of the length of the piece.
+        (k,) arc lengths (rad) of points inside the piece, a little away from each end. The
+        distance is the part `INWARD_PART` of the length of the piece.
     q
-        (k,) inputs (rad) of the ends, in the range.
+        (k,) inputs (rad) of the ends, within the range of the input.
     """
 
     s: Floats
@@ -399,22 +408,20 @@ class _PieceEnds:
 
 
 def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
-    """Return the points at which a curve ends or leaves the range of the input.
+    """Return the points at which a curve of configurations ends or leaves the input range.
 
-    The curve consists of pieces. Their ends are of three kinds:
+    The curve consists of pieces, one for each assembly mode. Their ends are of three kinds:
 
-    - The input is the lowest or the highest of the range. Such an end is included, unless
-      the range consists of whole periods. It then has no ends, because configurations
-      repeat.
-    - The curve is open and ends. Such an end is included, unless other curves cross there.
-      The last point of the curve is then no true end: it is a little before the crossing,
-      and other curves continue behind it.
+    - The input is the lowest or the highest of the range. Such an end is included. A range
+      of whole periods has no such ends, because configurations repeat.
+    - The curve is open and ends. Such an end is included, except at a crossing with other
+      curves, because these continue behind the crossing.
     - The input turns back, and another piece follows. Such an end is not included.
 
     Parameters
     ----------
     sampled
-        The singularities on all curves, and the range.
+        The singularities on all curves, and the range of the input.
     number
         Number of the curve.
     """
@@ -430,9 +437,10 @@ def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
 def _is_at_range_limit(
     sampled: SampledSingularities, number: int, ends: _PieceEnds
 ) -> Bools:
-    """Return whether (k,) ends of pieces are at the limits of the range of the input.
+    """Return which ends (k,) of pieces of a curve are at the limits of the input range.
 
-    A range of whole periods has no limits, because configurations repeat.
+    A piece is a part of a curve of configurations, in one assembly mode. A range of whole
+    periods has no limits, because configurations repeat.
 
     Parameters
     ----------
@@ -466,7 +474,18 @@ def _is_at_curve_end(curve: ArcCurve, ends: _PieceEnds) -> Bools:
 
 
 def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
-    """Return the start and the stop of each piece of a curve, one piece after another."""
+    """Return the start and the stop of each piece of a curve, one piece after another.
+
+    A piece is a part of a curve of configurations, in one assembly mode (way to assemble
+    the mechanism).
+
+    Parameters
+    ----------
+    sampled
+        All curves, and the range of the input.
+    number
+        Number of the curve.
+    """
     pieces = sampled.configurations.curves[number].pieces
     starts = np.array([piece.start for piece in pieces], dtype=float)
     stops = np.array([piece.stop for piece in pieces], dtype=float)
@@ -476,8 +495,8 @@ def _find_piece_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     inward_s = np.column_stack(
         [starts + inward_distances, stops - inward_distances]
     ).ravel()
-    # The input on the curve may be outside of the range. Whole periods of the input, the
-    # `shift` of each piece, move it into the range.
+    # The input on the curve may be outside of the range. The `shift` of each piece, some
+    # whole periods, moves the input into the range.
     shifts = np.repeat([piece.shift for piece in pieces], 2)
     input_variable = sampled.position_analysis.solver.input_variable
     inputs_on_curve = sampled.curves[number].at(s).values[:, input_variable]

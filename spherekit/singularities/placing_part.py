@@ -36,10 +36,10 @@ the part."""
 class PlacingPart:
     """The part of a mechanism that determines the positions of some links.
 
-    Other links follow this part without an effect on the links of interest. It is the whole
-    mechanism if nothing can be left out. An assembly mode is one of the ways to assemble
-    the links at the same input. In each mode of the whole mechanism, the part is in one of
-    its own modes.
+    All other links follow this part without an effect on the links of interest. The part is
+    the whole mechanism if nothing can be left out. An assembly mode is one of the ways to
+    assemble the links at the same input. Each mode of the whole mechanism contains one mode
+    of the part.
 
     Attributes
     ----------
@@ -48,8 +48,8 @@ class PlacingPart:
     variables
         Number in the whole mechanism of each variable of the part.
     whole_modes
-        Numbers of modes of the whole mechanism, by the number of the mode in which the part
-        is then. For example (0, 2) for mode 0 of the part, and (1, 3) for mode 1.
+        For each mode of the part, by its number: the modes of the whole mechanism that
+        contain it. For example (0, 2) for mode 0 of the part, and (1, 3) for mode 1.
     """
 
     position_analysis: PositionAnalysis
@@ -58,10 +58,10 @@ class PlacingPart:
 
 
 def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart:
-    """Return the part of a mechanism that places links if the input is given.
+    """Return the part of a mechanism that determines the positions of some links.
 
-    Links that only follow are left out. If this is not possible, the result is the whole
-    mechanism.
+    Links that only follow are left out, so that the part has fewer configurations to
+    examine. If this is not possible, the result is the whole mechanism.
 
     Parameters
     ----------
@@ -81,26 +81,26 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
 
 
 def _find_smaller_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart | None:
-    """Return the part of a mechanism that places links, None if it cannot be used.
+    """Return the part of a mechanism that places some links, None if it cannot be used.
 
     The part must fulfil two conditions:
 
-    - Each assembly mode (way to assemble the links) of the whole contains one mode of the
-      part: the angles of the part's pairs agree at all compared samples of the input. A
-      small number of samples is enough, because two modes agree only where they meet.
+    - Each assembly mode (way to assemble the links) of the whole mechanism contains one
+      mode of the part. This is tested at some samples of the input.
     - Whole and part have the same dead centres, at which the input turns back. Otherwise
-      links that are left out would stop the input where the part alone moves on.
+      links outside of the part would stop the input where the part alone moves on.
 
     Parameters
     ----------
-    whole, links
-        As in `find_placing_part`.
+    whole
+        Position analysis of the whole mechanism, with one input.
+    links
+        Numbers of the links.
     """
     mechanism = whole.mechanism
     if whole.by_rank:
-        # The mobility was determined from the rank of the velocity equations, because the
-        # numbers of links and pairs give a wrong one. A part is chosen by counting links
-        # and pairs, which would fail.
+        # The mobility does not follow from the numbers of links and pairs. A part is chosen
+        # by counting links and pairs, which would fail.
         return None
     part_mechanism = part_for(mechanism, links)
     if part_mechanism is mechanism:
@@ -123,12 +123,11 @@ def _find_smaller_part(whole: PositionAnalysis, links: Iterable[int]) -> Placing
 
 
 def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -> bool:
-    """Return whether assembly modes of the whole and of the part meet at the same inputs.
+    """Return whether the whole mechanism and a part of it have the same dead centres.
 
-    The part determines the positions of the links of interest. Assembly modes meet at dead
-    centres, where the input turns back. If the whole has a dead centre that the part has
-    not, links outside of the part stop the input. The result is False, too, if the search
-    may have missed dead centres of the whole, because this is then not known.
+    At a dead centre the input turns back. If only the whole mechanism has a dead centre,
+    links outside of the part stop the input, and the part alone must not be examined. The
+    result is also False if the search may have missed dead centres of the whole.
     """
     whole_points = _find_dead_centres(whole)
     part_points = _find_dead_centres(part)
@@ -157,10 +156,11 @@ def _find_dead_centres(position_analysis: PositionAnalysis) -> InputTurningPoint
 def _match_modes(
     whole: PositionAnalysis, part: PositionAnalysis, variables: list[int]
 ) -> dict[int, tuple[int, ...]] | None:
-    """Return the assembly modes of the whole that contain each mode of the part.
+    """Return the assembly modes of the whole mechanism that contain each mode of a part.
 
-    A mode of the whole contains a mode of the part if the variables of the part agree at
-    all samples at which the mode of the whole has a configuration.
+    An assembly mode is a way to assemble the mechanism. A mode of the whole contains a mode
+    of the part if the variables of the part agree. They are compared at some samples, where
+    the mode of the whole has a configuration.
 
     Parameters
     ----------
@@ -171,9 +171,9 @@ def _match_modes(
 
     Returns
     -------
-    Numbers of modes of the whole by the number of each mode of the part. None if a mode of
-    the whole contains no mode of the part. None also if a mode of the whole has no
-    configuration at the compared samples, so that this is not known.
+    Numbers of modes of the whole by the number of each mode of the part. None if this is
+    not possible: a mode of the whole contains no mode of the part, or has no configuration
+    at the samples.
     """
     # The whole mechanism at few samples of the input, in all its modes.
     motion = whole.sparse(COMPARED_SAMPLES)

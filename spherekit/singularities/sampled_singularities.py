@@ -47,7 +47,9 @@ PIECE_END_TOLERANCE_RAD = 1e-6
 
 
 class Occurrence(NamedTuple):
-    """An input at which a configuration occurs.
+    """An input at which a configuration (position of all links) occurs.
+
+    The same configuration can occur at several inputs, after whole periods of the input.
 
     Attributes
     ----------
@@ -68,16 +70,17 @@ class Occurrence(NamedTuple):
 
 @dataclass(frozen=True)
 class _CrossingDistances:
-    """Distances of n configurations from crossings of configuration curves.
+    """Distances of n configurations from the crossings of curves of configurations.
 
-    The distance of two configurations is the largest difference of their variables (rad).
-    It is infinite if there is no crossing.
+    A curve consists of the configurations that a mechanism with one input can reach. The
+    distance of two configurations is the largest difference of their variables (rad). It is
+    infinite if there is no crossing.
 
     Attributes
     ----------
     any_crossing
         (n,) distances from the nearest crossing. If a crossing was not located exactly, the
-        last point of a curve before it is taken.
+        last point of a curve before the crossing is taken.
     located_crossing
         (n,) distances from the nearest crossing that was located exactly.
     """
@@ -136,9 +139,11 @@ class SampledSingularities:
         assembly_mode: Integers,
         passed: Floats | None = None,
     ) -> None:
-        """Follow all configuration curves, and locate all rows on them.
+        """Follow all curves of configurations, and locate the rows of a motion on them.
 
-        Links that have no influence on the outputs are left out before.
+        A curve consists of the configurations that a mechanism with one input can reach. A
+        row is one sample in one assembly mode (way to assemble the mechanism). Links
+        without an influence on the outputs are left out first.
 
         Parameters
         ----------
@@ -162,7 +167,7 @@ class SampledSingularities:
         self._driven = self.position_analysis.solver.input_variable
         self.configurations: Configurations = self.position_analysis.configurations
         self.curves = [item.curve for item in self.configurations.curves]
-        # The part has other numbers of links, so outputs are passed by names of links.
+        # The part numbers its links anew, so outputs are passed by names of links.
         names = position_analysis.mechanism.links
         self.report = SingleFreedomSingularities(
             self.position_analysis, self.curves, [(names[o], names[s]) for o, s in outputs]
@@ -185,7 +190,10 @@ class SampledSingularities:
     def _find_curve_points(
         self, values: Floats, assembly_mode: Integers
     ) -> tuple[Integers, Floats]:
-        """Return the configuration curve on which each row is, and its arc length there.
+        """Return the curve of configurations on which each row is, and its arc length.
+
+        A curve consists of the configurations that a mechanism with one input can reach. A
+        row is one sample of a motion.
 
         Parameters
         ----------
@@ -206,7 +214,7 @@ class SampledSingularities:
         is_finite = all_finite(values, 1)
 
         def search_curve(number: int, is_candidate: Bools) -> None:
-            """Store the points of a curve at which candidates without a curve are."""
+            """Search one curve for those candidate rows that are on no curve so far."""
             (rows,) = np.nonzero(is_candidate & is_finite & (curve_numbers < 0))
             positions = self.curves[number].find(values[rows])
             is_on_curve = np.isfinite(positions)
@@ -218,7 +226,7 @@ class SampledSingularities:
             np.isin(assembly_mode, self.modes_of(item.pieces))
             for item in self.configurations.curves
         ]
-        # First each row is searched on the curves of its own mode, then on all others.
+        # First each row is searched on the curves of its assembly mode, then on all others.
         for number, is_own_mode in enumerate(has_mode):
             search_curve(number, is_own_mode)
         for number, is_own_mode in enumerate(has_mode):
@@ -270,28 +278,29 @@ class SampledSingularities:
         """Yield the inputs at which a configuration occurs, with its assembly modes.
 
         After a period of the input the mechanism is in the same configuration again. In a
-        range of two revolutions, for example, a four-bar has each configuration twice. A
-        configuration that does not occur in the range is yielded once, as not inside, with
-        the input that is nearest to the range.
-
-        If the rows are a simulation, only configurations that it passes are inside.
+        range of two revolutions, for example, a four-bar has each configuration twice. If a
+        configuration does not occur in the range, the input nearest to the range is
+        yielded, marked as not inside. In a simulation, only configurations that the motion
+        passes are inside.
 
         Parameters
         ----------
         places
-            The configuration as numbers of curves with arc lengths (rad). There are several
-            if curves cross in it. The period of the input is that of the first curve.
+            The configuration as points of curves of configurations: number of the curve and
+            arc length (rad). There are several if curves cross in the configuration.
         values
             (variables,) the variables of the configuration (rad).
         margin
-            If the range consists of whole periods, an input nearer to its end than this
-            (rad) is moved to its start.
+            In a range of whole periods, both ends are the same. An input nearer to the
+            upper end than this (rad) is moved to the lower end.
         """
         first_curve, _ = places[0]
         inputs = self._find_inputs(first_curve, values[self._driven], margin)
         if not self._passes_curve(first_curve):
             # One occurrence is enough to report that the configuration is outside.
             inputs = inputs[:1]
+        # `_passes_curve`: the motion has a row on this curve. `_is_passed`: the motion
+        # passes this point of the curve.
         is_passed = any(self._is_passed(curve, s) for curve, s in places)
         for q in inputs:
             # A piece is a part of a curve that is one assembly mode.
@@ -302,7 +311,7 @@ class SampledSingularities:
             yield Occurrence(q, self.modes_of(pieces), is_in_range and is_passed)
 
     def _find_inputs(self, curve: int, q: float, margin: float) -> list[float]:
-        """Return all inputs in the range at which the configuration with an input q occurs.
+        """Return all inputs in the range that have the same configuration as an input q.
 
         They differ from q by whole periods of the input. If none is in the range, the
         nearest one outside is returned.
@@ -310,7 +319,8 @@ class SampledSingularities:
         Parameters
         ----------
         curve, q
-            Number of a curve through the configuration, and its input (rad) there.
+            Number of a curve through the configuration, and the input (rad) there. The
+            curve determines the period.
         margin
             If the range consists of whole periods, its two ends are the same configuration.
             Inputs nearer to its upper end than this (rad) are then set to its lower end.
@@ -327,11 +337,11 @@ class SampledSingularities:
     def _pieces_at(self, curve: int, s: float, q: float) -> Iterator[Piece]:
         """Yield the pieces of a curve that include an arc length s at an input q.
 
-        A piece is a part of the curve that is one assembly mode. If the range of the input
-        has several periods, the same part of the curve is one piece in each of them. For
-        example, let the range be 0 to 720 deg with a period of 360 deg. One piece includes
-        s at the input 30 deg, another one includes s at 390 deg. Only one of them is
-        yielded, depending on q.
+        A piece is a part of the curve in one assembly mode (way to assemble the mechanism).
+        If the range of the input has several periods, each period has a piece for the same
+        part of the curve. For example, let the range be 0 to 720 deg with a period of 360
+        deg. One piece includes s at the input 30 deg, another one includes s at 390 deg.
+        Only the piece that fits to q is yielded.
 
         Parameters
         ----------
@@ -341,7 +351,7 @@ class SampledSingularities:
             The input (rad).
         """
         for piece, input_in_piece in self._pieces_with_inputs(curve, s):
-            # Both inputs belong to the configuration at s.
+            # Both inputs belong to the same configuration, so they differ by whole periods.
             periods_between = round((input_in_piece - q) / self._period(curve))
             if self._is_same_input(curve, periods_between):
                 yield piece
@@ -349,7 +359,13 @@ class SampledSingularities:
     def _pieces_with_inputs(self, curve: int, s: float) -> Iterator[tuple[Piece, float]]:
         """Yield each piece of a curve that includes an arc length, with its input (rad).
 
-        The input is that of the piece at this arc length (rad).
+        A piece is a part of a curve of configurations in one assembly mode (way to assemble
+        the mechanism).
+
+        Parameters
+        ----------
+        curve, s
+            Number of the curve, and arc length (rad).
         """
         arc_curve = self.curves[curve]
         input_on_curve = float(arc_curve.at(s).values[0, self._driven])
@@ -367,6 +383,8 @@ class SampledSingularities:
     def _is_same_input(self, curve: int, periods_between: int) -> bool:
         """Return whether two inputs that differ by some periods count as the same input.
 
+        At both inputs the mechanism has the same configuration.
+
         Parameters
         ----------
         curve
@@ -375,7 +393,8 @@ class SampledSingularities:
             Number of periods between the inputs, of either sign.
         """
         if self.is_simulation:
-            # The input of a simulation may make any number of periods.
+            # The input of a simulation may pass any number of periods, which are not told
+            # apart.
             return True
         periods_in_range = self.count_periods_in_range(curve)
         if periods_in_range > 0:
@@ -410,18 +429,17 @@ class SampledSingularities:
         return into_range(q, *self.range, self._period(curve))
 
     def _find_passed_ranges(self, q: Floats) -> dict[int, tuple[float, float]]:
-        """Return which part of each curve a simulation passes.
+        """Return which part of each curve of configurations a simulation passes.
 
         Parameters
         ----------
         q
-            (n,) inputs of the rows (rad), not reduced by periods.
+            (n,) inputs of the rows (samples) in rad, including whole revolutions.
 
         Returns
         -------
         The smallest and the largest arc length (rad), by the number of the curve. On closed
-        curves arc lengths continue to grow from lap to lap. Curves without a row are left
-        out.
+        curves arc lengths continue from lap to lap. Curves without a row are left out.
         """
         passed_ranges: dict[int, tuple[float, float]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
@@ -430,6 +448,7 @@ class SampledSingularities:
             curve = self.curves[number]
             s = self.s[rows]
             if curve.closed:
+                # Change of the input in one lap.
                 rise = float(curve.rise[self._driven])
                 s = _continue_over_laps(s, q[rows], curve.length, rise)
             passed_ranges[number] = float(np.min(s)), float(np.max(s))
@@ -461,14 +480,14 @@ class SampledSingularities:
           transmission measure (`Transmission`), which states from 0 to 1 how firmly the
           locked input holds the output.
 
-        An angle that is not NaN vanishes only at singularities of its type.
+        Such an angle vanishes only at singularities of its type.
 
         Parameters
         ----------
         kind
             Type I or II.
         curve, s
-            Number of the curve, and arc lengths (n,) on it (rad).
+            Number of the curve of configurations, and arc lengths (n,) on the curve (rad).
         output
             Index of the output among the outputs.
 
@@ -481,14 +500,18 @@ class SampledSingularities:
         return self._angle_to_type_two(curve, s, output)
 
     def _angle_to_type_one(self, curve: int, s: Floats, output: int) -> Floats:
-        """Return the angle (n,) whose tangent is the velocity coefficient of an output.
+        """Return the angular distance (n,) of an output from singularities of type I.
 
-        It is zero where the output rests while the input moves, and NaN where both rest.
+        The tangent of the angle is the velocity coefficient: the rate of the output divided
+        by that of the input. The angle is zero where the output rests while the input
+        moves, and NaN where both rest.
 
         Parameters
         ----------
-        curve, s, output
-            As in `angle`.
+        curve, s
+            Number of the curve of configurations, and arc lengths (n,) on the curve (rad).
+        output
+            Index of the output.
         """
         link_motion = self.report.curve_motions[curve].links_at(s)
         # `speeds` returns the relative angular velocity of two links by the arc length, as
@@ -500,14 +523,18 @@ class SampledSingularities:
         return np.where(is_moving, np.arctan2(output_speed, input_speed), np.nan)
 
     def _angle_to_type_two(self, curve: int, s: Floats, output: int) -> Floats:
-        """Return the angle (n,) whose sine is the transmission measure of an output.
+        """Return the angular distance (n,) of an output from singularities of type II.
 
-        It is zero where the output can move while the input rests.
+        The sine of the angle is the transmission measure, which states from 0 to 1 how
+        firmly the locked input fixes the output. The angle is zero where the output can
+        move while the input rests.
 
         Parameters
         ----------
-        curve, s, output
-            As in `angle`.
+        curve, s
+            Number of the curve of configurations, and arc lengths (n,) on the curve (rad).
+        output
+            Index of the output.
         """
         curve_motion = self.report.curve_motions[curve]
         locked_variables = (self._driven,)
@@ -520,10 +547,10 @@ class SampledSingularities:
         return np.arcsin(transmission.measure(velocity_vectors))
 
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
-        """Return how near the rows are to singularities, for each output.
+        """Return how near the rows (samples of a motion) are to singularities, by output.
 
-        One of the measures are the coefficients of a relation c y' = d q'. It connects the
-        rate q' of the input and a rate y' of the output link. c is 0 at type II (the input
+        Two of the measures are the coefficients of the relation c y' = d q' between a rate
+        y' of the output link and the rate q' of the input. c is 0 at type II (the input
         rests), d is 0 at type I (the output rests). An output has one or two relations:
 
         - In form i, y' is the rate of the output link relative to its own reference link.
@@ -532,15 +559,16 @@ class SampledSingularities:
         Returns
         -------
         The keys are the index of an output and a form of its relation. The values are
-        columns (n,) by name, NaN in rows on no curve. Only ``c`` and ``d`` depend on the
-        form:
+        columns (n,) by name, NaN in rows that are on no curve of configurations. Only ``c``
+        and ``d`` depend on the form:
 
         - ``c`` and ``d``: the coefficients of the relation,
         - ``output_rate`` and ``input_rate``: rates of the output and the input as the
           configuration moves along its curve, by the arc length of the curve,
-        - ``distance_I`` and ``distance_II`` (rad): angles that vanish at the type. They
-          follow from the configuration of the row alone, see `angle`,
-        - ``transmission`` (rad): the transmission angle of the dyad that places the output,
+        - ``distance_I`` and ``distance_II`` (rad): angles that vanish at singularities of
+          type I or II, see `angle`,
+        - ``transmission`` (rad): the transmission angle of the dyad (two links in series)
+          that places the output,
         - ``input_margin_I`` and ``input_margin_II`` (rad): change of the input from the row
           to the nearest singularity of the type along the curve.
         """
@@ -560,7 +588,10 @@ class SampledSingularities:
     def _measures_on_curve(
         self, number: int, s: Floats
     ) -> dict[tuple[int, Form], dict[str, Floats]]:
-        """Return the columns (m,) of `measures` for points of one curve.
+        """Return how near points of one curve are to singularities, for each output.
+
+        The curve consists of configurations of the mechanism. The columns are those that
+        `measures` returns.
 
         Parameters
         ----------
@@ -569,7 +600,9 @@ class SampledSingularities:
 
         Returns
         -------
-        The columns by name, for each output and form of its relation c y' = d q'.
+        The columns (m,) by name. There is a set of them for each output and each form of
+        its relation c y' = d q', in which y' is a rate of the output and q' that of the
+        input.
         """
         curve_measures: dict[tuple[int, Form], dict[str, Floats]] = {}
         angles = self.transmission_angles(self.curves[number].at(s).values)
@@ -590,18 +623,22 @@ class SampledSingularities:
     def _distances_and_margins(
         self, curve: int, s: Floats, output: int
     ) -> dict[str, Floats]:
-        """Return the columns of `measures` that state how far types I and II are.
+        """Return how far an output is from singularities of types I and II along a curve.
+
+        The output rests at type I, and the input rests at type II. There are two kinds of
+        distances: an angle that vanishes at the type (``distance_I``), and the change of
+        the input up to the nearest singularity of the type (``input_margin_I``).
 
         Parameters
         ----------
         curve, s
-            Number of the curve, and arc lengths (m,) on it (rad).
+            Number of the curve of configurations, and arc lengths (m,) on the curve (rad).
         output
             Index of the output among the outputs.
 
         Returns
         -------
-        (m,) angles (rad) by the names ``distance_I``, ``input_margin_I`` and so on.
+        (m,) angles (rad) by their names.
         """
         columns: dict[str, Floats] = {}
         for kind in (Type.I, Type.II):
@@ -613,10 +650,8 @@ class SampledSingularities:
         """Return the transmission angle of each output at configurations.
 
         It is the transmission angle of the dyad (two links in series) that places the
-        output: the acute angle between the planes of the arcs of both links. The links of a
-        mechanism are placed group by group, here for given inputs. A group is a set of
-        bodies with the pairs that fix them relative to each other. A body is a link, or
-        several links that earlier groups have fixed to each other.
+        output: the acute angle between the planes of both links. The links of a mechanism
+        are placed group by group. A dyad is the simplest such group.
 
         Parameters
         ----------
@@ -639,23 +674,21 @@ class SampledSingularities:
         """Return the least distance from type II of the dyads that place an output.
 
         A dyad is two links in series. The distance follows from its transmission angle, the
-        acute angle between the planes of the arcs of both links. It vanishes only if the
-        dyad is stretched or folded, which is a singularity of type II. If the arcs of all
-        links are small, this angle need not be small, because it is an angle between
-        planes. The other measure of the distance, the transmission measure, is small in
-        this case.
+        acute angle between the planes of both links. It vanishes only if the dyad is
+        stretched or folded, which is a singularity of type II. Unlike the transmission
+        measure, this angle is not small just because the links have short arcs.
 
         Parameters
         ----------
         values
             (n, variables) configurations (rad).
         output
-            Position of the output.
+            Index of the output.
 
         Returns
         -------
-        (n,) angles (rad). They are NaN if a group of links that is no dyad takes part in
-        placing the output, or if the input itself joins the two links of the output.
+        (n,) angles (rad). NaN if a group of links that is no dyad helps to place the
+        output, or if the input itself joins the two links of the output.
         """
         solver = self.position_analysis.solver
         # An output is the relative motion of two links.
@@ -668,7 +701,7 @@ class SampledSingularities:
             if not group.is_dyad:
                 return nans(len(values))
             angle = transmission_angle_of_group(group, axes)
-            # The module of the transmission angle defines at which angle type II is.
+            # `distance_from_type_two` knows at which transmission angle type II is.
             least = np.minimum(least, distance_from_type_two(angle))
         return least
 
@@ -676,9 +709,10 @@ class SampledSingularities:
     def largest_arc_sine(self) -> float:
         """The largest sine of an arc between two axes of a link.
 
-        If all arcs are small, the mechanism is nearly planar, and the transmission measure
-        of type II is proportional to this sine. It is 1 for mechanisms with contacts, whose
-        profiles have a size of their own.
+        It is the scale of the transmission measure (a measure of the distance from type
+        II). If all arcs are small, the mechanism is nearly planar, and the measure is
+        proportional to this sine. It is 1 for mechanisms with contacts, where the profiles
+        also have a size.
         """
         mechanism = self.position_analysis.solver.mechanism
         if mechanism.has_contacts:
@@ -710,15 +744,14 @@ class SampledSingularities:
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
         """Return the angle (n,), in rad, of an output along a curve.
 
-        If an R pair joins the links of the output, the angle is the variable of this pair:
-        the angle of its second link relative to its first one. Otherwise it is the integral
-        of their relative rate since the first arc length, by the trapezoidal rule. Its
-        error decreases with the square of the distance of the arc lengths.
+        The output is the relative motion of two links. If an R pair joins both links, the
+        angle is the variable of this pair. Otherwise the relative rate is integrated from
+        the first arc length on, by the trapezoidal rule.
 
         Parameters
         ----------
         curve, output
-            Number of the curve, and position of the output.
+            Number of the curve of configurations, and index of the output.
         s
             (n,) rising arc lengths (rad).
         """
@@ -736,14 +769,19 @@ class SampledSingularities:
         return arc_curve.closure.linearise(arc_curve.at(s).values).rotations[0]
 
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
-        """Return the ends of a curve at crossings with other curves.
+        """Return the ends of a curve of configurations at crossings with other curves.
 
         A curve ends a little before the crossing.
+
+        Parameters
+        ----------
+        curve
+            Number of the curve.
 
         Returns
         -------
         For each such end its arc length (rad), and the variables (variables,) of the
-        crossing (rad). They are counted with the same whole revolutions as those at the end
+        crossing (rad). They include the same whole revolutions as the variables at the end
         of the curve.
         """
         arc_curve = self.curves[curve]
@@ -761,17 +799,17 @@ class SampledSingularities:
         return ends
 
     def _input_margin(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
-        """Return the difference of the input to that of the nearest singularity on a curve.
+        """Return how far the input is from that of the nearest singularity on a curve.
 
-        The singularities before and after each arc length are compared. The smaller
-        difference of inputs counts, also if the input turns back in between.
+        The curve consists of configurations. The singularities before and after each point
+        of the curve are compared, and the smaller difference of inputs is taken.
 
         Parameters
         ----------
         number, output
-            Number of the curve, and position of the output.
+            Number of the curve, and index of the output.
         kind
-            Type of the singularity. Crossings count for every type.
+            Type of the singularity. Crossings with other curves count for every type.
         s
             (n,) arc lengths (rad).
 
@@ -782,8 +820,8 @@ class SampledSingularities:
         singularities = self._singular_positions(number, output, kind)
         curve = self.curves[number]
         inputs = curve.at(s).values[:, self._driven]
-        # Number of the first singularity behind each arc length. NaN stands for none before
-        # the first one, and for none after the last one.
+        # Number of the first singularity behind each point. NaN stands for the missing
+        # singularity before the first one, or after the last one.
         next_number = np.searchsorted(singularities.s, s)
         input_before = np.append(np.nan, singularities.q)[next_number]
         input_after = np.append(singularities.q, np.nan)[next_number]
@@ -793,7 +831,9 @@ class SampledSingularities:
     def _singular_positions(
         self, number: int, output: int, kind: Type
     ) -> "_SingularPositions":
-        """Return the singularities of one type on a curve, and its crossings.
+        """Return the singularities of one type on a curve of configurations, in order.
+
+        Crossings with other curves are included, because they are singular, too.
 
         Singularities of a closed curve repeat in each lap. They are listed for three laps,
         so that each point of the curve has one before and one after it.
@@ -848,20 +888,21 @@ def _includes(piece: Piece, s: float) -> bool:
 
 
 def _continue_over_laps(s: Floats, q: Floats, length: float, rise: float) -> Floats:
-    """Return arc lengths of rows on a closed curve, continued from lap to lap.
+    """Return the arc lengths of rows on a closed curve, continued from lap to lap.
 
-    The given arc lengths are within one lap. The whole laps between successive rows are
-    counted from the input, which changes by the same amount in each lap: the change of the
-    input tells the distance in laps, up to rounding to whole laps. If it only swings, it
-    does not tell. Successive rows are then taken to be at most half a lap apart.
+    The rows are successive samples of a motion on a closed curve of configurations. Their
+    arc lengths are known within one lap. The input changes by `rise` in each lap, so the
+    change of the input between two rows tells the number of laps. If the input only swings,
+    rows are taken to be at most half a lap apart.
 
     Parameters
     ----------
     s, q
         (n,) arc lengths within one lap, and inputs (rad) of successive rows.
-    length, rise
-        Length of the curve and change of the input in one lap (rad); the latter is 0 if the
-        input only swings.
+    length
+        Length of the curve (rad).
+    rise
+        Change of the input in one lap (rad); 0 if the input only swings.
     """
     distances_in_laps = np.zeros(len(s) - 1)
     if rise != 0.0:

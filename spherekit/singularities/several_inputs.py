@@ -41,17 +41,16 @@ conditions are reported as fulfilled; smaller: rounding hides those that are."""
 
 
 class RowType(IntEnum):
-    """Types of singularity by Gosselin and Angeles, of one configuration (row).
+    """Type of singularity of one configuration, by Gosselin and Angeles.
 
     At type I inputs can move while the output rests. At type II the output can move while
     the inputs rest. Type III is both at once. At a SELF_MOTION other links can move while
     inputs and output rest, and the configuration is of no other type. UNKNOWN means that
-    the row has no configuration.
+    there is no configuration.
 
     Where surfaces of configurations cross, the closure equations lose rank. They then allow
-    more rates than there are motions, for example sums of rates on two surfaces. Type I is
-    not decided from these rates. The row is of type II if the output can move while the
-    inputs rest, otherwise a SELF_MOTION.
+    more rates than there are motions, and do not tell about type I. The configuration is of
+    type II if the output can move while the inputs rest, otherwise a SELF_MOTION.
     """
 
     REGULAR = 0
@@ -79,14 +78,13 @@ ROW_TYPE_LABELS = {
 class SingleInputMotions:
     """The g motions of n configurations in which one input moves and the others are locked.
 
-    The motion of input i is scaled so that the vector of the rates of all pair variables
-    has length 1. It is not unique if the links can move in several ways while the other
-    inputs are locked.
+    In each motion, the rates of all pair variables are a vector of length 1. A motion is
+    not unique if the links can move in several ways while the other inputs are locked.
 
     Attributes
     ----------
     input_rate
-        (n, g) rate of the input that moves; NaN if its motion is not unique.
+        (n, g) rate of the input that moves; NaN if the motion is not unique.
     output_rate
         (n, g) size of the output's angular velocity; NaN if the motion is not unique.
     output_direction
@@ -110,13 +108,14 @@ class SingularityMeasures:
     ----------
     type_one_sine
         (n,) measure from 0 to 1, zero at type I. It is the sine of the smallest angle
-        between two linear spaces of rates of inputs and output: the possible rates, and all
-        rates with the output at rest.
+        between two linear spaces: the possible rates of inputs and output, and all rates
+        with the output at rest.
     type_two_transmission
-        (n,) transmission measure from 0 to 1, zero at type II.
+        (n,) transmission measure from 0 to 1, zero at type II. It says how firmly locked
+        inputs fix the output.
     locked_singular_value
         (n,) smallest singular value of the closure equations with locked inputs, zero if
-        any link can then move. (`type_two_transmission` is zero if the output link can.)
+        any link can move. `type_two_transmission` is zero only if the output link can move.
     reciprocal_condition
         (n,) smallest singular value of the closure Jacobian divided by the largest one.
     has_self_motion
@@ -143,8 +142,8 @@ class RowClassification:
     type
         (n,) `RowType` of each configuration.
     group
-        (n,) 1 for a row of type I, II or III if at least one motion of a single input is
-        singular, 2 if none is. 0 for rows of other types.
+        (n,) for configurations of type I, II or III: 1 if at least one motion of a single
+        input is singular, 2 if none is. 0 for other types.
     """
 
     single_input_motions: SingleInputMotions
@@ -227,20 +226,22 @@ class OutputCoefficients:
 
 @dataclass(frozen=True)
 class _InputCoefficients:
-    """Coefficients of one input that moves while the others are locked, at n rows.
+    """Coefficients of the motion in which one input moves and the others are locked.
+
+    The rate y' of the output and the rate q' of the input satisfy c y' = d q'. Values are
+    those of n configurations.
 
     Attributes
     ----------
     w
-        (n, 3) angular velocity vector of the output per unit rate of the input.
+        (n, 3) angular velocity vector of the output per unit rate of the input. It is (d /
+        c) u where c is not zero.
     c, d
-        (n,) coefficients of the relation c y' = d q'. Here y' is the rate at which the
-        output turns about its pole axis u, and q' the rate of the input. So w is (d / c) u
-        where c is not zero. Unlike w, both coefficients are finite at singularities. They
+        (n,) coefficients of the relation. Unlike w, they are finite at singularities. They
         are triple products of the axes about which the input link, the output link and
         their reference links turn relative to each other (`make_relation`).
     u
-        (n, 3) unit vector along the pole axis about which the output turns.
+        (n, 3) unit vector along the axis about which the output turns.
     """
 
     w: Floats
@@ -397,36 +398,35 @@ def _pole_axis(
     """Return the axis about which two links turn relative to each other (their pole axis).
 
     Pole axes are constructed from each other by great circles, in the order of a plan. At
-    singularities this may give no axis. The direction of the relative angular velocity is
-    then used, in the motion in which one input moves alone. It is finite at singularities.
+    singularities this may yield no axis. The direction of the relative angular velocity is
+    then used, in the motion in which one input moves alone.
 
     Parameters
     ----------
     pole
         Numbers of the two links.
     planned_axes
-        (n, 3) axis of each pole by the plan, NaN where it gives none.
+        (n, 3) axis of each pole by the plan, NaN where the plan yields none.
     input_pole, input_axis
-        Pole of the input's two links, and its axis (n, 3). It is the axis of an R pair, so
-        that it is known at singularities too.
+        Pole of the input's two links, and its axis (n, 3). The axis is that of an R pair,
+        and is also known at singularities.
     angular_velocities
         (n, bodies, 3) angular velocities of all links in this motion.
 
     Returns
     -------
-    (n, 3) unit vectors in ground axes; NaN where the links rest and no plan gives the axis.
-    The axes have any sense, except that of the input, which is the axis of its pair. They
-    serve to compute the relation c y' = d q' between the rates of output and input. It
-    holds with any sense: a reversed axis reverses the rate y' about it, or both c and d.
+    (n, 3) unit vectors in ground axes; NaN where the links rest and the plan yields no
+    axis. Their sense is arbitrary, except that of the input. They serve to compute the
+    relation c y' = d q' between the rates of output and input. This relation is valid with
+    any sense of the axes.
     """
     if pole == input_pole:
         direction = input_axis
     else:
         first, second = pole
         direction = angular_velocities[:, first] - angular_velocities[:, second]
-    # In this motion the vector of the rates of all variables has unit length. A relative
-    # angular velocity below this limit counts as zero, as it does in the measures of
-    # singularities, and has no direction.
+    # In this motion the rates of all variables are a vector of unit length. A relative
+    # angular velocity below the limit counts as zero, and has no direction.
     size = np.linalg.norm(direction, axis=1, keepdims=True)
     axis_by_rates = direction / np.where(size > SINGULAR_TRANSMISSION, size, np.nan)
     planned_axis = planned_axes[pole]
@@ -441,7 +441,10 @@ def _input_variables(motion: Motion) -> list[int]:
 def classify_rows(
     motion: Motion, space: TangentSpace, output: OutputStationary
 ) -> RowClassification:
-    """Return the singularity types of rows, from the rates that close the loops.
+    """Return the singularity types of configurations, from the rates that close the loops.
+
+    At type I inputs can move while the output rests. At type II the output can move while
+    the inputs rest.
 
     Parameters
     ----------
@@ -450,7 +453,7 @@ def classify_rows(
     space
         Rates that close the loops at these configurations.
     output
-        The output, whose link is a body of the loops.
+        The condition that the output rests.
     """
     single_input_motions = _find_single_input_motions(motion, space, output)
     measures = _measure_singularities(motion, space, output)
@@ -468,15 +471,17 @@ def _find_single_input_motions(
 ) -> SingleInputMotions:
     """Return the rates of inputs and output if one input moves and the others are locked.
 
-    Let N be g independent rates that close the loops, and N_a their rows of the inputs. The
-    motions are combinations of N: input i moves alone with the coefficients in column i of
-    the inverse of N_a. The adjugate is used instead, which is the inverse times det N_a and
-    is finite at singularities, too. In its motions the rate of the input is det N_a.
+    Let the g columns of N be independent rates that close the loops, and N_a the rows of
+    the g inputs in N. Input i moves alone if the columns are combined with the coefficients
+    in column i of the inverse of N_a. Instead of the inverse, the adjugate (inverse times
+    det N_a) is used, as it is also finite at singularities. The input then has the rate det
+    N_a.
 
     Parameters
     ----------
     motion, space, output
-        As in `classify_rows`.
+        The n configurations, their rates that close the loops, and the condition that the
+        output rests.
     """
     input_rates = space.basis[:, _input_variables(motion)]  # N_a
     output_rates = output.equations(space.linearisation) @ space.basis
@@ -485,9 +490,8 @@ def _find_single_input_motions(
         # The sign of the basis is arbitrary, so the sign of the determinant has no meaning.
         determinant = np.abs(determinant)
 
-    # Column i has the coefficients of the motion of input i. The motion is not unique if
-    # the column is zero, compared with the largest one. N is orthonormal, so the size of
-    # the column is also that of the vector of all rates.
+    # Column i has the coefficients of the motion of input i. Its size is that of all rates
+    # in the motion, as N is orthonormal. The motion is not unique if the column is zero.
     coefficients_by_input = adjugate(input_rates)
     sizes = np.linalg.norm(coefficients_by_input, axis=1)
     largest_size = np.max(sizes, axis=1, keepdims=True)
@@ -510,10 +514,14 @@ def _measure_singularities(
 ) -> SingularityMeasures:
     """Return how near configurations are to singularities of types I and II.
 
+    At type I inputs can move while the output rests. At type II the output can move while
+    the inputs rest.
+
     Parameters
     ----------
     motion, space, output
-        As in `classify_rows`.
+        The n configurations, their rates that close the loops, and the condition that the
+        output rests.
     """
     input_variables = _input_variables(motion)
     vectors = space.linearisation.vectors
@@ -529,6 +537,7 @@ def _measure_singularities(
     )
     type_one_sine = _smallest_sine_to_rest(occurring_rates)
     locked_singular_value, _ = input_authority(space.tree, input_variables, vectors)
+    # Without a configuration, the transmission is NaN, and so is the measure of type I.
     return SingularityMeasures(
         type_one_sine=np.where(np.isfinite(type_two_transmission), type_one_sine, np.nan),
         type_two_transmission=type_two_transmission,
@@ -539,9 +548,15 @@ def _measure_singularities(
 
 
 def _decide_types(measures: SingularityMeasures) -> SmallIntegers:
-    """Return the `RowType` (n,) of configurations from their measures."""
+    """Return the type of singularity (n,) of configurations from their measures.
+
+    At type I inputs can move while the output rests. At type II the output can move while
+    the inputs rest. Type III is both. In a self-motion other links move while inputs and
+    output rest.
+    """
     loses_rank = measures.reciprocal_condition < SINGULAR_TRANSMISSION
-    # Where the closure equations lose rank, their rates do not decide about type I.
+    # Where the closure equations lose rank, they allow rates that are no motions. Type I
+    # is not decided there.
     is_type_one = (measures.type_one_sine < SINGULAR_TRANSMISSION) & ~loses_rank
     is_type_two = measures.type_two_transmission < SINGULAR_TRANSMISSION
     is_self_motion = ~is_type_one & ~is_type_two & (loses_rank | measures.has_self_motion)
@@ -558,21 +573,22 @@ def _decide_types(measures: SingularityMeasures) -> SmallIntegers:
 def _decide_groups(
     row_type: SmallIntegers, single_input_motions: SingleInputMotions
 ) -> SmallIntegers:
-    """Return the group (n,) of Di Gregorio's discussion to which each row belongs.
+    """Return the group (n,) of each configuration in Di Gregorio's discussion.
 
     If all inputs but one are locked, the mechanism has one degree of freedom. There is one
-    such mechanism for each input. A row of type I, II or III is in group 1 if at least one
-    of them is singular, and in group 2 if none is. Other rows are in no group (0).
+    such mechanism for each input. A configuration of type I, II or III is in group 1 if at
+    least one of these mechanisms is singular, and in group 2 if none is. Other
+    configurations are in no group (0).
 
     Parameters
     ----------
     row_type
-        (n,) `RowType` of each row.
+        (n,) type of singularity (`RowType`) of each configuration.
     single_input_motions
         The motions of these mechanisms.
     """
-    # A mechanism is singular if its input or output rests, or if its motion is not unique,
-    # so that the rate is NaN. The comparison is written so that NaN counts.
+    # A mechanism is singular if its input or output rests, or if its motion is not unique.
+    # The rates are then NaN, for which the comparisons are false.
     tolerance = ALONE_SINGULAR_FACTOR * SINGULAR_TRANSMISSION
     is_input_moving = np.abs(single_input_motions.input_rate) > tolerance
     is_output_moving = np.abs(single_input_motions.output_rate) > tolerance
@@ -587,16 +603,20 @@ def _decide_groups(
 
 @dataclass(frozen=True)
 class _OccurringRates:
-    """Rates of g inputs and of the output that can occur together, at n configurations.
+    """Rates of g inputs and of an output that can occur together, at n configurations.
+
+    They are a basis of all such rates. From it follows how near a configuration is to a
+    singularity.
 
     Attributes
     ----------
     input_part, output_part
-        (n, g, k) rates of the inputs and (n, m, k) rates of the output in k motions. Both
-        parts together, one below the other, are orthonormal columns. Motions that move
-        neither inputs nor output have zero columns, which are the last ones.
+        (n, g, k) rates of the inputs and (n, m, k) rates of the output in k motions. Each
+        column has g rates of the inputs and then m rates of the output; the columns are
+        orthonormal. Motions that move neither inputs nor output have zero columns, which
+        are the last ones.
     rank
-        (n,) number of the other columns.
+        (n,) number of columns that are not zero.
     """
 
     input_part: Floats
@@ -613,6 +633,8 @@ class _OccurringRates:
 def _find_occurring_rates(input_rates: Floats, output_rates: Floats) -> _OccurringRates:
     """Return an orthonormal basis of the rates of inputs and output that occur together.
 
+    From this basis follows how near a configuration is to a singularity.
+
     Parameters
     ----------
     input_rates, output_rates
@@ -621,8 +643,8 @@ def _find_occurring_rates(input_rates: Floats, output_rates: Floats) -> _Occurri
     """
     _, input_count, motion_count = input_rates.shape
     svd = decompose(np.concatenate([input_rates, output_rates], axis=1))
-    # The first left singular vectors, one for each motion, are the basis. The others are
-    # rates that do not occur. At a singular value of zero, neither inputs nor output move.
+    # The first left singular vectors, one for each motion, are the basis. A singular value
+    # of zero belongs to a motion of neither inputs nor output.
     is_moving = svd.values > SINGULAR_TRANSMISSION
     basis = svd.left[:, :, :motion_count] * is_moving[:, None]
     return _OccurringRates(
@@ -638,15 +660,15 @@ def _smallest_sine_to_rest(occurring_rates: _OccurringRates) -> Floats:
     It is the sine of the smallest principal angle between two linear spaces of rates of
     inputs and output: those that can occur, and all those with the output at rest.
 
-    If there are more independent motions than the m rates of the output, some motions have
-    the output at rest in every configuration. Their principal angles are always zero and
-    say nothing, so only the m largest angles count.
+    If there are more independent motions than the m rates of the output, the output rests
+    in some motions in every configuration. Their angles are always zero and say nothing. So
+    only the m largest angles count.
     """
     # The sines of the principal angles are the singular values of the rates of the output
     # in an orthonormal basis, the largest first.
     sines = np.linalg.svd(occurring_rates.output_part, compute_uv=False)
-    # There is one angle for each column of the basis that is not zero, of which at most m
-    # count. The last of these is the smallest.
+    # Each nonzero column of the basis has an angle, and at most m of them count. The last
+    # of these is the smallest.
     output_count = occurring_rates.output_part.shape[1]
     counted_angles = np.minimum(occurring_rates.rank, output_count)
     # If nothing moves, no angle counts, and the measure is 1.
@@ -751,7 +773,8 @@ def _possible_causes(
     """Return the possible causes of a singularity, in the order in which they are reported.
 
     If input i moves with the rate q_i' while the others are locked, the output turns about
-    the pole axis u_i with the angular velocity w_i, and c_i w_i = d_i q_i'.
+    the axis u_i with the angular velocity w_i, and c_i w_i = d_i q_i'. A cause is a
+    quantity that vanishes at a singularity.
 
     Parameters
     ----------
@@ -760,15 +783,16 @@ def _possible_causes(
     c, d
         (n, g) the coefficients of each input.
     u
-        (n, g, 3) unit vectors along the pole axes.
+        (n, g, 3) unit vectors along the axes u_i, at n configurations.
     direction
-        (n, 3) the output direction, which rests if the output link turns about it. None if
-        the orientation of the link is the output. All vectors are in ground axes.
+        (n, 3) the direction on the output link that is the output. The direction rests if
+        the link turns about it. None if the orientation of the link is the output. All
+        vectors are in ground axes.
 
     Returns
     -------
-    Lists of causes. A list is reported only in rows in which no cause of an earlier list
-    applies.
+    Lists of causes. At a configuration, only the first list with a cause that applies is
+    reported.
     """
     coefficient_causes = [
         *[_SingularityCause(f"c_{name}=0", c[:, i]) for i, name in enumerate(inputs)],
@@ -787,13 +811,21 @@ def _possible_causes(
 
 
 def _causes_of_all_axes(inputs: Sequence[str], u: Floats) -> list[_SingularityCause]:
-    """Return the causes that all pole axes (n, g, 3) coincide, or that three are coplanar.
+    """Return the causes that all axes of inputs coincide, or that three are coplanar.
 
-    If three axes are coplanar, the three inputs turn the output about axes in a plane only.
+    A cause is a quantity that vanishes at a singularity. If one input moves alone, the
+    output turns about an axis u. If three axes are in one plane, the three inputs cannot
+    turn the output at right angles to this plane.
+
+    Parameters
+    ----------
+    inputs, u
+        Names of the g inputs, and their axes (n, g, 3) at n configurations.
     """
     largest_sine = np.max(np.linalg.norm(_cross_products(u), axis=2), axis=1)
     causes = [_SingularityCause(f"u of {', '.join(inputs)} coincide", largest_sine)]
-    # Axes that coincide are coplanar, too, which is not reported in addition.
+    # Axes that coincide are also coplanar, which is not reported in addition. NaN is no
+    # cause.
     do_coincide = largest_sine < VANISHING_SIZE
     volumes = np.where(do_coincide[:, None], np.nan, _triple_products(u))
     for number, three in enumerate(combinations(inputs, 3)):
@@ -817,10 +849,14 @@ def _causes_along_direction(
 ) -> list[_SingularityCause]:
     """Return for each input the cause that it turns the output about its direction.
 
+    The output is a direction on a link, which then rests while the input moves. A cause is
+    a quantity that vanishes at a singularity, here the sine of an angle.
+
     Parameters
     ----------
     inputs, u
-        Names of the g inputs, and their pole axes (n, g, 3).
+        Names of the g inputs, and the axes (n, g, 3) about which each one alone turns the
+        output link.
     direction
         (n, 3) the output direction.
     """
@@ -836,13 +872,15 @@ def _causes_coplanar_with_direction(
 ) -> list[_SingularityCause]:
     """Return for any two inputs the cause that both turn the output about its direction.
 
-    A combined motion of two inputs turns the output about its direction if their pole axes
-    are coplanar with it.
+    The output is a direction on this link, which then rests while the two inputs move. This
+    is possible if the direction is in the plane of the axes of both inputs. A cause is a
+    quantity that vanishes at a singularity, here a triple product.
 
     Parameters
     ----------
     inputs, u
-        Names of the g inputs, and their pole axes (n, g, 3).
+        Names of the g inputs, and the axes (n, g, 3) about which each one alone turns the
+        output link.
     direction
         (n, 3) the output direction.
     """

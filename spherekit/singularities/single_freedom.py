@@ -76,11 +76,11 @@ NO_ZERO = np.array([[np.nan], [np.nan], [np.inf]])
 
 @dataclass(frozen=True)
 class CurveRelations:
-    """Rates and input-output relations at n points of a configuration curve.
+    """Rates and input-output relations at n points of a curve of configurations.
 
-    A relation is an equation c y' = d q', where q' is the rate of the input. c and d are
-    triple products of pole axes, the axes about which links turn relative to each other (Di
-    Gregorio 2012).
+    A relation is an equation c y' = d q', where q' is the rate of the input and y' a rate
+    of the output link. c and d are triple products of pole axes, the axes about which links
+    turn relative to each other (Di Gregorio 2012).
 
     Attributes
     ----------
@@ -88,9 +88,9 @@ class CurveRelations:
         (n,) rates of the input and of the output by the arc length of the curve.
     relations
         One or two relations. In the first one (form "i"), y' is the rate of the output. In
-        the second one (form "ii"), it is the rate of the output link relative to the
-        reference link of the input. It does not exist if the output link is a link of the
-        input. c and d are NaN at points at which one of the pole axes is unknown.
+        the second one (form "ii"), y' is the rate of the output link relative to the
+        reference link of the input. Form "ii" does not exist if the output link is a link
+        of the input. c and d are NaN at points with an unknown pole axis.
     """
 
     input_rate: Floats
@@ -136,14 +136,18 @@ class SingleFreedomSingularities:
         outputs: Iterable[str | tuple[int | str, int | str]],
         input: str | tuple[int | str, int | str] | None = None,
     ) -> None:
-        """Prepare velocities along the curves, and choose the links of all relations.
+        """Prepare velocities along curves, and choose the links of all relations.
+
+        A relation is an equation c y' = d q' between the rates of an output and of the
+        input. Its coefficients follow from the axes about which four links turn relative to
+        each other.
 
         Parameters
         ----------
         position_analysis
             A mechanism with one degree of freedom.
         curves
-            Its configuration curves.
+            The curves of configurations that the mechanism passes.
         outputs
             Motions of a link relative to another: a text such as ``"4/1"``, or numbers or
             names of both links.
@@ -158,7 +162,7 @@ class SingleFreedomSingularities:
                 "there is a single degree of freedom; lock the other inputs"
             )
         self.position_analysis = position_analysis
-        # The plan of some poles is the same on all curves, so it is stored.
+        # The plan (order of construction) of some poles is the same on all curves.
         self._plan_poles = cache(self._find_plan)
         self.curve_motions = [
             CurveMotion(position_analysis, curve, self._plan_poles) for curve in curves
@@ -177,12 +181,11 @@ class SingleFreedomSingularities:
         """Return the order in which some poles are constructed from each other.
 
         A pole is the axis about which two links turn relative to each other. The result is
-        None if there is no such order, for example because counting links and pairs does
-        not give one degree of freedom.
+        None if the poles cannot be constructed.
         """
         mechanism = self.position_analysis.mechanism
-        # The number of degrees of freedom follows from counting links and pairs. If this
-        # gives a wrong number, it follows from the rank of the velocity equations.
+        # The number of degrees of freedom usually follows from counting links and pairs.
+        # Where this is wrong, the rank of the velocity equations is used.
         by_rank = self.position_analysis.by_rank
         try:
             return plan(mechanism, poles, by_rank=by_rank)
@@ -194,8 +197,8 @@ class SingleFreedomSingularities:
 
         A relation is an equation c y' = d q', where q' is the rate of the input. The
         coefficients c and d follow from the axes about which four links turn relative to
-        each other. There are two relations, because each becomes useless (c = d = 0) at
-        some configurations, which are not the same for both:
+        each other. Each relation becomes useless (c = d = 0) at some configurations. At
+        these, a second relation may still be useful:
 
         - In form "i", y' is the rate of the output: of its link o relative to its reference
           link s.
@@ -220,6 +223,7 @@ class SingleFreedomSingularities:
         links_by_form: dict[Form, FourLinks] = {"i": links}
         if output_link in self.input:
             return links_by_form
+        # Form "ii" uses the reference link of the output if this is a fourth link.
         auxiliary_link: int | None = output_reference
         if output_reference == input_reference:
             auxiliary_link = self._choose_auxiliary_link(links)
@@ -231,14 +235,14 @@ class SingleFreedomSingularities:
         """Return the auxiliary link of the second relation of an output and the input.
 
         The relation is an equation c y' = d q'. q' is the rate of the input link, and y'
-        that of the output link, both relative to the reference link of the input. Its
+        that of the output link, both relative to the reference link of the input. The
         coefficients are computed with the help of any further link, the auxiliary link.
 
         Both coefficients contain the sine of the angle between two axes: those about which
         the output link and the input link turn relative to the auxiliary link. The relation
-        is most accurate if these axes are far from parallel. The link is therefore taken
-        with the greatest sum of these sines over the nodes of all configuration curves. The
-        result is None if there is no further link.
+        is most accurate if this sine is large. Therefore the link with the greatest sum of
+        these sines at the computed points of all curves is chosen. The result is None if
+        there is no further link.
 
         Parameters
         ----------
@@ -274,11 +278,12 @@ class SingleFreedomSingularities:
         return list(poles)
 
     def evaluate_relations(self, curve: int, s: Floats, output: int) -> CurveRelations:
-        """Return the rates of input and output and their relations at points of a curve.
+        """Return the rates of input and output, and their relations, at points of a curve.
 
-        Rates are derivatives by the arc length of the curve. A relation is an equation
-        c y' = d q' between the rates of output and input. c and d are triple products of
-        pole axes, the axes about which links turn relative to each other.
+        The curve consists of configurations of the mechanism. Rates are derivatives by its
+        arc length. A relation is an equation c y' = d q' between the rates of output and
+        input. c and d are triple products of pole axes, the axes of relative rotation of
+        links.
 
         Parameters
         ----------
@@ -309,7 +314,7 @@ class SingleFreedomSingularities:
         Parameters
         ----------
         output
-            Position of the output in `outputs`.
+            Index of the output in `outputs`.
         axes
             (n, 3) unit vectors along the pole axes, by pole (pair of links).
         """
@@ -432,13 +437,14 @@ class SingleFreedomSingularities:
 
         The types follow from rates: the output rests at type I, the input at type II. In a
         relation c y' = d q' between both rates, d should then vanish at type I and c at
-        type II. c and d are computed from pole axes, independently of the rates. Each
-        `RelationAt` has the type by c and d, and a note if this type differs.
+        type II. c and d are computed from pole axes (axes of relative rotation of links),
+        independently of the rates. Each `RelationAt` has the type by c and d, and a note if
+        this type differs from the type by rates.
 
         Parameters
         ----------
         output
-            Position of the output in `outputs`.
+            Index of the output in `outputs`.
         link_motion
             Velocities of the links at the singularities.
         types
@@ -446,8 +452,8 @@ class SingleFreedomSingularities:
 
         Returns
         -------
-        For each singularity its relations. There are one or two, which differ in the links
-        from whose axes c and d are computed; `_choose_links` explains them.
+        For each singularity its one or two relations. They use the axes of different links,
+        see `_choose_links`.
         """
         poles = tuple(self.poles(output))
         axes = link_motion.pole_axes(poles, self._plan_poles(poles))
@@ -472,10 +478,11 @@ class SingleFreedomSingularities:
     def notes(self) -> list[str]:
         """Texts about relations that say nothing about the rates on a whole curve.
 
-        A relation c y' = d q' gives the ratio y' / q' of the rates of output and input. It
-        gives none if c and d are zero or unknown. If this is so on a whole curve, the links
-        of the relation are badly chosen, and the types of singularities follow from the
-        rates alone. Curves on which the input or the output rests are left out.
+        From a relation c y' = d q' follows the ratio y' / q' of the rates of output and
+        input, unless c and d are zero or unknown. If they are so on a whole curve of
+        configurations, the links of the relation are badly chosen. The types of
+        singularities then follow from the rates alone. Curves on which the input or the
+        output rests are left out.
         """
         link_names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -494,13 +501,13 @@ class SingleFreedomSingularities:
 
     @cached_property
     def crossings(self) -> list[SingularPoint]:
-        """The configurations at which the closure equations lose rank, for each output.
+        """The singularities at which the closure equations lose rank, for each output.
 
-        Generally several curves of configurations cross there. No curve is followed through
-        a crossing: it ends there, because its direction behind the crossing is open. The
+        Generally several curves of configurations cross there. Each curve ends at the
+        crossing, because its direction behind the crossing is open. At a crossing, the
         velocity equations have at least two independent solutions. In one combination of
-        them the input rests, and in another one the output rests. So the configuration is
-        of type III.
+        these the input rests, and in another one the output rests. So the singularity is of
+        type III.
         """
         points: list[SingularPoint] = []
         for curve_end in self._singular_curve_ends():
@@ -522,10 +529,11 @@ class SingleFreedomSingularities:
         return points
 
     def _singular_curve_ends(self) -> list["_SingularCurveEnd"]:
-        """Return the configurations at which curves end by a loss of rank, each once.
+        """Return the configurations at which curves end at a crossing, each once.
 
-        Ends of several curves belong to one configuration if their crossings differ by less
-        than a tolerance, apart from whole periods of the variables.
+        At a crossing of curves of configurations, the closure equations lose rank. The ends
+        of several curves belong to one crossing if their configurations agree within a
+        tolerance, apart from whole periods of the variables.
         """
         curve_ends: list[_SingularCurveEnd] = []
         for number, curve_motion in enumerate(self.curve_motions):
@@ -554,21 +562,20 @@ class SingleFreedomSingularities:
     ) -> tuple[RelationAt, ...]:
         """Return the relations c y' = d q' on each curve through a crossing of curves.
 
-        q' is the rate of the input, and y' that of the output link, as in `CurveRelations`.
-        c and d follow from pole axes, the axes about which links turn relative to each
-        other.
+        q' is the rate of the input, and y' that of the output link. c and d follow from
+        pole axes, the axes about which links turn relative to each other.
 
         Several curves of configurations meet at a crossing, and each is another motion of
-        the mechanism. The configuration alone leaves the motion open, and c = d = 0 (type
-        III). The motion along one curve determines further pole axes. If neither c nor d
-        vanishes with these axes, a note says that the relation applies to this curve only.
+        the mechanism. The crossing as such is of type III (c = d = 0), because the motion
+        is open. Along one curve, further pole axes are known. If neither c nor d vanishes
+        with these axes, a note says that the relation applies to this curve only.
 
         Parameters
         ----------
         crossing
             The crossing, or None if it was not located.
         output
-            Position of the output in `outputs`.
+            Index of the output in `outputs`.
 
         Returns
         -------
@@ -582,16 +589,14 @@ class SingleFreedomSingularities:
             self.position_analysis,
             values=np.tile(crossing.values, (curve_count, 1)),
             tangents=crossing.tangents,
-            # The second derivatives along the curves are not known. They would give the
-            # pole axes of links that rest relative to each other.
+            # The second derivatives along the curves are not known.
             bends=None,
         )
         # The configuration is of type III, whatever curve the mechanism follows.
         types = [Type.III] * curve_count
         relations_by_curve = self._check_types(output, link_motion, types)
         relations = list(chain.from_iterable(relations_by_curve))
-        # The input and an output are pairs of links. If the output is the input itself, c
-        # and d are constants, which never vanish on any curve.
+        # If the output is the input itself, c and d are constants and need no note.
         is_input = {*self.outputs[output]} == {*self.input}
         if is_input:
             return tuple(relations)
@@ -601,10 +606,10 @@ class SingleFreedomSingularities:
     def everywhere(self) -> int | None:
         """Number of degrees of freedom, if the mechanism has more than one everywhere.
 
-        A mechanism with one degree of freedom has configuration curves, and the result is
-        None. Without curves, the number is computed at some configurations from the rank of
-        the closure equations. At singular configurations the rank is lower, and the number
-        too large. So the smallest number counts. The result is None if it is 1 or 0.
+        A mechanism with one degree of freedom has curves of configurations, and the result
+        is None. Without curves, the number is computed at some configurations from the rank
+        of the closure equations. At singular configurations this number is too large, so
+        the smallest number counts. If it is 1 or 0, the result is None.
 
         The configurations are all assembly modes (ways to assemble the mechanism) at a few
         values of the input. If the loops close with all variables zero, this configuration
@@ -655,11 +660,11 @@ def _vanishes_on_curve(relation: Relation) -> bool:
 def _explain_vanishing_relation(
     relation: Relation, curve: int, link_names: Sequence[str]
 ) -> str:
-    """Return the note why a relation does not determine rates on a whole curve.
+    """Return a note for users why a relation does not determine rates on a whole curve.
 
-    c and d are products of the pole axes of the links, about which they turn relative to
-    each other. The coefficients of four links are zero if all axes are in one plane. Those
-    of three links are unknown if all axes are on one line.
+    c and d are products of pole axes, about which links turn relative to each other. The
+    coefficients of four links are zero if all axes are in one plane. Those of three links
+    are unknown if all axes are on one line.
 
     Parameters
     ----------
@@ -683,17 +688,17 @@ def _explain_vanishing_relation(
 class _SingularCurveEnd:
     """A configuration at which curves of configurations end.
 
-    The loop-closure equations lose rank at this configuration. Generally curves cross at
-    it. Each curve is followed up to the crossing only, because its direction behind the
-    crossing is open.
+    The loop-closure equations lose rank at this configuration, and generally several curves
+    cross there. Each curve is followed up to the crossing only, because its direction
+    behind the crossing is open.
 
     Attributes
     ----------
     crossing
         The crossing of curves, or None if it was not located.
     values
-        (variables,) variables of the crossing (rad). If it was not located, those of the
-        last node of a curve.
+        (variables,) variables of the crossing (rad). If the crossing was not located, those
+        of the last computed point of a curve.
     places
         Numbers of the curves that end at the crossing, each with the arc length (rad) of
         its end.
@@ -706,11 +711,11 @@ class _SingularCurveEnd:
 
 @dataclass(frozen=True)
 class InputOutputRests:
-    """The n points of a configuration curve at which the input, the output, or both rest.
+    """The n points of a curve of configurations where the input, the output, or both rest.
 
-    The zeros of both rates are computed independently. A zero of the input's rate and one
-    of the output's rate count as one point, at which both rest, if they agree within their
-    error bounds.
+    They are the singularities of the curve. The zeros of both rates are computed
+    independently. A zero of the input's rate and a zero of the output's rate count as one
+    point if they agree within their error bounds.
 
     Attributes
     ----------
@@ -721,7 +726,7 @@ class InputOutputRests:
     input_rests, output_rests
         (n,) whether the input rests, and whether the output rests.
     input_is_double, output_is_double
-        (n,) whether the zero of the rate is double, so that the motion does not reverse.
+        (n,) whether the zero of the rate is double. The motion does not reverse there.
     """
 
     s: Floats
@@ -812,7 +817,7 @@ def explain_doubts(
     Singularities are points of a curve of configurations. Two questions may be open:
 
     - A self-motion is a point at which input and output both rest. If its error is large,
-      they may rest at two points near each other instead.
+      they may rest at two different points near each other instead.
     - Two points at which only the input or only the output rests may be one point at which
       both rest. This is open if their distance is less than `UNDECIDED_GAP_FACTOR` times
       the sum of their errors.
@@ -828,7 +833,7 @@ def explain_doubts(
     is_input
         Whether the output is the input itself, so that both rest together without doubt.
     """
-    # If both notes apply to a point, the second one is kept.
+    # If both notes apply to a point, the second note replaces the first one.
     notes = [""] * len(types)
     if not is_input:
         _note_uncertain_self_motions(notes, rests, types)
@@ -841,14 +846,16 @@ def _note_uncertain_self_motions(
 ) -> None:
     """Write notes for points at which input and output may not rest together.
 
-    They are self-motions whose error exceeds `MAX_SHARED_ERROR_RAD`.
+    A self-motion is a point of a curve of configurations at which both rest. If the error
+    of its position exceeds `MAX_SHARED_ERROR_RAD`, they may rest at two different points
+    instead.
 
     Parameters
     ----------
     notes
         n texts, changed in place.
     rests, types
-        The n points and their types.
+        The n points at which input or output rest, and their types of singularity.
     """
     distances = rests.distances.tolist()
     for k, (kind, error) in enumerate(zip(types, rests.errors.tolist(), strict=True)):
@@ -859,7 +866,11 @@ def _note_uncertain_self_motions(
 def _note_near_neighbours(
     notes: list[str], rests: InputOutputRests, types: Sequence[Type]
 ) -> None:
-    """Write notes for successive points of different types that may be one point.
+    """Write notes for two neighbouring singularities that may be one.
+
+    The singularities are points of a curve of configurations. At some only the input rests,
+    at others only the output. If two such points are nearer to each other than their errors
+    allow to decide, they may be one point, at which both rest.
 
     Parameters
     ----------
@@ -881,9 +892,9 @@ def _note_near_neighbours(
 def _format_undecided(distance: float, error: float) -> str:
     """Return the note that a point of rest of input and output may also be two points.
 
-    The rate of the input is zero at a computed point of a curve of configurations, and the
-    rate of the output at another one near it. Both points may be the same, because their
-    error is larger than their distance. In the note, an input "vanishes" where its rate is
+    On a curve of configurations, the rate of the input is zero at one computed point, and
+    the rate of the output at another point near it. The errors of these points are too
+    large to decide whether they are the same. In the note, "vanish" means that a rate is
     zero.
 
     Parameters
@@ -904,7 +915,8 @@ def _relative_rate(
 ) -> Floats:
     """Return the rate (n,) of the first of two links relative to the second.
 
-    It is the component of their relative angular velocity along their pole axis.
+    It is the component of their relative angular velocity along their pole axis (axis of
+    relative rotation). It can be negative.
 
     Parameters
     ----------
@@ -923,9 +935,10 @@ def _relative_rate(
 def _explain_crossing_doubts(crossing: Crossing | None) -> str:
     """Return why a crossing at the end of curves is not certain, or an empty text.
 
-    At a crossing of curves the closure equations lose rank. `crossing` is None if no such
-    configuration was located. Its `miss` (rad) is how far it is from an exact crossing. It
-    is `resolved` if second-order terms determine the number of curves through it.
+    At a crossing of curves of configurations, the closure equations lose rank. `crossing`
+    is None if no such configuration was located. Its attribute `miss` (rad) is its distance
+    from an exact crossing. `resolved` says whether terms of second order determine the
+    number of curves through the crossing.
     """
     if crossing is None:
         return (

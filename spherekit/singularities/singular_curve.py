@@ -65,7 +65,9 @@ class SingularCurve:
 
     @cached_property
     def s(self) -> Floats:
-        """(n,) arc lengths (rad) of the nodes, in the space of the variables.
+        """(n,) arc lengths (rad) of the nodes of the curve, in the space of the variables.
+
+        Nodes are the computed points of the curve (singular configurations).
 
         The lengths between successive nodes are those of cubic polynomials that have the
         tangents of the curve at both nodes (Hermite). With the unit vector e of a chord of
@@ -74,8 +76,8 @@ class SingularCurve:
 
             L (t0 + x (b + 3 x a)),   a = t0 + t1 - 2 e,   b = 2 (e - t0 - a).
 
-        The length of a cubic is the integral of the size of its derivative, by the Gauss
-        quadrature.
+        The length of a cubic is the integral of the size of its derivative, computed by
+        Gauss quadrature.
         """
         # Axes of the arrays: chord, Gauss point, variable. A curve has one tangent, with
         # the index 0.
@@ -94,12 +96,13 @@ class SingularCurve:
         return np.append(0.0, np.cumsum(relative_lengths * self.chords.chord_lengths))
 
     def points_on_chords(self, chord_numbers: Indices, parts: Floats) -> LocusPoints:
-        """Return points of the curve between its nodes.
+        """Return points of a curve of singular configurations between its nodes.
 
-        A chord is the straight line from one node to the next. Each point is selected by
-        its projection onto a chord. Newton's method brings it onto the curve. The method
-        solves for the configuration and its singular motion: unit rates of all V variables
-        in which the inputs (type II) or the output (type I) rest.
+        Nodes are the computed points of the curve. A chord is the straight line from one
+        node to the next. Each point is selected by its projection onto a chord, and
+        Newton's method moves it onto the curve. The method solves for the configuration and
+        its singular motion: unit rates of all V variables in which the inputs (type II) or
+        the output (type I) rest.
 
         Parameters
         ----------
@@ -111,15 +114,15 @@ class SingularCurve:
         # Newton's method starts from values between those of the two nodes.
         start_values = self.chords.predict(chord_numbers, parts)
         start_motions = self._interpolate_motions(chord_numbers, parts)
-        # One equation for each point, direction . values = component, prescribes the
-        # component (rad) of the variables along the chord.
+        # The projection of each point onto its chord is prescribed by the equation
+        # direction . values = component (rad).
         directions = self.chords.directions[chord_numbers]  # unit vectors (n, V)
         lengths = self.chords.chord_lengths[chord_numbers]
         components_of_nodes = np.vecdot(directions, self.nodes.values[chord_numbers])
         components = components_of_nodes + parts * lengths
-        # Each point also gets a basis of the rates that keep its loops closed. Callers
-        # compute determinants with it, whose signs must not change by chance. The basis is
-        # therefore aligned with that of the first node of the chord.
+        # Each point also gets a basis of the rates that close its loops. Callers compare
+        # signs of determinants in this basis. So the basis is aligned with that of the
+        # first node of the chord, and no sign changes by chance.
         first_node_bases = self.nodes.bases.rows(chord_numbers)
         points = self.locus.correct(
             values=start_values,
@@ -145,24 +148,25 @@ class SingularCurve:
     def find(self, values: Floats, motions: Floats) -> Bools:
         """Return which configurations are on the curve.
 
-        A chord is the straight line between two successive nodes of the curve; chord k
-        starts at node k. A configuration is projected onto each chord to which it is near,
-        and compared with the point of the curve that has the same projection. Whole periods
-        of the variables and signs of the motions do not matter.
+        The curve consists of singular configurations. A chord is the straight line between
+        two successive nodes (computed points); chord k starts at node k. A configuration is
+        projected onto each chord near it, and compared with the point of the curve that has
+        the same projection. Whole periods of the variables and signs of the motions do not
+        matter.
 
         Parameters
         ----------
         values, motions
-            (n, V) variables (rad), and unit rates of the singular motions.
+            (n, V) variables (rad), and unit rates of the singular motions, in which the
+            inputs or the output rest.
 
         Returns
         -------
         (n,) whether the configuration and its singular motion are on the curve.
         """
-        # The items of `projections` are pairs of a configuration and a chord near it. A
-        # configuration may have several chords. `distances_along` are the lengths (rad)
-        # from the start of the chord to the projection. `offsets` (m, V) are those of the
-        # configuration from the start of the chord, less whole periods.
+        # Each of the m projections is one configuration on one chord near it.
+        # `distances_along` are the lengths (rad) from the start of the chord. `offsets` (m,
+        # V) are the differences of the variables from the start, less whole periods.
         projections = self.chords.project(values, self.periods)
         chord_numbers = projections.chords
         chord_lengths = self.chords.chord_lengths[chord_numbers]
@@ -182,16 +186,17 @@ class SingularCurve:
     def zeros(self, function: LocusFunction) -> LocusPoints:
         """Return the points at which a function changes its sign along the curve.
 
+        The curve consists of singular configurations, and nodes are its computed points.
         The signs at successive nodes are compared. Each change is then located between the
-        two nodes, up to rounding. Two zeros between the same nodes are not noticed, because
-        the signs at both nodes are equal. A function that is smaller than
-        `VANISHING_FUNCTION` at both nodes counts as zero up to rounding, and has no zeros.
+        two nodes. Two zeros between the same nodes are not noticed. If the function is
+        smaller than `VANISHING_FUNCTION` at both nodes, its sign is only rounding, and no
+        zero is returned.
 
         Parameters
         ----------
         function
-            Returns one value (n,) for each of n points of the curve. Its values have sizes
-            near 1, such as determinants of unit vectors.
+            Function of n points of the curve that returns their values (n,). The values are
+            about 1 in size, such as determinants of unit vectors.
         """
         node_values = self._comparable_node_values(function)
         starts = node_values[:-1]
@@ -212,14 +217,14 @@ class SingularCurve:
     def _comparable_node_values(self, function: LocusFunction) -> Floats:
         """Return the values (n,) of a function at all nodes, with comparable signs.
 
-        A function such as a determinant depends on the basis of possible rates that each
-        point has (`LocusPoints.bases`). Its sign changes if a vector of the basis is
-        reversed. Signs of successive nodes are comparable, because the basis of each node
-        is aligned with that of the node before.
+        Nodes are the computed points of a curve of singular configurations. Each node has a
+        basis of its possible rates. The function is for example a determinant in this
+        basis, and its sign changes if a basis vector is reversed. The basis of each node is
+        aligned with that of the node before, so signs of successive nodes are comparable.
 
-        The last node of a closed curve is an exception: it is the first node again, with
-        the basis of the first node. Here its value is computed with a basis that is aligned
-        with that of the node before.
+        The last node of a closed curve is the first node again, with the basis of the first
+        node. Its value is therefore computed again, in a basis that is aligned with the
+        node before.
         """
         node_values = function(self.nodes)
         if self.closed:
@@ -233,15 +238,14 @@ class SingularCurve:
     def cusps(self) -> LocusPoints:
         """Return the cusps of the curve in the plane of the inputs or of the output.
 
-        A point that moves along the curve passes a cusp with the inputs (type II), or the
-        output (type I), momentarily at rest. Their path generally reverses its direction
-        there. At a cusp, the tangent of the curve is therefore parallel to the singular
-        motion, in which the inputs, or the output, rest.
+        The curve consists of singular configurations. If the mechanism moves along the
+        curve, the inputs (type II) or the output (type I) rest for a moment at a cusp, and
+        generally reverse. There the tangent of the curve is parallel to the singular motion
+        (the motion in which the inputs, or the output, rest).
 
-        Both are compared as vectors in the plane of all motions of a mechanism with two
-        degrees of freedom. If only a part of the mechanism moves in singular motions, and
-        this part has one degree of freedom, its motions are no plane but a line. No cusps
-        are then searched.
+        A mechanism with two degrees of freedom has a plane of motions, in which both
+        vectors are compared. Sometimes only a part with one degree of freedom moves in
+        singular motions. Its motions are only a line, and no cusps are searched.
         """
         motions_are_plane = self.locus.motion_dimension == self.locus.degrees_of_freedom
         if motions_are_plane:
