@@ -60,8 +60,10 @@ def approximate_modes(
 ) -> Complexes:
     """Return approximations of the complex modes at one value of each input.
 
-    Complex modes are all solutions of the loop equations; real ones are assembly modes. A
-    homotopy follows known solutions of random equations to those of the mechanism.
+    Complex modes are all solutions of the loop equations; the real ones are assembly modes
+    (ways to assemble the mechanism). A homotopy finds them: it changes random equations
+    with known solutions into those of the mechanism, and follows the solutions. Nothing is
+    proven.
 
     Parameters
     ----------
@@ -70,17 +72,17 @@ def approximate_modes(
     circle_points
         (inputs, 2) cosines and sines of the inputs.
     seed
-        Seed of the homotopy.
+        Seed of the random numbers.
 
     Returns
     -------
-    (n, unknowns) complex angles (rad). Some modes may be missing, and some may come twice.
+    (n, unknowns) complex angles (rad). Modes can be missing, and can occur twice.
     """
-    # All equations are solved at once, for all unknowns.
+    # One system with all equations and all unknowns.
     all_numbers = range(equations.unknown_count)
     system = EquationSystem(equations, all_numbers, all_numbers)
     polynomials = system.form_polynomials(circle_points[None])
-    # The points are e^(i angle). Points 0 and infinity have no finite angle.
+    # Solutions are e^(i angle). Those at 0 and at infinity have no finite angle.
     angles = -1j * np.log(track_homotopy(polynomials, seed).points)
     return angles[np.all(np.isfinite(angles), axis=1)]
 
@@ -105,10 +107,9 @@ class SystemSolution:
 class RootAngles:
     """Angles of n roots at the centre of a box of inputs, and their motion over the box.
 
-    A root is a solution of the loop-closure equations of a system: its k unknown angles as
-    functions of the inputs, which vary over the box. Only real roots have meaningful angles
-    here. The rows of complex roots hold arbitrary numbers; they are there so that root i is
-    in row i.
+    A root is a solution of a system of closure equations: k unknown angles, which change
+    with the inputs. Only the rows of real roots have meaningful angles. The rows of complex
+    roots remain, so that root i is in row i.
 
     Attributes
     ----------
@@ -117,7 +118,7 @@ class RootAngles:
     rates
         (n, k, inputs) derivatives by the inputs.
     error
-        (n, k) largest deviation (rad) from linear motion over the box.
+        (n, k) largest deviation (rad) from linear motion, anywhere in the box.
     """
 
     angle: Floats
@@ -129,22 +130,21 @@ class RootAngles:
 class SystemFindings:
     """Proven properties of the n roots of a system of equations, for several modes.
 
-    The closure equations of a mechanism fall into systems that are solved one after
-    another. Here a mode is a real solution of all systems before this one, over a box of
-    inputs. Its angles are inserted in this system, which then has several roots for each
-    mode.
+    The closure equations consist of systems that are solved one after another. A mode is a
+    real solution of all earlier systems, over a box of inputs. With its angles inserted,
+    this system has several solutions (roots) for each mode.
 
     Attributes
     ----------
     mode
         (n,) index of the mode to which each root belongs.
     is_complete
-        (modes,) for each mode, whether all roots of this system are proven, different from
-        each other, and each proven to be real or not.
+        (modes,) whether all roots of this system are proven in a mode: they differ from
+        each other, and each is known to be real or not.
     is_real
         (n,) which roots are proven real.
     angles
-        The angles of the roots.
+        The angles of the roots over the box.
     """
 
     mode: Indices
@@ -183,11 +183,11 @@ class EquationSystem:
     def __init__(
         self, equations: ArcEquations, rows: Sequence[int], unknowns: Sequence[int]
     ) -> None:
-        """List the given variables and bound the number of roots.
+        """List the given variables, and bound the number of roots.
 
-        Given variables are all variables of the mechanism that are not unknowns of this
-        system: the inputs, and unknowns of other systems. Some of them may not occur in the
-        equations of this system.
+        The system consists of some equations of the mechanism, solved for as many unknowns.
+        All other variables are given: inputs, and unknowns of other systems. Some of these
+        may not occur in the equations.
 
         Parameters
         ----------
@@ -207,32 +207,30 @@ class EquationSystem:
             if variable not in unknowns
         ]
         self.degrees = equations.degrees[np.ix_(rows, [*unknowns, *self.given])]
-        # The trigonometric degree m of an angle is the degree 2 m in e^(i angle). For
-        # polynomials with a separate degree in each unknown, Bezout's bound of the number
-        # of roots is the permanent of the matrix (equations, unknowns) of the degrees.
+        # Degree m in an angle is degree 2 m in e^(i angle). Bezout's bound of the number of
+        # roots is the permanent of the degrees (equations, unknowns).
         self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
-        # Values of the given variables for which all roots are known, with these roots.
-        # Roots for other values are followed from the nearest of them.
+        # Values of the given variables at which all roots are known, with these roots.
+        # Roots at other values are followed from the nearest of them.
         self.solved: list[SystemSolution] = []
 
     def form_polynomials(self, circle_points: Array) -> Polynomials:
-        """Insert known angles into the equations, which leaves polynomials in the unknowns.
+        """Insert given angles into the equations, which leaves polynomials in the unknowns.
 
-        The loop-closure equations contain all angles of the mechanism. Some are given: the
-        inputs, and angles that were computed before. With z = e^(i angle) of each unknown
-        angle, the equations then are polynomials in z. Their largest possible number of
-        roots is known (Bezout's theorem), so a proof can show that no root was missed.
+        Given angles are inputs, and angles that other systems have determined. An unknown
+        angle becomes z = e^(i angle). The largest possible number of roots of polynomials
+        is known (Bezout's theorem), so a proof can show that no root is missing.
 
         Parameters
         ----------
         circle_points
-            (m, given, 2) cosines and sines of m sets of given angles. Each is the exact
-            value rounded once; the error bounds presume this.
+            (m, given, 2) cosines and sines of m sets of given angles. The error bounds
+            assume that each is the exact value, rounded once.
 
         Returns
         -------
-        The coefficients for each set, their error bounds, and their derivatives by the
-        given angles, which tell how the polynomials change near these angles.
+        For each set the coefficients, with error bounds, and their derivatives by the given
+        angles.
         """
         coefficients = []
         derivatives = []
@@ -253,21 +251,21 @@ class EquationSystem:
     def _bound_coefficient_errors(
         self, coefficients: Sequence[Complexes], derivatives: Sequence[Complexes]
     ) -> Floats:
-        """Return by how much the polynomial coefficients of each equation may be wrong.
+        """Return bounds of the errors of the polynomial coefficients of each equation.
 
-        An equation is stored as a sum of waves (Fourier sum) over all angles. Known angles
-        were inserted into it, which left a polynomial in the unknowns. Its coefficients
-        have two errors: that of the stored sum, and the rounding when angles were inserted.
+        An equation is stored as a Fourier sum over all angles. Inserting given angles
+        leaves a polynomial in the unknowns. Its coefficients have two errors: that of the
+        stored sum, and the rounding by the insertion.
 
         Parameters
         ----------
         coefficients, derivatives
             For each equation the array of its coefficients, and that of their derivatives
-            by the known angles.
+            by the given angles.
 
         Returns
         -------
-        (equations,) bounds of the absolute error of all coefficients and derivatives.
+        (equations,) bounds of the errors of all coefficients and derivatives.
         """
         rounding_errors = [
             _bound_sum_rounding(np.append(equation_coefficients, equation_derivatives))
@@ -360,26 +358,26 @@ class EquationSystem:
     def _follow_roots(self, given: Floats) -> ChartRoots:
         """Return approximate roots at some values of the given variables.
 
-        The given variables are angles that this system does not solve for: inputs, and
-        unknowns of other systems. The roots are known at other values of the given
-        variables, the starts, and are moved by one step along the tangent.
+        The given variables are inputs, and unknowns of other systems. The roots are known
+        at other values of them (starts), and are moved from there by one step along the
+        tangent.
 
         Parameters
         ----------
         given
-            (m, given) angles (rad) of the given variables.
+            (m, given) m sets of values of the given variables (rad).
 
         Returns
         -------
-        For each row as many roots as the system can have (`bound`).
+        For each set as many roots as the system can have (`bound`).
         """
-        # Solutions are added to `solved` after this search only (`prove_roots`).
+        # `prove_roots` adds new solutions to `solved` only after all roots are found here.
         solved_points = cosines_and_sines([solution.given for solution in self.solved])
         starts = [self._choose_start(requested, solved_points) for requested in given]
         start_values = np.array([values for values, _ in starts])
         start_points = np.concatenate([points for _, points in starts])
-        # Numbers of magnitude 1 at most are stored: e^(i angle) or its inverse. Roots at
-        # infinity are thereby finite numbers, and can be followed too.
+        # `ChartRoots` stores e^(i angle) or its inverse, with a magnitude of at most 1. So
+        # roots at infinity are finite numbers, too.
         row = np.repeat(np.arange(len(given)), self.bound)
         roots = ChartRoots.from_points(start_points, row)
         return self._step_along_tangent(roots, start_values, given)
@@ -389,17 +387,19 @@ class EquationSystem:
     ) -> ChartRoots:
         """Return roots moved linearly from one set of given values to another.
 
+        The roots solve polynomials with the given variables as parameters.
+
         Parameters
         ----------
         roots
-            n roots at the start values. Their rows are those of the values.
+            n roots at the start values. `roots.row` has the set of values of each root.
         start_values, given
-            (m, given) angles (rad) of the given variables at the start and at the end.
+            (m, given) values (rad) of the given variables at the start and at the end.
         """
         polynomials = self.form_polynomials(cosines_and_sines(start_values))
         at_starts = evaluate_polynomials(polynomials, roots)
-        # P(z, g) = 0 gives the derivatives of the unknowns z by the given variables g:
-        # -P_z^-1 P_g. If P_z is singular they are not finite, and are replaced by 0.
+        # P(z, g) = 0 gives the derivatives of the roots z by the given variables g: -P_z^-1
+        # P_g. If P_z is singular, they are set to 0.
         rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
         steps = wrap(given - start_values)[roots.row]
         return roots.with_points(roots.z + apply_matrices(rates, steps))
@@ -407,32 +407,31 @@ class EquationSystem:
     def _choose_start(
         self, requested: Floats, solved_points: Floats
     ) -> tuple[Floats, Complexes]:
-        """Return the nearest values of the given variables at which all roots are known.
+        """Return values of the given variables at which all roots are known, with them.
 
-        They are the nearest values in `solved`. If none are near, the roots are computed by
-        a homotopy at the requested values themselves.
+        They are the nearest values in `solved`. If none is near, a homotopy computes all
+        roots at the requested values.
 
         Parameters
         ----------
         requested
-            (given,) angles (rad) of the given variables.
+            (given,) requested values (rad) of the given variables.
         solved_points
-            (solutions, given, 2) cosines and sines of the given variables in `solved`.
+            (solutions, given, 2) cosines and sines of the values in `solved`.
 
         Returns
         -------
         values
-            (given,) angles (rad) of the given variables.
+            (given,) values (rad) of the given variables at which the roots are known.
         roots
-            (bound, k) e^(i angle) of the unknowns of all roots at these values.
+            (bound, k) e^(i angle) of the k unknowns in all roots.
         """
         if len(solved_points):
-            # Angles are compared as points (cosine, sine) of circles, which do not change
-            # by whole revolutions.
+            # Comparing cosines and sines ignores whole turns of the angles.
             offsets = solved_points - cosines_and_sines(requested)
             squared_distances = np.sum(offsets**2, axis=(1, 2))
             nearest = np.argmin(squared_distances)
-            # From values that are farther away, roots could be lost.
+            # On a longer way, roots could be lost.
             if squared_distances[nearest] < MAX_SQUARED_DISTANCE:
                 solution = self.solved[nearest]
                 return solution.given, solution.roots.points
@@ -533,20 +532,20 @@ def count_modes(
 def _bound_root_angles(
     roots: ChartRoots, tubes: RootTubes, half_widths: Floats
 ) -> RootAngles:
-    """Return the angles of roots and their motion over the boxes.
+    """Return the angles of roots and their motion over boxes of the inputs.
 
-    The boxes are ranges of the inputs. Each coordinate z of a root is e^(i sense angle),
-    with the sense 1, or -1 if it is stored as the inverse. The logarithm of z is
-    i sense angle, so the derivative of the angle by an input is z' / (i sense z). Its real
-    part is the motion of the angle. The imaginary part changes ``|z|``, which is 1 for the
-    real roots that are of interest.
+    A coordinate of a root is z = e^(i s angle), with the sense s = 1, or s = -1 if the
+    inverse is stored. So the derivative of the angle by an input is z' / (i s z). The real
+    part is the motion of the angle. The imaginary part changes ``|z|``, which is 1 for real
+    roots, and only these matter.
 
     Parameters
     ----------
     roots
         The approximate roots. Each coordinate is e^(i angle) or its inverse.
     tubes
-        Neighbourhoods of linear motions of z over the boxes. Each contains one root.
+        For each root the linear motion of z over the box, and how far the exact root can be
+        from it.
     half_widths
         (n, inputs) half widths (rad) of the box of each root.
     """
@@ -565,22 +564,23 @@ def _bound_angle_deviation(
 ) -> Floats:
     """Return how far the angles of roots may be from linear motion over boxes of inputs.
 
-    A coordinate z of a root is e^(i angle) or its inverse, so the angle is, up to its sign,
-    the imaginary part of the logarithm of z. Let z0 be the approximate root at the centre
-    of the box, and w = (z - z0) / z0 the relative change. Then
+    A coordinate z of a root is e^(i angle) or its inverse. So the angle is, up to its sign,
+    the imaginary part of log z. Let z0 be the approximate root at the centre of the box,
+    and w = (z - z0) / z0 the relative change. Then
 
         log z = log z0 + w + remainder,
         z - z0 = linear motion + deviation,   where |deviation| <= tube radius.
 
-    The angle therefore deviates from linear motion by at most the tube radius over
-    ``|z0|``, plus the remainder of the logarithm.
+    So the angle deviates from linear motion by at most (tube radius) / ``|z0|``, plus the
+    remainder.
 
     Parameters
     ----------
     roots
         The approximate roots z0, at the centres of the boxes.
     tubes
-        How far each root may be from linear motion of z.
+        For each root the linear motion of z over the box, and how far the exact root can be
+        from it.
     rates
         (n, k, inputs) derivatives of the angles by the inputs.
     half_widths
@@ -594,10 +594,10 @@ def _bound_angle_deviation(
     tube_deviation = tubes.tube_radius[:, np.newaxis] / magnitude
     relative_change = tubes.displacement / magnitude
     logarithm_remainder = _bound_logarithm_remainder(relative_change)
-    # The approximation of a real root may not have the magnitude 1.
+    # The approximation of a real root may have a magnitude other than 1.
     magnitude_error = np.abs(magnitude - 1.0)
-    # The allowances for rounding are far larger than the errors: a relative error is
-    # 1.1e-16, and angles are below pi. The factor 1.05 is for the first two bounds.
+    # These allowances are far larger than the rounding errors (relative error 1.1e-16,
+    # angles below pi). The factor 1.05 covers the rounding of the first two terms.
     motion_rounding = 1e-15 * apply_matrices(np.abs(rates), half_widths)
     angle_rounding = 1e-13
     bound = (
@@ -606,7 +606,7 @@ def _bound_angle_deviation(
         + motion_rounding
         + angle_rounding
     )
-    # The bound of the logarithm is useful for small changes only.
+    # For larger changes the bound of the remainder is not valid.
     return np.where(relative_change < 0.5, bound, np.inf)
 
 

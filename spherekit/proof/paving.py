@@ -72,15 +72,15 @@ start none of them is on the side of a box.
 def are_excluded(
     values: Floats, slopes: Floats, radii: Floats, remainders: Floats
 ) -> Bools:
-    """Return which boxes are proven to contain no common zero of all equations, (n,).
+    """Return which boxes (n,) are proven to contain no common zero of all equations.
 
-    Weighted sums of the equations are tried. Let w be the weights of a sum, F(c) the
-    equations at the centre c of the box, and x - c the way from the centre to a point of
-    the box. The sum does not vanish in the box if
+    Such boxes contain no configuration. Weighted sums of the equations are tried. With the
+    weights w, the equations F, the centre c of the box and any point x in it, a sum is
+    never zero in the box if
 
         |w . F(c)|  >  largest |w . (F(x) - F(c))| in the box.
 
-    The equations then have no common zero in it.
+    Then the equations have no common zero in the box.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def are_excluded(
     radii
         (n, v) half widths of the boxes (rad).
     remainders
-        (n, k) bounds of the difference of the equations from their linear parts over the
-        boxes, errors included.
+        (n, k) bounds of the difference of the equations from their linear approximations
+        over the boxes, including errors.
     """
     weights = _choose_weights(slopes)
     rounding = _bound_rounding_of_sums(values, slopes, radii)
@@ -100,7 +100,7 @@ def are_excluded(
     sums_at_centre = np.abs(np.einsum("nwk,nk->nw", weights, values))
     linear_change = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
     other_change = np.einsum("nwk,nk->nw", np.abs(weights), remainders + rounding)
-    # ROUND_UP covers the rounding of this sum itself.
+    # Raise the bound by the rounding of this sum.
     largest_change = (linear_change + other_change) * ROUND_UP
     return np.any(sums_at_centre > largest_change, axis=1)
 
@@ -108,9 +108,10 @@ def are_excluded(
 def _choose_weights(slopes: Floats) -> Floats:
     """Return weights (n, v, k) of v weighted sums of k equations, for each of n boxes.
 
-    The weights are the pseudo-inverse F'^T (F' F'^T)^-1 of the slopes F' (k, v). In the sum
-    with the weights in row v, the slope by variable v dominates. Proofs are valid for any
-    weights, so their rounding errors do not matter.
+    A sum is useful if it depends mainly on one variable. So the weights are the
+    pseudo-inverse F'^T (F' F'^T)^-1 of the slopes F' (k, v): in sum number v the slope by
+    variable v dominates. Proofs are valid for any weights, so their rounding errors do not
+    matter.
 
     Parameters
     ----------
@@ -119,17 +120,17 @@ def _choose_weights(slopes: Floats) -> Floats:
     """
     equation_count = slopes.shape[1]
     transposed = slopes.swapaxes(1, 2)
-    # Added to the diagonal, so that the inverse is finite if slopes depend on each other.
+    # A small term on the diagonal makes the inverse finite if slopes depend on each other.
     regularisation = WEIGHT_REGULARISATION * np.eye(equation_count)
     return transposed @ np.linalg.inv(slopes @ transposed + regularisation)
 
 
 def _bound_rounding_of_sums(values: Floats, slopes: Floats, radii: Floats) -> Floats:
-    """Return what each equation adds to the rounding of a weighted sum, (n, k).
+    """Return bounds (n, k) of the rounding errors that equations bring to weighted sums.
 
-    The product of the result and the magnitude of the weight is the addition. It bounds the
-    rounding of the weighted value at the centre of a box, and of the weighted slopes times
-    the half widths of the box: a part (PRODUCT_ROUNDING) of their magnitudes.
+    The result, times the magnitude of the weight, bounds two rounding errors: of the
+    weighted value at the centre of a box, and of the weighted slopes times the half widths.
+    Both are at most `PRODUCT_ROUNDING` times their magnitudes.
 
     Parameters
     ----------
@@ -210,10 +211,13 @@ class VariableRanges:
 def halve_boxes(boxes: Integers, variables: Indices) -> Integers:
     """Return both halves of each box, cut across one variable per box.
 
+    A box is stored by how it was cut out of the ranges of all v variables.
+
     Parameters
     ----------
     boxes
-        (2, n, v) boxes, see `VariableRanges`.
+        (2, n, v) for each box and variable: how often the range was halved, and the number
+        of the part (`VariableRanges`).
     variables
         (n,) the variable across which each box is cut.
 
@@ -221,9 +225,7 @@ def halve_boxes(boxes: Integers, variables: Indices) -> Integers:
     -------
     (2, 2 n, v): the lower halves of all boxes, then the upper halves.
     """
-    # `levels` is the number of times that the range of each variable was halved, `parts`
-    # the number of the part. Part p is cut into the parts 2 p and 2 p + 1 of the next
-    # level.
+    # Part number p of a range is cut into the parts 2 p and 2 p + 1 of the next level.
     levels, parts = boxes
     is_cut = np.arange(levels.shape[1]) == variables[:, None]
     levels = levels + is_cut
@@ -237,33 +239,35 @@ def subdivide(
     activity: str,
     examine: Callable[[Integers, int], Integers],
 ) -> int:
-    """Examine boxes and the parts that remain of them until nothing remains.
+    """Examine boxes, and then the parts that `examine` returns, until nothing remains.
+
+    This is the loop of all proofs that divide space into boxes.
 
     Parameters
     ----------
     boxes
-        (2, n, v) boxes, see `VariableRanges`.
+        (2, n, v) n boxes in the space of v variables (`VariableRanges`).
     max_at_once
         Largest number of boxes that are examined in one call.
     activity
-        Words for the progress report.
+        Words that name the work in the progress report.
     examine
-        Examines boxes, mostly by recording a result, and returns those to be examined next,
-        such as the halves of undecided ones. The second argument is the number of boxes
-        examined so far, these included.
+        Function that examines boxes and returns those to be examined next, for example the
+        halves of undecided ones. It stores its results itself. Its second argument is the
+        number of boxes examined so far, including these.
 
     Returns
     -------
     The number of examined boxes.
     """
-    # Arrays of boxes. The last one is examined first, so that few boxes wait at a time.
+    # A list of arrays of boxes. The last array is taken first, so that few boxes wait.
     waiting = [boxes]
     examined_count = 0
     progress = ProgressReporter(activity)
     while waiting:
         batch, postponed = np.split(waiting.pop(), [max_at_once], axis=1)
         examined_count += batch.shape[1]
-        # A function, so that the text is built only if it is shown.
+        # The text is built by a function, only if it is shown.
         progress.report_if_due(lambda: f"{examined_count} boxes")  # noqa: B023
         remaining = examine(batch, examined_count)
         waiting += [part for part in (postponed, remaining) if part.shape[1]]

@@ -72,11 +72,13 @@ Larger: less accurate critical points. Smaller: steps that are only rounding are
 
 @dataclass(frozen=True)
 class SurfaceDerivatives:
-    """First derivatives of the variables z and of the number g by u and v, as balls.
+    """First derivatives of a surface of positions near a loss of rank, as balls.
 
-    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Near a loss of
-    rank of F', the equation F(z) = g l with given coordinates u and v defines z and the
-    number g: a surface of points z (`ReducedEquation`).
+    A ball is a number with a bound of its error.
+    F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Let l be the
+    direction in which no small change of z changes F where the derivatives F' lose a rank.
+    Then F(z) = g l, with given coordinates u and v of z, determines z and the number g. The
+    points z form a surface. It contains the configurations, at g = 0.
 
     Attributes
     ----------
@@ -85,9 +87,9 @@ class SurfaceDerivatives:
     gradient
         (2,) derivatives of g by u and v.
     correction
-        (n,) change of the variables by the step of Newton's method that takes a point z
-        beside the surface to the surface, with u and v constant. It removes the residual
-        F(z) - g l.
+        (n,) change of the variables by a step of Newton's method with constant u and v. It
+        leads from a point z beside the surface to the surface, and removes the error F(z) -
+        g l.
     level_correction
         Change of g by the same step.
     """
@@ -102,8 +104,9 @@ class SurfaceDerivatives:
 class SurfaceCurvatures:
     """Second derivatives of the variables z and of the number g by u and v, as balls.
 
-    F(z) = g l with given coordinates u and v defines the n variables z and the number g
-    (`ReducedEquation`).
+    Balls are numbers with a bound of their error. F(z) = 0 are the equations of a mechanism
+    in n variables z. Near a loss of rank of F', F(z) = g l with a constant vector l and
+    given coordinates u and v of z determines z and g (`ReducedEquation`).
 
     Attributes
     ----------
@@ -112,8 +115,8 @@ class SurfaceCurvatures:
     hessian
         (2, 2) second derivatives of g.
     gradient_correction
-        (2,) change of the gradient of g by the step of Newton's method whose changes of z
-        and g are `SurfaceDerivatives.correction` and `level_correction`, to first order.
+        (2,) change of the gradient of g by the step of Newton's method in
+        `SurfaceDerivatives.correction`, to first order.
     """
 
     variable_curvatures: Array
@@ -156,21 +159,22 @@ class ReducedEquation:
     def split_residual(self, position: Array) -> tuple[Ball, Array]:
         """Split the equations F at a position z: F(z) = g l + residual.
 
-        The residual has nearly no component along l. A change of z can therefore remove it,
-        which is not possible for g l (`ReducedEquation`).
+        l is the direction in which no small change of z changes F. A step of Newton's
+        method can remove the residual, which has nearly no component along l, but not g l.
 
         Parameters
         ----------
         position
-            (n,) values z of the variables, balls (rad).
+            (n,) values z of the variables (rad), in balls (numbers with a bound of their
+            error).
 
         Returns
         -------
         level
-            The number g, a ball of radius 0: the component of F along l, rounded.
+            The number g, the rounded component of F along l, as a ball of radius 0.
         residual
-            (k,) balls F(z) - g l. They contain the errors of F and the part of F along l
-            that was rounded off from g.
+            (k,) balls F(z) - g l. They contain the errors of F, and what was rounded off
+            from g.
         """
         (values,) = self.equations.evaluate(position, 0)
         left_null_vector = exact_balls(self.left_null_vector)
@@ -182,24 +186,25 @@ class ReducedEquation:
     def differentiate(
         self, positions: Array, residual: Array | None = None
     ) -> SurfaceDerivatives:
-        """Return the first derivatives of the variables z and of g by u and v.
+        """Return the first derivatives of the variables z and of the number g by u and v.
 
-        u and v are two coordinates of z, and F(z) = g l defines z and the number g
-        (`ReducedEquation`).
+        The equation F(z) = g l, with a constant vector l and given coordinates u and v of
+        z, determines z and g (`ReducedEquation`). The configurations of the mechanism are
+        at g = 0.
 
         Parameters
         ----------
         positions
-            (n,) values of z (rad), as balls: each is a number with a bound of its error.
-            The derivatives are those at all points of the balls.
+            (n,) values of z (rad), in balls (numbers with a bound of their error). The
+            derivatives are valid for all numbers in the balls.
         residual
-            (k,) balls: the residual F(z) - g l that a step of Newton's method is to remove.
-            By default it is 0, and so is the step.
+            (k,) balls: the error F(z) - g l that a step of Newton's method is to remove. By
+            default it is 0, and the step is 0.
 
         Raises
         ------
         ZeroDivisionError
-            If z and g may not be determined at some point of the balls.
+            If z and g may be undetermined for some numbers in the balls.
         """
         if residual is None:
             residual = exact_balls(np.zeros(len(self.left_null_vector)))
@@ -211,13 +216,14 @@ class ReducedEquation:
     ) -> tuple[SurfaceDerivatives, SurfaceCurvatures]:
         """Return the first and second derivatives of the variables z and of g by u and v.
 
-        Parameters and errors are those of `differentiate`.
+        The equation F(z) = g l, with given coordinates u and v of z, determines z and the
+        number g (`ReducedEquation`). Parameters and errors are those of `differentiate`.
         """
         _, slopes, curvatures = self.equations.evaluate(positions, 2)
         first = self._solve_first_order(slopes, residual)
         variable_rates = first[:-1]
         second = self._solve_second_order(slopes, curvatures, variable_rates)
-        # The last row belongs to g. On the other axes, index 0 is the direction of Newton's
+        # Row -1 belongs to g, the other rows to z. On the other axes, index 0 is Newton's
         # step, and 1 and 2 are u and v.
         surface_curvatures = SurfaceCurvatures(
             variable_curvatures=second[:-1, 1:, 1:],
@@ -229,7 +235,8 @@ class ReducedEquation:
     def _solve_first_order(self, slopes: Array, residual: Array) -> Array:
         """Return derivatives of (z, g) in three directions: Newton's step, u and v.
 
-        The derivatives (z', g') solve three sets of linear equations:
+        The equation F(z) = g l determines z and the number g; u = a . z and v = b . z are
+        given coordinates. The derivatives (z', g') solve three sets of linear equations:
 
             Newton's step:   F' z' - g' l = -residual,   a . z' = 0,   b . z' = 0,
             along u:         F' z' - g' l = 0,           a . z' = 1,   b . z' = 0,
@@ -238,13 +245,14 @@ class ReducedEquation:
         Parameters
         ----------
         slopes
-            (k, n) balls F'.
+            (k, n) derivatives F' of the equations, in balls (numbers with a bound of their
+            error).
         residual
-            (k,) balls: the residual F(z) - g l that the step removes.
+            (k,) balls: the error F(z) - g l that Newton's step removes.
 
         Returns
         -------
-        (n + 1, 3) balls. The last row belongs to g.
+        (n + 1, 3) balls. The last row belongs to g, the others to z.
         """
         equation_rows = np.block([-residual[:, None], np.zeros((len(slopes), 2))])
         coordinate_rows = np.block([np.zeros((2, 1)), np.eye(2)])
@@ -254,35 +262,38 @@ class ReducedEquation:
     def _solve_second_order(self, slopes: Array, curvatures: Array, rates: Array) -> Array:
         """Return second derivatives of (z, g) in three directions: Newton's step, u and v.
 
-        F(z) = g l, differentiated in two directions i and j, is
+        The equation F(z) = g l determines z and the number g; u = a . z and v = b . z are
+        given coordinates. Differentiated in two directions i and j it is
 
             F' z_ij - g_ij l = -F''(z_i, z_j),   a . z_ij = 0,   b . z_ij = 0.
 
-        In the direction of Newton's step the residual is added to g l. It changes linearly,
-        so that it has no second derivative.
+        In the direction of Newton's step, the error of the equation changes linearly, so it
+        has no second derivative.
 
         Parameters
         ----------
         slopes, curvatures
-            (k, n) balls F' and (k, n, n) balls F''.
+            (k, n) first derivatives F' and (k, n, n) second derivatives F'', in balls
+            (numbers with a bound of their error).
         rates
             (n, 3) balls: the first derivatives z_i.
 
         Returns
         -------
-        (n + 1, 3, 3) balls. The last entry of the first axis belongs to g.
+        (n + 1, 3, 3) balls. The last entry of the first axis belongs to g, the others to z.
         """
         equation_count, variable_count = slopes.shape
-        # (k, 3, 3) for each equation and pair of directions, as 9 columns.
+        # (k, 3, 3): equation and two directions, written as 9 right-hand sides.
         second_changes = rates.T @ curvatures @ rates
         right_sides = np.zeros((variable_count + 1, 9), object)
         right_sides[:equation_count] = -second_changes.reshape(equation_count, 9)
         return solve_balls(self._border(slopes), right_sides).reshape(-1, 3, 3)
 
     def _border(self, slopes: Array) -> Array:
-        """Return the bordered matrix (n + 1, n + 1) of the linear equations for (z', g').
+        """Return the matrix (n + 1, n + 1) of the linear equations for (z', g').
 
-        With F' as `slopes` (k, n), it is
+        The equations are F' z' - g' l = ..., a . z' = ..., b . z' = .... With F' as
+        `slopes` (k, n) the matrix is
 
             [F'  -l]
             [a^T  0]
@@ -300,16 +311,16 @@ class ReducedEquation:
     def find_critical_point(self, position: Array) -> Array:
         """Return the point near a position where both slopes of g(u, v) are 0.
 
-        The configurations of a mechanism are the zeros of g (`ReducedEquation`). If g is
-        also 0 at the critical point, curves of configurations cross in it.
+        The configurations of a mechanism are the zeros of a function g of two coordinates
+        (`ReducedEquation`). If g is 0 at this point, curves of configurations cross there.
 
-        Newton's method solves the equations F(z) = g l and grad g = 0 together. Proofs only
-        use boxes about the point, so they do not depend on its accuracy.
+        Newton's method solves F(z) = g l and grad g = 0 together. Later proofs are about
+        boxes around the point, so its error does not matter.
 
         Parameters
         ----------
         position
-            (n,) start, balls (rad).
+            (n,) start values of the variables (rad), in balls.
 
         Returns
         -------
@@ -320,6 +331,7 @@ class ReducedEquation:
         ZeroDivisionError
             If the iteration diverges, or a matrix is singular.
         """
+        # Steps below this size are only rounding.
         rounding_rad = 2.0 ** (CRITICAL_POINT_ROUNDING_BITS - precision_bits())
         for _ in range(MAX_CRITICAL_POINT_STEPS):
             step = self._step_to_critical_point(position)
@@ -334,19 +346,20 @@ class ReducedEquation:
     def _step_to_critical_point(self, position: Array) -> Array:
         """Return the Newton step of all variables towards F(z) = g l and grad g = 0.
 
-        The step has two parts, which are added:
+        g(u, v) is a function with the configurations as zeros (`ReducedEquation`). The step
+        has two parts, which are added:
 
         1. With u and v constant, z and g are corrected so that F(z) = g l.
-        2. u and v are changed so that grad g, corrected by part 1, becomes 0. z follows.
+        2. u and v are changed so that grad g, after part 1, becomes 0. z follows.
 
         Parameters
         ----------
         position
-            (n,) variables z, balls (rad).
+            (n,) variables z (rad), in balls (numbers with a bound of their error).
 
         Returns
         -------
-        (n,) balls of radius 0. A step needs no error bounds.
+        (n,) balls of radius 0, since a step needs no error bounds.
         """
         _, residual = self.split_residual(position)
         first, second = self.differentiate_twice(position, residual)
@@ -370,22 +383,24 @@ class ReducedEquation:
     ) -> tuple[Ball, Array]:
         """Return g(u, v) and its slopes at the u and v of an approximate position.
 
-        For given u and v the equation F(z) = g l defines z and the number g
-        (`ReducedEquation`). The position and the level solve it only approximately.
+        The equation F(z) = g l, with given coordinates u and v of z, determines z and the
+        number g (`ReducedEquation`). The position and the level satisfy it only
+        approximately; the result encloses the exact values.
 
         Parameters
         ----------
         position
-            (n,) the approximate variables z (rad), as balls: numbers with error bounds.
+            (n,) approximate variables z (rad), in balls (numbers with a bound of their
+            error).
         level
             The approximate g.
         derivatives
-            Derivatives over balls that contain the exact z. Their corrections contain what
-            has to be added to the position and to the level to obtain the exact z and g.
+            Derivatives that are valid in balls around the exact z. Their corrections lead
+            from position and level to the exact z and g.
 
         Returns
         -------
-        Balls that contain the exact value of g, and its exact derivatives (2,) by u and v.
+        Balls that contain the exact g, and its exact derivatives (2,) by u and v.
         """
         enclosed_position = position + derivatives.correction
         enclosed_level = level + derivatives.level_correction
@@ -396,19 +411,20 @@ class ReducedEquation:
 class SaddleReduction:
     """The reduced equation g(u, v) = 0 about a saddle point of g, with its curvatures.
 
-    u and v are along the principal curvatures of g, which is convex in u and concave in v.
+    The zeros of g are configurations of a mechanism; near the saddle point two curves of
+    them cross or narrowly miss each other. u and v are along the principal curvatures: g is
+    convex in u and concave in v.
 
     Attributes
     ----------
     reduced_equation
         The reduced equation. Its centre is the saddle point.
     units
-        (2,) lengths of u and v, the larger one 1. In these units the two curves of a
+        (2,) unit lengths of u and v; the larger is 1. In these units the two curves of a
         crossing are the diagonals of a square.
     other_curvatures
-        (n - 2, 2, 2) magnitudes of the second derivatives, by u and v, of the coordinates
-        along the other columns of the frame. They tell how far the curves leave the plane
-        of u and v.
+        (n - 2, 2, 2) magnitudes of the second derivatives, by u and v, of the other n - 2
+        coordinates. They say how far the curves leave the plane of u and v.
     """
 
     reduced_equation: ReducedEquation
@@ -495,11 +511,11 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> SaddleReducti
 def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     """Return a reduced equation about a position where F' nearly loses a rank.
 
-    The n - 1 equations F(z) = 0 of a mechanism have derivatives F' by the n variables z. If
-    F' loses one rank, it has the rank n - 2. The singular value decomposition of F' then
-    gives the directions of the reduction: the last left vector is the direction l in which
-    no small change of z changes F, and the last two right vectors span the kernel of F'.
-    They become the directions of the coordinates u and v.
+    F(z) = 0 are the n - 1 equations of a mechanism in n variables z, with derivatives F'.
+    Near a loss of rank, two curves of configurations can cross. The singular value
+    decomposition of F' gives the directions of the reduction. The last left vector is the
+    direction l in which no small change of z changes F. The last two right vectors span the
+    kernel of F', and become the coordinates u and v.
 
     Parameters
     ----------
@@ -511,8 +527,7 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     Raises
     ------
     ZeroDivisionError
-        If F' nearly loses more than one rank. Singular matrices raise the same error, so
-        that callers treat all failures alike.
+        If F' nearly loses more than one rank. Singular matrices raise the same error.
     """
     circle_points = cosines_and_sines(position[None])
     _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)

@@ -134,29 +134,32 @@ JOINT_LIMIT_SWITCH = -1
 def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]:
     """Return the times (s) between 0 and `until` at which tables of torques have kinks.
 
-    A table is piecewise linear in time, with kinks at its listed times. The kinks of a
-    periodic table repeat with its period.
+    Time steps must end there, since their series need smooth loads. A table is piecewise
+    linear in time, with kinks at its listed times, which can repeat periodically. Times are
+    balls: numbers of many digits with a bound of their error.
     """
     times: list[Ball] = []
     for table in (part.magnitude for part in parts):
         if isinstance(table, TorqueTable):
             table_times = exact_balls(table.times)
             period = table_times[-1] - table_times[0]
-            # As many periods in both senses as may reach into the time from 0 to `until`.
+            # Number of periods, forwards and backwards, that can reach times from 0 to
+            # `until`.
             farthest = until + np.max(np.abs(table.times))
             period_count = int(farthest / float(period)) + 1 if table.periodic else 0
             for number in range(-period_count, period_count + 1):
                 times.extend(exact_centres(table_times + number * period))
-    # By their float64 numbers, so that equal times are listed once.
+    # Times with equal float64 numbers are listed once.
     kinks = {float(t): t for t in times if 0.0 < float(t) < until}
     return sorted(kinks.values(), key=float)
 
 
 @dataclass(frozen=True)
 class MovingMechanism:
-    """A mechanism at n configurations, with rates per unit rate of the coordinate.
+    """A mechanism at n configurations, with rates at unit rate of the coordinate.
 
-    The coordinate is the pair variable by which the motion is described.
+    The coordinate is the pair variable that describes the motion; all others follow from
+    it.
 
     Attributes
     ----------
@@ -178,20 +181,21 @@ class MovingMechanism:
 
 @dataclass(frozen=True)
 class _CoordinateState:
-    """A mechanism at n configurations that are nearly closed.
+    """A mechanism at n nearly closed configurations, as needed for its equation of motion.
 
-    The coordinate is the pair variable by which the motion is described.
+    The coordinate c is the pair variable that describes the motion; all others follow from
+    it.
 
     Attributes
     ----------
     moving
-        Configurations, and rates per unit rate of the coordinate.
+        Configurations, and rates at unit rate of the coordinate.
     root_inertia
-        (n,) square root of the equivalent inertia B of this coordinate. Both equations of
-        motion divide by it: dc/dt = p / sqrt(B) and dp/dt = Q / sqrt(B), with the
-        coordinate c, the generalised force Q and p = sqrt(B) dc/dt.
+        (n,) square root of the equivalent inertia B of the coordinate. The equations of
+        motion contain it: dc/dt = p / sqrt(B) and dp/dt = Q / sqrt(B), with the generalised
+        force Q and p = sqrt(B) dc/dt.
     closing_step
-        (n, variables) Newton step (rad) that closes the loops with the coordinate held.
+        (n, variables) Newton step (rad) that closes the loops with a constant coordinate.
     """
 
     moving: MovingMechanism
@@ -203,10 +207,10 @@ class _CoordinateState:
 class _CoordinateSeries:
     """The motion of a mechanism during one time step, as two polynomials in time.
 
-    The mechanism has one degree of freedom. The first polynomial is the angle c of one pair
-    (the coordinate), which determines all other angles. The second one is p = sqrt(B) dc/dt
-    with the equivalent inertia B at this pair, so that p^2 / 2 is the kinetic energy. The
-    time x is counted from -1 at the start of the step to 1 at its end.
+    The mechanism has one degree of freedom. The first polynomial is the coordinate c: the
+    angle of one pair, from which all others follow. The second one is p = sqrt(B) dc/dt
+    with the equivalent inertia B, so that p^2 / 2 is the kinetic energy. The time x runs
+    from -1 at the start of the step to 1 at its end.
 
     Attributes
     ----------
@@ -218,27 +222,26 @@ class _CoordinateSeries:
 
     def evaluate(self, x: Array) -> Array:
         """Return c (rad) and p, (2, n), at times x (n,) from -1 to 1."""
-        # Each number has many digits and an error bound, which covers the rounding of this
-        # sum only. It is dropped, since it says nothing about missing terms of the series.
+        # The numbers have bounds of their rounding errors. These are dropped, since they do
+        # not contain the missing terms of the series.
         return exact_centres(_evaluate_series(self.coefficients, x).T)
 
 
 @dataclass(frozen=True)
 class _EndCondition:
-    """A quantity that is positive while a time step is valid. At its zero the step ends.
+    """A quantity that is positive while a time step is valid; the step ends at its zero.
 
-    One example is the angle between a joint and its limit. Another one is a sliding speed:
-    the step computes the friction with one sign of it, and the quantity is the speed times
-    this sign.
+    Example: the angle between a joint and its limit. Or a sliding speed: the friction is
+    computed with a fixed sign, and the quantity is the speed times this sign.
 
     Attributes
     ----------
     switch
-        Number of the function in a load, such as `sign` or `abs`, that depends on the sign.
+        Number of the function in a load, such as `sign` or `abs`, that has a fixed sign.
         `JOINT_LIMIT_SWITCH` for a joint limit.
     coefficients
-        (terms,) Legendre coefficients of the quantity as a function of time. The time is
-        counted from -1 at the start of the step to 1 at its end.
+        (terms,) Legendre coefficients of the quantity as a function of time, which runs
+        from -1 at the start of the step to 1 at its end.
     """
 
     switch: int
@@ -247,17 +250,17 @@ class _EndCondition:
 
 @dataclass(frozen=True)
 class _StepConvergence:
-    """How well the computation of a time step converged.
+    """How well the computation of a time step has converged.
 
-    The motion in the step is a truncated series in time, found by Picard's iteration. The
-    length of the next step is chosen by the two numbers.
+    The motion is a series in time with a limited number of terms, found by Picard's
+    iteration. Both numbers decide the length of the next step.
 
     Attributes
     ----------
     truncation_roundings
-        Estimated truncation error of the series, as a multiple of the rounding error.
+        Estimated error by the missing terms, as a multiple of the rounding error.
     picard_sweeps
-        Number of sweeps of the iteration.
+        Number of repetitions (sweeps) of the iteration.
     """
 
     truncation_roundings: float
@@ -268,23 +271,23 @@ class _StepConvergence:
 class _TimeStep:
     """The computed motion of a mechanism in one time step.
 
-    The motion is a series in time, which converges only if all loads are smooth. A load may
-    contain `sign`, `abs`, `min` or `max`, such as the sign of a speed in dry friction. Each
-    of these functions, a switch, has a fixed sign in the step: abs(u) is u or -u. The step
-    has to end where u changes its sign.
+    The motion is a series in time, which needs smooth loads. A load can contain `sign`,
+    `abs`, `min` or `max`, as in dry friction. Each of these functions, a switch, has a
+    fixed sign in the step: abs(u) is u or -u. So the step must end where u changes its
+    sign.
 
     Attributes
     ----------
     start, length
         Start and length in time (s).
     coordinate
-        Number of the variable whose motion is stored. It determines the other variables.
+        Number of the variable that is stored. All others follow from it.
     motion
-        The series of this variable and of its speed.
+        The series of this variable, and of its speed times the root of the inertia.
     switch_signs
         (switches,) +1 or -1, the fixed sign of each switch.
     end_conditions
-        Sign changes of the switches, and joint limits.
+        What ends the step: sign changes of switches, and joint limits.
     convergence
         How well the computation converged.
     """
@@ -300,22 +303,23 @@ class _TimeStep:
 
 @dataclass(frozen=True)
 class _SignChange:
-    """The first sign change of a condition in a step of the motion.
+    """The first sign change of a condition in a time step.
 
-    A condition is a function that is positive where the step may continue. It belongs to a
-    switch (a load with two cases, such as the two directions of dry friction) or to a joint
-    limit. If no condition changes its sign, an instance stands for the end of the step.
+    A condition is a function that is positive while the step is valid. It belongs to a
+    joint limit, or to a switch: a part of a load with two cases, such as the two directions
+    of dry friction. Without a sign change, an object of this class stands for the end of
+    the step.
 
     Attributes
     ----------
     x
-        Position in the step, from -1 at its start to 1 at its end, as a ball (a number with
-        a bound of its error).
+        Time in the step, from -1 at its start to 1 at its end, as a ball (a number with a
+        bound of its error).
     switch
         Number of the switch, -1 for a joint limit. None at the end of the step.
     is_at_start
-        Whether the condition is negative already at the first position that is examined
-        after the start.
+        Whether the condition is negative already at the first examined time after the
+        start.
     """
 
     x: Ball
@@ -325,11 +329,11 @@ class _SignChange:
     def reverts_at_once(self, last_switch: int | None) -> bool:
         """Return whether a switch changes back to the case that it has just left.
 
-        The motion can then continue in neither case. An example is dry friction in a
-        mechanism that comes to rest.
+        Then the motion cannot continue in either case, for example if dry friction stops
+        it.
 
-        `last_switch` is the switch that has changed its case at the end of the step before;
-        None if none has.
+        `last_switch` is the number of the switch that has changed at the end of the step
+        before; None if none has.
         """
         return self.is_at_start and self.switch == last_switch
 
@@ -443,10 +447,10 @@ class ExactSimulation:
             self._run(driven, q, dq)
 
     def at(self, t: Floats) -> Array:
-        """Return the variables and their first two derivatives by time.
+        """Return the variables and their first two derivatives by time, at n times.
 
-        The motion consists of steps in time; each time is evaluated in its step. Numbers
-        are balls (many digits with a bound of the error).
+        The motion consists of time steps, and each time is evaluated in its step. Numbers
+        are balls (many digits, with a bound of their error).
 
         Parameters
         ----------
@@ -455,7 +459,8 @@ class ExactSimulation:
 
         Returns
         -------
-        (3, n, variables) balls: variables (rad, whole turns included), rad/s, rad/s2.
+        (3, n, variables) balls: variables (rad, with whole turns), rates (rad/s),
+        accelerations (rad/s2).
         """
         t = np.asarray(t, dtype=float)
         with self.arithmetic.within():
@@ -471,11 +476,11 @@ class ExactSimulation:
         return states
 
     def _evaluate_step(self, step: _TimeStep, t: Array) -> list[Array]:
-        """Return the variables and their first two derivatives at times within a step.
+        """Return the variables and their first two derivatives at n times within a step.
 
-        The series of the step gives the coordinate c and p = sqrt(B) dc/dt, with the
-        equivalent inertia B; without loads p is constant. Closing the loops gives the other
-        variables.
+        The step stores two functions of time: the coordinate c (the variable that describes
+        the motion), and p = sqrt(B) dc/dt with the equivalent inertia B. Closing the loops
+        gives all other variables.
 
         Parameters
         ----------
@@ -488,13 +493,13 @@ class ExactSimulation:
         -------
         Three arrays (n, variables): rad, rad/s, rad/s2.
         """
-        # 1. The coordinate c and p, and all variables that close the loops. The position in
-        # the step is from -1 to 1.
+        # 1. The coordinate c and p at positions from -1 to 1 in the step, and all
+        #    variables.
         position = 2 * (t - step.start) / step.length - 1
         c, p = step.motion.evaluate(position)
         closure = self._close_loops(t, c, step.coordinate)
-        # Variables as power series in the coordinate: the coefficient of its square is half
-        # of the second derivative.
+        # Power series of all variables in the coordinate. The second coefficient is half of
+        # the second derivative.
         values, first, half_second = self._linkage.expand_motion(
             closure, step.coordinate, 2
         )
@@ -508,8 +513,8 @@ class ExactSimulation:
         B, dB = equivalent_inertia(self.mechanism, rotations, w, dw)
         speed = p / np.sqrt(B)
 
-        # 3. The generalised force Q of the loads. A load can be a table over time. A step
-        # is within one interval of each table, which the time in the middle chooses.
+        # 3. The generalised force Q of the loads. Tables over time are piecewise linear; a
+        #    time in the middle of the step selects the right piece.
         time_inside = float(step.start + step.length / 2)
         moving = MovingMechanism(values=values, rates=first, w=w, rotations=rotations)
         force, _ = self._generalised_force(moving, speed, t, step.switch_signs, time_inside)
@@ -621,10 +626,9 @@ class ExactSimulation:
     def _close_loops(self, t: Array, c: Array, coordinate: int) -> LoopClosure:
         """Return the closed configurations at given values of the coordinate.
 
-        The coordinate is the variable by which the motion is described. Newton's method
-        computes the others in many digits, beginning with the float64 solution. Numbers
-        have the type of balls (centres with a bound of the error), because it has as many
-        digits as needed. Bounds are not computed here, so the radii are 0.
+        The coordinate is the variable that describes the motion. Newton's method computes
+        the other variables in many digits, from the float64 solution. Numbers have the type
+        of balls (numbers with a bound of their error), but bounds are not computed here.
 
         Parameters
         ----------
@@ -638,11 +642,11 @@ class ExactSimulation:
         Raises
         ------
         EngineError
-            If a configuration is singular with this coordinate.
+            If a configuration is singular with the coordinate locked.
         """
         values = exact_balls(self._float_solution(centre_floats(t))[0])
         values[:, coordinate] = c
-        # The iteration ends at the rounding of the present number of digits.
+        # Newton's method stops at the rounding error of the present number of digits.
         closure = self._linkage.close_loops(
             values, held=[coordinate], eps=self.arithmetic.eps
         )
@@ -657,19 +661,20 @@ class ExactSimulation:
     def _evaluate_coordinate(self, values: Array, coordinate: int) -> _CoordinateState:
         """Return how a mechanism moves with its coordinate, at n configurations.
 
-        The coordinate is the variable by which the motion is described. All numbers are
-        balls, which are numbers with a bound of their error.
+        The coordinate is the variable that describes the motion. The result contains what
+        the equation of motion needs. All numbers are balls (numbers with a bound of their
+        error).
 
         Parameters
         ----------
         values
-            (n, variables) pair variables (rad), with which the loops are nearly closed.
+            (n, variables) pair variables (rad). The loops are nearly closed.
         coordinate
             Number of the variable that is the coordinate.
 
         Returns
         -------
-        The rates of all variables and links per unit rate of the coordinate, the root of
+        Rates of all variables and links at unit rate of the coordinate, the square root of
         the equivalent inertia, and the Newton steps that close the loops.
         """
         linkage = self._linkage
@@ -686,16 +691,17 @@ class ExactSimulation:
     def _inertia_of_coordinate(self, orientations: Array, w: Array) -> Array:
         """Return the equivalent inertia B (n,) of the coordinate c of the motion.
 
-        The kinetic energy is B (dc/dt)^2 / 2.
+        The coordinate is the variable that describes the motion. The kinetic energy is B
+        (dc/dt)^2 / 2.
 
         Parameters
         ----------
         orientations
             (n, links, 3, 3) rotations from link axes to ground axes.
         w
-            (n, links, 3) angular velocities per unit rate of the coordinate.
+            (n, links, 3) angular velocities at unit rate of the coordinate.
         """
-        # The derivatives of w are needed for the derivative of B only, which is not used.
+        # Only the derivative of B, which is not needed here, depends on that of w.
         unused_dw = exact_balls(np.zeros(w.shape))
         B, _derivative = equivalent_inertia(self.mechanism, orientations, w, dw=unused_dw)
         return B
@@ -901,23 +907,22 @@ class ExactSimulation:
     def _expand_conditions(
         self, conditions: Sequence[Array], sides: Floats, values: Array
     ) -> list[_EndCondition]:
-        """Return Legendre series that are positive as long as a step may continue.
+        """Return Legendre series that are positive as long as a time step is valid.
 
-        A load may contain switches: `abs`, `sign`, `min` or `max`. Each depends on the sign
-        of one term, its condition. A step is computed with the sign at its start, the side
-        of the switch, so it must end where the sign changes. The condition times its side
-        is positive until then. Each joint limit gives two series, the distances from both
-        ends of its range.
+        A load can contain switches: `abs`, `sign`, `min` or `max`. Each depends on the sign
+        of a term, its condition. The step is computed with a fixed sign, the side of the
+        switch, so it is valid while the condition times the side is positive. Each joint
+        limit gives two series: the distances from both ends of its range.
 
         Parameters
         ----------
         conditions
-            Values (nodes,) of each condition at the Gauss nodes of the step, or (1,) of a
-            condition that is constant.
+            For each condition its values (nodes,) at the Gauss nodes (times) of the step,
+            or (1,) if it is constant.
         sides
-            (switches,) the side of each switch, +1 or -1.
+            (switches,) the fixed sign of each condition, +1 or -1.
         values
-            (nodes, variables) pair variables (rad).
+            (nodes, variables) pair variables (rad) at these times.
 
         Returns
         -------
@@ -938,15 +943,15 @@ class ExactSimulation:
         ]
 
     def _find_sign_changes(self, step: _TimeStep) -> Iterator[_SignChange]:
-        """Yield the first sign change of each condition that has one in a step.
+        """Yield the first sign change of each condition that has one in a time step.
 
         A condition is a quantity that is positive while the step is valid: a joint limit is
-        not reached, or the sign on which a load depends has not changed. It is a Legendre
-        series over the time from -1 at the start of the step to 1 at its end. The interval
-        of time with the sign change is found in float64, and the time in all digits.
+        not reached, or a sign in a load is right. It is a Legendre series in time, from -1
+        at the start of the step to 1 at its end. The sign change is first found between
+        samples in float64, then computed in all digits.
         """
-        # The start of the step is not examined: a condition that has just changed its sign
-        # is zero there, up to rounding.
+        # The start is not examined, because a condition that has just changed is nearly 0
+        # there.
         interval_starts = self._samples[:-1]
         interval_ends = self._samples[1:]
         for end_condition in step.end_conditions:
@@ -969,19 +974,19 @@ class ExactSimulation:
     def _bisect(self, coefficients: Array, low: Ball, high: Ball) -> Ball:
         """Return where a Legendre series becomes negative between two positions.
 
-        The method is bisection. The series is negative at the result, which is the upper
-        end of the last interval.
+        The method is bisection. The result is the upper end of the last interval, so the
+        series is negative there.
 
         Parameters
         ----------
         coefficients
             (terms,) coefficients of the series. All numbers are balls (numbers with a bound
-            of their error), of which only the numbers are used.
+            of their error); the bounds are not used.
         low, high
             Positions from -1 to 1. The series is negative at the higher one.
         """
-        # Each halving gains one bit, and a decimal digit takes 3.4 of them. Eight more are
-        # for safety.
+        # Each halving gains one bit, and a decimal digit has 3.4 bits. Eight more are for
+        # safety.
         for _ in range(int(3.4 * self.arithmetic.digits) + 8):
             middle = (low + high).mid() / 2
             if _evaluate_series(coefficients, np.array([middle]))[0].mid() < 0:
@@ -994,30 +999,30 @@ class ExactSimulation:
 def _apply_non_smooth_function(
     name: str, arguments: Sequence[Any], take_side: Callable[[Array], Any]
 ) -> Any:
-    """Return the value of `abs`, `sign`, `min` or `max` with a fixed sign of its condition.
+    """Return `abs`, `sign`, `min` or `max` with a fixed sign of the condition.
 
-    The condition is the argument of `abs` and `sign`, and the difference of two arguments
-    of `min` and `max`. With a fixed sign the functions are smooth, so that the motion is a
-    power series within a step.
+    The condition is the argument of `abs` and `sign`, or the difference of two arguments of
+    `min` and `max`. With a fixed sign these functions are smooth. The motion, which is
+    computed as a power series, requires this.
 
     Parameters
     ----------
     name
         Name of the function.
     arguments
-        Its arguments, balls (numbers with a bound of the error), one or (n,) each.
+        The arguments in balls (numbers with a bound of their error), one or (n,) each.
     take_side
-        Returns the fixed sign, +1 or -1, of the next condition. It is called with the
-        values of the condition, in the order in which conditions are evaluated.
+        Function that returns the fixed sign, +1 or -1, of the next condition. It takes the
+        values of the condition, and is called in the order in which they are evaluated.
     """
     first = arguments[0]
     if name == "sign":
-        # The power 0 gives ones of the type of the argument, a number or balls.
+        # The power 0 gives 1 in the type of the argument, one number or (n,).
         return take_side(first) * first**0
     if name == "abs":
         return take_side(first) * first
-    # The maximum of a and b is (a + b + side * (a - b)) / 2, with the sign `side` of a - b.
-    # The minimum has the other sign. Further arguments are compared one after another.
+    # max(a, b) = (a + b + side * (a - b)) / 2, where `side` is the sign of a - b; min(a, b)
+    # has the other sign. Further arguments are compared one by one.
     sense = 1 if name == "max" else -1
     extreme = first
     for argument in arguments[1:]:
@@ -1030,21 +1035,22 @@ def _apply_non_smooth_function(
 def _apply_smooth_function(name: str, arguments: Sequence[Any]) -> Any:
     """Return the value of a smooth function or operation, NaN outside its domain.
 
-    Functions such as `sin` are methods of balls. Operations such as `+` act on arrays.
+    Arguments are balls (numbers with a bound of their error). Functions such as `sin` are
+    methods of balls; operations such as `+` act on whole arrays.
 
     Parameters
     ----------
     name
         Name of the function or operation.
     arguments
-        Its arguments, balls (numbers with a bound of the error), one or (n,) each.
+        Its arguments in balls, one or (n,) each.
     """
     is_method_of_balls = hasattr(exact_ball(0.0), name)
     if not is_method_of_balls:
         return ARRAY_OPERATIONS[name](*arguments)
 
     def call_method(ball: Ball, *others: Ball) -> Ball:
-        """Return the value for one ball, or one of each argument."""
+        """Return the value for single balls, one of each argument."""
         return getattr(ball, name)(*others)
 
     # `frompyfunc` calls the method for each element of the arrays.
@@ -1056,25 +1062,25 @@ def _solve_free_variables(
 ) -> tuple[Array, Array]:
     """Return how all variables follow the coordinate, and the Newton steps to closed loops.
 
-    One variable is the coordinate c, the others are free. The columns of the Jacobian of
-    the closure equations are divided into J of the free variables and J_c of c. Closed
-    loops stay closed with the rates that solve J (rates) + J_c = 0. The Newton step with c
-    held solves J (step) + residuals = 0. If equations are redundant, J has more rows than
-    columns, and a left inverse of J is used.
+    The coordinate c is the variable that describes the motion; the others are free. The
+    Jacobian of the closure equations has the parts J, of the free variables, and J_c, of c.
+    At unit rate of c the loops stay closed if J (rates) + J_c = 0. At constant c, the
+    Newton step solves J (step) + residuals = 0. With redundant equations J has more rows
+    than columns, so its left inverse is used.
 
     Parameters
     ----------
     jacobian
-        (n, equations, variables) Jacobian.
+        (n, equations, variables) derivatives of the closure equations.
     residuals
-        (n, equations) residuals of the closure equations (rad).
+        (n, equations) errors of the closure equations (rad).
     coordinate
         Number of the coordinate among the variables.
 
     Returns
     -------
     rates
-        (n, variables) rates per unit rate of the coordinate, whose own rate is 1.
+        (n, variables) rates at unit rate of the coordinate.
     closing_step
         (n, variables) Newton steps (rad), 0 for the coordinate.
     """
