@@ -178,7 +178,9 @@ class DyadsWithClosingLink:
         return WorkingMode(self.chain, signs, posed_rotation=output_orientation)
 
     def orient_output(self, directions: Floats, turns: Floats) -> Floats:
-        """Return the axes of the output link in the base, from its direction and turn.
+        """Return the orientation of the output link, from its direction and turn.
+
+        The output link points in a direction. The turn is its angle about this direction.
 
         Parameters
         ----------
@@ -189,8 +191,8 @@ class DyadsWithClosingLink:
 
         Returns
         -------
-        (3, 3, n). Index 0 is the axis of the output link, index 1 its component in the
-        axes of the base.
+        (3, 3, n) axes of the output link. Index 0 is the axis of the output link, index 1
+        its component in the axes of the base.
         """
         # The pointer frame is fixed in the link. Its z axis is the direction.
         frame_x, frame_y = _turned_axes(directions, turns)  # (3, n), in the base

@@ -405,10 +405,12 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
     angles of the entry pairs from the pose of the output. The wheels give the inputs from
     these angles. There are four conditions:
 
-    1. All pairs are R pairs or contacts of wheels. 2. There are as many entry pairs as
-    inputs, and their angles are independent linear functions of the inputs. 3. No pair that
-    was removed with the wheels has joint limits. 4. If the output is held in a pose, the
-    mechanism without the wheels consists of dyads (two links and three R pairs).
+    1. All pairs are R pairs or contacts of wheels.
+    2. There are as many entry pairs as inputs, and their angles are independent linear
+       functions of the inputs.
+    3. No pair that was removed with the wheels has joint limits.
+    4. If the output is held in a pose, the mechanism without the wheels consists of dyads
+       (two links and three R pairs).
     """
     driven = list(driven_pairs(mechanism))
     r_pairs = {mechanism.pair_number[name] for name in mechanism.angles}

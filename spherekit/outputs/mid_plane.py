@@ -124,7 +124,8 @@ class MidPlane:
     def elbows(self, normals: Floats, modes: ArrayLike) -> tuple[Floats, Floats]:
         """Return the elbows of all legs, the axes in which their two links meet.
 
-        All elbows lie in the mid-plane, in which base and end effector mirror each other.
+        A leg leads from the base to the end effector. Base and end effector mirror each
+        other in the mid-plane, in which all elbows lie.
 
         Parameters
         ----------

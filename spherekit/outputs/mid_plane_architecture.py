@@ -275,14 +275,16 @@ class MidPlaneArchitecture:
     ) -> tuple[Floats, Floats]:
         """Return the normals of mid-planes and their derivatives.
 
-        The direction p of the output is the mirror image of the constant direction m
-        (`home`). The normal is therefore n = (p - m) / L with the distance L of both. Since
-        L' = p' . n, its derivative is n' = (p' - L' n) / L.
+        Base and output link mirror each other in the mid-plane. The direction p of the
+        output is the mirror image of the constant direction m of the base (`home`). The
+        normal is therefore n = (p - m) / L with the distance L of both. Since L' = p' . n,
+        its derivative is n' = (p' - L' n) / L.
 
         Parameters
         ----------
         directions
-            (n, 3) directions p of the output, in mirror axes.
+            (n, 3) directions p of the output, in mirror axes (axes of the base that are
+            turned by the constant matrix `frame`).
         direction_rates
             (n, k, 3) derivatives p' by k variables.
 

@@ -318,18 +318,20 @@ class ClosedKinematics(OutputKinematics, ABC):
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
-        """Return a row for each pose and working mode, also for poses out of reach.
+        """Return the inputs of poses in some working modes, also for poses out of reach.
 
-        A working mode is a choice of one of two positions for each leg. Rows also have the
-        margin (rad) to the nearest limit, the number of this limit in `bounds`, and
-        measures that are 0 at singularities of type I and II; see `InverseRows`.
+        A working mode is a choice of one of two positions for each leg. The result has a
+        row for each pose and mode. Its margin is the angle (rad) to the nearest limit,
+        negative beyond it. Its measures are 0 at singularities: of type I if an input can
+        move while the output rests, of type II if the output can move although the inputs
+        are locked.
 
         Parameters
         ----------
         poses
-            (n, 3) directions or (n, 3, 3) rotations, see `points`.
+            (n, 3) directions if `points` is true, otherwise (n, 3, 3) rotations.
         modes
-            Labels of the modes.
+            Labels of the modes, such as ``+-``.
         pairs
             Numbers of the pairs whose variables are returned.
         """

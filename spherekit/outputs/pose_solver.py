@@ -35,11 +35,12 @@ def output_kinematics(
     The methods are tried in this order:
 
     1. If the mechanism consists of dyads (groups of two links and three R pairs), a closed
-    form gives all configurations at a pose. 2. Two special architectures have a closed
-    form, too: dyads that wheels drive, and mechanisms in which base and output link are
-    mirror images of each other. The latter gives only configurations with this symmetry.
-    The option `graph` skips both. 3. Otherwise the output is held in each pose, and the
-    position solver places all links group by group.
+       form gives all configurations at a pose.
+    2. Two special architectures have a closed form, too: dyads that wheels drive, and
+       mechanisms in which base and output link are mirror images of each other. The latter
+       gives only configurations with this symmetry. The option `graph` skips both.
+    3. Otherwise the output is held in each pose, and the position solver places all links
+       group by group.
 
     Unless there are two or three inputs, only the poses at inputs can be computed.
 

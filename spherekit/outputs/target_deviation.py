@@ -558,7 +558,8 @@ class TargetDeviation:
         loops and G of the output link, the first and second derivatives of the variables by
         theta, x' and x'', have to satisfy
 
-            J x' = 0,           G x' = axis, J x'' = -J' x',     G x'' = -G' x'.
+            J x' = 0,           G x' = axis,
+            J x'' = -J' x',     G x'' = -G' x'.
 
         They are solved by least squares. The misfit, the difference between both sides of
         these equations, shows whether the link can follow the target. `follows` is true if

@@ -142,6 +142,10 @@ def _combine_equivalent_lengths(
 ) -> Floats:
     """Return combinations of rolled lengths that differ by whole revolutions of wheels.
 
+    A rolled length is the arc (rad) that one wheel has rolled on another. Wheels look the
+    same after a whole revolution, so the lengths of an assembly are known only up to such
+    revolutions.
+
     Parameters
     ----------
     held_solver

@@ -726,8 +726,9 @@ class WorkingMode:
         The scalar product of this equation with the vector product of two axes leaves only
         the rate of the third pair (Cramer's rule). With the triple product t = b . (a x c),
 
-            (b x c) . (w_far - w_near) = -t A, (c x a) . (w_far - w_near) = -t B, (b x a) .
-            (w_far - w_near) = -t C.
+            (b x c) . (w_far - w_near) = -t A,
+            (c x a) . (w_far - w_near) = -t B,
+            (b x a) . (w_far - w_near) = -t C.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]

@@ -199,9 +199,10 @@ def group_by_circle(
 ) -> list[tuple[int, ...]]:
     """Group third bodies k that give the same great circle through P_ik and P_jk.
 
-    P_ij is the pole of the bodies i and j, the axis of their relative rotation. Third
-    bodies that turn about one axis with body i have the same pole P_ik, so their great
-    circles are the same. The same holds for body j.
+    The pole P_ij is the axis of the relative rotation of the bodies i and j. It lies on
+    this great circle for every third body k. Two different circles determine it, so equal
+    circles must count once. Third bodies that turn about one axis with body i have the same
+    pole P_ik, and so the same circle. The same is true for body j.
 
     Parameters
     ----------
@@ -216,7 +217,8 @@ def group_by_circle(
     -------
     For each different great circle the third bodies that give it, rising.
     """
-    # Couples of third bodies, by their positions in `bodies`, that give the same circle.
+    # Pairs of neighbouring third bodies with the same circle, by their positions in
+    # `bodies`. Connected components of these pairs are the groups.
     bodies = sorted(third_bodies)
     equal_couples: list[tuple[int, int]] = []
     for coaxial_bodies, _ in coaxial:

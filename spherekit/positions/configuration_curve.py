@@ -337,18 +337,13 @@ class ArcCurve(Chords):
 
         The first of these cases that applies gives the result:
 
-        1. The period is known for the whole mechanism: it is the result. 2. The curve is
-        closed, so that configurations return after one lap, and the variable grows in a
-        lap: the result is this growth. 3. The curve is closed, the variable only swings,
-        and no wheels roll: the result is one revolution. An angle and the same angle plus 2
-        pi are one position. 4. Otherwise the configurations never return, and the result is
-        infinite. For example, wheels can be in another position after one revolution of the
-        variable.
-
-        Parameters
-        ----------
-        variable
-            Number of the variable.
+        1. The period is known for the whole mechanism: it is the result.
+        2. The curve is closed, so that configurations return after one lap, and the
+           variable grows in a lap: the result is this growth.
+        3. The curve is closed, the variable only swings, and no wheels roll: the result is
+           one revolution. An angle and the same angle plus 2 pi are one position.
+        4. Otherwise the configurations never return, and the result is infinite. For
+           example, wheels can be in another position after one revolution of the variable.
         period
             The period (rad) of the whole mechanism if it is known. Otherwise infinite if
             wheels roll in proportion to the variable, and NaN if no wheels roll.

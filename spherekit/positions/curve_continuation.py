@@ -210,12 +210,11 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     n curves. None for a configuration that does not close, does not move, is beyond a limit
     or is singular.
     """
-    # Without `stops`, curves end only at limits of the mechanism itself. These are the ends
-    # of open profiles, and equal curvatures of two profiles in contact, which do not
-    # determine their motion.
+    # Without `stops`, curves end only at the ends of open profiles and at equal curvatures
+    # of two profiles in contact, which do not determine their motion.
     limits = CurveLimits.of_mechanism(closure, stops={})
-    # A node is a point of a curve with its tangent. These are the first nodes, by number of
-    # the configuration; those with an error are left out.
+    # The first node (point with its tangent) of each curve, by number of the configuration.
+    # Configurations with an error are left out.
     start_nodes: dict[int, _ArcNodes] = {}
     for row, values in enumerate(starts):
         with suppress(SolveError):

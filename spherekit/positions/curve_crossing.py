@@ -417,13 +417,17 @@ class _ZeroSearch:
 def _find_common_zeros(forms: Floats) -> Floats | None:
     """Return the unit vectors y (n, k) at which k - 1 quadratic forms y . B y vanish.
 
-    Newton's method starts from vectors spread over the sphere. A vector and its opposite
-    count as the same zero. The result is None if two zeros coincide, or nearly.
+    They are the directions of the curves at a crossing. Newton's method starts from vectors
+    spread over the sphere. A vector and its opposite count as the same zero.
 
     Parameters
     ----------
     forms
         (k - 1, k, k) the symmetric matrices B.
+
+    Returns
+    -------
+    The unit vectors. None if two zeros coincide, or nearly.
     """
     search = _search_zeros(forms, _spread_unit_vectors(forms.shape[1]))
     has_converged = search.residuals < DIRECTION_TOLERANCE

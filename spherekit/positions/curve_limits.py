@@ -24,9 +24,9 @@ class VariableBound(NamedTuple):
     value
         The bound (rad).
     sense
-        1 if the variable must be greater, -1 if it must be less.
+        1 if the variable must be greater than the bound, -1 if it must be less.
     status
-        Status of configurations beyond the bound.
+        Status of configurations beyond the bound. It says why they are left out.
     """
 
     variable: int

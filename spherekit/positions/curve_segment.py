@@ -237,11 +237,11 @@ def correct(
 
 
 def bordered_step(linearisation: Linearisation, borders: Floats, misses: Floats) -> Floats:
-    """Return Newton's steps (n, variables) for the closure and a linear equation.
+    """Return Newton's steps (n, variables) for the loop closure and one linear equation.
 
     The linear equation, border . values = target, selects a point of the curve of closed
-    configurations. With the closure Jacobian J and the residual F, the step d satisfies
-    J d = -F and border . d = miss.
+    configurations. With the closure Jacobian J and the residual F, the step d satisfies J d
+    = -F and border . d = miss.
 
     Parameters
     ----------
@@ -250,7 +250,7 @@ def bordered_step(linearisation: Linearisation, borders: Floats, misses: Floats)
     borders
         (n, variables) coefficients of the linear equation.
     misses
-        (n,) by how much border . values has to grow.
+        (n,) target less border . values at the current configurations.
     """
     # The last column of the inverse belongs to the linear equation.
     inverse = left_inverse(bordered(linearisation.jacobian, borders))

@@ -133,14 +133,15 @@ class _LinkAxes:
 
 
 def _read_link_axes(sizes: LinkSizes, link_table: Mapping[str, Any]) -> _LinkAxes:
-    """Return the pair axes of a link, from its arcs and angles.
+    """Return the pair axes of a link, in quad precision and in float64.
 
     Parameters
     ----------
     sizes
         The arcs and angles (rad) in float64.
     link_table
-        The table of the link in the file, with the same arcs and angles in degrees.
+        The table of the link in the mechanism file, with the same arcs and angles in
+        degrees as decimal numbers. These are exact.
     """
     exact_sizes = LinkSizes(
         sizes.axes,

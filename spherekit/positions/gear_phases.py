@@ -54,10 +54,10 @@ recognised.
 
 
 class GearPhases(NamedTuple):
-    """The rolled lengths that follow from the inputs by gear ratios.
+    """The lengths that wheels have rolled on each other, as linear functions of the inputs.
 
-    A rolled length is how far two wheels have rolled on each other, as an arc length. It
-    tells the phase of the wheels, also after many revolutions.
+    A rolled length is the arc length by which two wheels have rolled on each other. It
+    tells the position of the wheels, also after many revolutions.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class GearPhases(NamedTuple):
     anchor_inputs
         (inputs,) values of the inputs (rad) at which the lengths are `lengths`.
     lengths
-        (m,) rolled lengths (rad) at the anchor.
+        (m,) rolled lengths (rad) at these inputs, the anchor.
     ratios
         (m, inputs) derivatives of the rolled lengths by the inputs.
     periods
@@ -74,8 +74,8 @@ class GearPhases(NamedTuple):
         the gear ratios show it.
 
         - Finite: all wheels are in their first positions again.
-        - Infinite: some wheels never are, or they may be out of position, because only some
-          of the rolled lengths follow from the inputs.
+        - Infinite: some wheels never are, or this is not known, because only some of the
+          rolled lengths follow from the inputs.
         - NaN: no rolled length follows from the inputs, so that there are no gear ratios.
     all_known
         Whether the rolled lengths of all contacts follow from the inputs.

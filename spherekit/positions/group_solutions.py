@@ -170,7 +170,7 @@ def find_distinct_by_elimination(
     problem = result.problem
     if np.any(result.is_real & ~is_confirmed):
         problem = problem or "a real root led to no closed configuration"
-    # Every closed configuration is real, also one that is not next to its root.
+    # All closed configurations are real, even those that are not next to their root.
     distinct.add(closed.values[is_closed])
     return distinct, problem
 

@@ -48,16 +48,15 @@ class InputGrid:
         return float(np.min(self.q)), float(np.max(self.q))
 
     def neighbours(self) -> Indices:
-        """Return the neighbours of each sample along each axis.
+        """Return the neighbouring samples of each sample along each axis of the grid.
 
         Returns
         -------
-        (2 axes, n) indices of samples. Row 2 a is the next sample along axis a, and row
-        2 a + 1 the previous one. At a border of the grid the index is -1.
+        (2 axes, n) indices of samples. Row 2 a is the next sample along axis a, and row 2 a
+        + 1 the previous one. At a border of the grid the index is -1.
         """
-        # The numbers of the samples in the shape of the grid, with a border of -1 around
-        # them. If this array is shifted by one along an axis, each sample is replaced by
-        # its neighbour. The border is removed after the shift.
+        # Numbers of the samples in the shape of the grid, with a border of -1. Shifted by
+        # one along an axis, this array has the neighbour of each sample.
         padded = np.pad(np.arange(len(self)).reshape(self.shape), 1, constant_values=-1)
         interior = (slice(1, -1),) * len(self.shape)
         rows = []

@@ -94,10 +94,10 @@ def check_inputs(case: ConformanceCase) -> str:
 
 
 def check_tables(case: ConformanceCase) -> str:
-    """Check that tables have the columns, types and rows that were declared.
+    """Check that tables have the columns, types and rows that the analysis declared.
 
-    A table with rows of samples needs equally many rows, at least one, for each sample of
-    each assembly mode.
+    A sample is one choice of the inputs. A table whose rows belong to samples needs equally
+    many rows, at least one, for each sample of each assembly mode.
 
     Returns
     -------

@@ -25,7 +25,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Report:
-    """The report of a conformance check: one line for each check, in their order.
+    """The result of checking an analysis (plugin): one line for each check, in their order.
 
     Attributes
     ----------

@@ -62,9 +62,9 @@ class ConformanceSuite:
         self._refusals: list[str] = []  # mechanisms that the analysis refuses, and why
 
     def report(self) -> Report:
-        """Make all checks and return the report.
+        """Perform all checks of the analysis (plugin) and return the report.
 
-        After a required check has failed, the checks after it are not made.
+        After a required check has failed, the checks after it are marked as not checked.
         """
         # Each check returns a note, or raises an error if the analysis fails it.
         checks: dict[str, Callable[[], str]] = {

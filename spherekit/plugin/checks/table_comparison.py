@@ -140,6 +140,8 @@ def _first_different_row(
     if column.kind == "number":
         scale = max(1.0, max_abs(expected[np.isfinite(expected)]))
         if column.unit == "rad":
+            # Angles that differ by whole turns are equal: move the compared angle to the
+            # turn of the expected one.
             with np.errstate(invalid="ignore"):
                 difference = wrap(compared - expected)
             is_finite = np.isfinite(difference)
