@@ -26,7 +26,8 @@ def chart_axes(mechanism: Mechanism, chart: ChartAxis = "yes") -> tuple[int, int
 
     The chart projects the sphere from its centre onto the plane that touches it at axis x.
     By default, x is the ground axis nearest to the middle of the pair axes on the ground,
-    so that these are well visible. The axes y and z follow cyclically, so the system is
+    so that these are near the middle of the chart. The axes y and z follow cyclically, so
+    the system is
     right-handed.
     """
     if chart in ("x", "y", "z"):

@@ -421,8 +421,7 @@ class Poles(AbstractAnalysis):
         if len(good_rows) and is_first_block and draws_construction:
             modes = batch.assembly_mode[good_rows]
             rows_of_first_mode = good_rows[modes == modes[0]]
-            # Any row of the first mode is suitable. A row at one third is not an extreme
-            # position.
+            # Any row of the first mode is suitable. This one is a third of the way along.
             row = rows_of_first_mode[len(rows_of_first_mode) // 3]
             pages.append(draw_construction(batch, int(row), self.chart))
         return tuple(pages)

@@ -56,26 +56,26 @@ quantity, the derivatives by as many sizes are drawn at most."""
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Deviations of c quantities that random deviations of sizes cause.
+    """How much c quantities deviate if sizes of the mechanism deviate at random.
 
-    Each row (index n) is one configuration: a sample of the inputs in one assembly mode.
-    Sizes deviate independently, with a normal or a uniform distribution. The deviations of
-    the quantities are computed in two ways: to first order from derivatives, and from
-    draws, which are mechanisms with random sizes.
+    There are n rows; each row is one configuration: a sample of the inputs in one assembly
+    mode (way to assemble the links). Sizes deviate independently, with a normal or a
+    uniform distribution. The results are computed in two ways: to first order from
+    derivatives, and from draws, which are mechanisms with random sizes.
 
     Attributes
     ----------
     spread, worst
-        (c, n) standard deviation and worst case, to first order. In the worst case every
-        size deviates by three standard deviations (normal distribution) or by its largest
-        deviation (uniform distribution), and all effects add up.
+        (c, n) standard deviation and worst case, to first order. In the worst case all
+        effects add up. Every size then deviates by three standard deviations (normal
+        distribution) or by its largest deviation (uniform distribution).
     drawn_spread, drawn_worst
         (c, n) standard deviation and largest deviation of the draws.
     lost
         (c, n) part of the draws that cannot be assembled.
     matters_most
-        (c, n) key of the size that causes the largest part of the variance. Sizes that
-        cause equal parts are all listed, joined by plus signs.
+        (c, n) key of the size that causes the largest part of the variance. If several
+        sizes cause equal parts, their keys are joined by plus signs.
     share
         (c, n) part of the variance that one of these sizes causes, from 0 to 1.
     """
@@ -91,9 +91,9 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """Quantities of a batch with their derivatives and deviations.
+    """Values of c quantities in n rows, with their derivatives and deviations.
 
-    There are c quantities in n rows.
+    A row is one configuration of the mechanism. The quantities depend on its sizes.
 
     Attributes
     ----------
@@ -269,12 +269,10 @@ class SensitivityAnalysis(AbstractAnalysis):
     draws: int = 64
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Declare that the analysis reads configurations, and check its parameters.
+        """Check the parameters, and return what this analysis reads of a run.
 
-        Times and rates are read if a quantity depends on them. With one input they are
-        always read, because all samples have them. Samples of several inputs may have none.
-        The variables of pairs on which loads such as springs depend are read with whole
-        revolutions.
+        It reads the configurations. It also reads times and rates if a quantity depends on
+        them. With one input they are always read, because all samples have them.
 
         Raises
         ------
@@ -288,10 +286,10 @@ class SensitivityAnalysis(AbstractAnalysis):
             # This gives access to the configurations.
             tracer=True,
             time=len(mechanism.inputs) == 1 or sensitivity.timed,
-            # Pairs whose variables are read with whole revolutions (`continued_values`),
-            # because loads such as springs depend on them.
+            # Pairs on which loads such as springs depend. A spring counts whole
+            # revolutions.
             continued_values=frozenset(sensitivity.wound),
-            # Links on which the quantities depend. The run leaves out others.
+            # Links on which the quantities depend. The run does not compute others.
             links=sensitivity.links,
         )
 
@@ -307,15 +305,16 @@ class SensitivityAnalysis(AbstractAnalysis):
         return SizeDeviations(deviations, self.distribution, self.draws)
 
     def _deviation_of_key(self, sensitivity: Sensitivity) -> dict[str, float]:
-        """Return the deviations of single numbers of the file by their keys.
+        """Read the parameter `deviations`: deviations of single numbers of the file.
 
-        They are read from the parameter `deviations`, such as ``links.3.arc:0.02deg``,
-        joined by plus signs. Deviations of angles are returned in degrees.
+        An example is ``links.3.arc:0.02deg``, a key and a deviation. Several of them are
+        joined by plus signs. The result has the deviations by key, those of angles in
+        degrees.
 
         Raises
         ------
         AnalysisError
-            If the parameter `deviations` is not valid.
+            If the parameter is not valid.
         """
         deviation_of_key: dict[str, float] = {}
         for key, text in self._deviation_texts():
@@ -346,8 +345,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return derivatives and tolerances of the rows of a batch.
 
         The table `sensitivity` has a row for each row of the batch, quantity and size. It
-        lists the derivatives of the quantity by the size. The size is given by its key in
-        the mechanism file.
+        lists the derivatives of the quantity by the size. A size is named by its key in the
+        mechanism file.
 
         The table `tolerances` has a row for each row of the batch and quantity. It lists
         how much the quantity deviates if the sizes deviate:
@@ -365,8 +364,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         status = batch.status.copy()
         has_no_derivative = ~np.all(np.isfinite(result.gradients), axis=(0, 1))
         status[(status == Status.OK) & has_no_derivative] = Status.ILL_CONDITIONED
-        # Arrays are (quantities, n) or (sizes, quantities, n). In the first table the size
-        # changes fastest, then the quantity, then the row of the batch.
+        # Arrays (quantities, n) or (sizes, quantities, n) become columns. In the first
+        # table the size changes fastest, then the quantity, then the row of the batch.
         quantity_of_rows = [name for name in quantities for _ in keys]
         return {
             "sensitivity": {
@@ -394,17 +393,17 @@ class SensitivityAnalysis(AbstractAnalysis):
         return batch.once("sensitivity", lambda: self._compute_result(batch))
 
     def _compute_result(self, batch: Batch) -> SensitivityResult:
-        """Return derivatives of quantities by sizes, and deviations of the quantities.
+        """Compute derivatives of quantities by sizes, and deviations of the quantities.
 
-        The deviations are computed to first order from the derivatives, and from draws,
-        which are mechanisms with random sizes. A row is a configuration of the batch. Rows
-        that failed are NaN.
+        The deviations are computed in two ways: to first order from the derivatives, and
+        from draws, which are mechanisms with random sizes. Rows (configurations) that
+        failed are NaN.
         """
         sensitivity = self._sensitivity(batch.mechanism)
         deviations = self._size_deviations(sensitivity)
         samples = _input_samples(batch, sensitivity)
-        # (rows, variables) pair variables. Springs depend on the whole rotation of a pair,
-        # so that the angles of such pairs include whole revolutions.
+        # (rows, variables) pair variables. Angles on which springs depend include whole
+        # revolutions.
         configurations = continue_load_angles(batch).values
         with np.errstate(all="ignore"):
             # values: (quantities, rows), gradients: (sizes, quantities, rows)
@@ -437,7 +436,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         )
 
     def _shares_of_variance(self, size_variances: Floats, variance: Floats) -> Floats:
-        """Return the parts of the variance of each quantity that the sizes cause.
+        """Return the part of the variance of each quantity that each size causes.
 
         Parameters
         ----------
@@ -448,8 +447,8 @@ class SensitivityAnalysis(AbstractAnalysis):
 
         Returns
         -------
-        (sizes, quantities, rows) parts, from 0 to 1. NaN if no size changes the quantity:
-        its standard deviation is then only rounding.
+        (sizes, quantities, rows) parts, from 0 to 1. NaN if no size changes the quantity;
+        its standard deviation is then a rounding error.
         """
         is_dependent = np.sqrt(variance) > self._zero_spread
         return np.where(is_dependent, size_variances / variance, np.nan)
@@ -480,7 +479,7 @@ class SensitivityAnalysis(AbstractAnalysis):
         cannot be assembled. NaN in rows that failed, and in all rows without draws.
         """
         statistics = np.full((3, *values.shape), np.nan)
-        # A row that failed has NaN for every quantity, so one quantity is enough to test.
+        # A failed row is NaN for every quantity, so the first quantity is tested.
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
             size_draws = self._size_deviations(sensitivity).draws(len(sensitivity.keys))
@@ -496,9 +495,9 @@ class SensitivityAnalysis(AbstractAnalysis):
         """Return the largest spread of each quantity, and the size that causes most of it.
 
         The spread is the standard deviation that deviations of sizes cause, to first order.
-        The draws are mechanisms with random sizes. The summary also has their spread, and
-        the part of them that cannot be assembled (`lost`), in the row (sample and assembly
-        mode) with the largest spread.
+        It is reported for the row (configuration) in which it is largest. For this row, the
+        summary also has results of draws, which are mechanisms with random sizes: their
+        spread, and the part of them that cannot be assembled (`lost`).
         """
         result = self._result(batch)
         sensitivity = result.sensitivity
@@ -519,10 +518,10 @@ class SensitivityAnalysis(AbstractAnalysis):
                 summary[name]["drawn"] = float(tolerances.drawn_spread[number, row])
                 summary[name]["lost"] = float(tolerances.lost[number, row])
         findings = self._make_findings(summary, self._describe_sizes(sensitivity.keys))
-        # The arc of a link is the angle between its two axes. If both axes are on one line,
-        # the arc is 0 or 180 degrees. A deviation can then turn one axis away from the
-        # other in any direction, so the derivative is undefined. These sizes are left out,
-        # with a warning unless the user has chosen the sizes (`by`).
+        # If the two axes of a link are on one line, its arc is 0 or 180 degrees. A
+        # deviation can then tilt an axis in any direction, so the derivative by the arc is
+        # undefined. Such sizes are left out, with a warning unless the user chose the sizes
+        # (`by`).
         if not sensitivity.left_out or self.by:
             return findings
         left_out = listing(f"links.{link}" for link in sensitivity.left_out)
@@ -574,13 +573,12 @@ class SensitivityAnalysis(AbstractAnalysis):
         ----------
         summary
             For each quantity, the record of its largest spread (standard deviation). It can
-            also have the spread of the draws, which are mechanisms with random sizes.
+            also have the spread of mechanisms with random sizes (draws).
         sizes
             A sentence about the sizes that deviate.
         """
-        # Quantities that do not depend on the sizes. Their spread is only rounding. One
-        # number is the limit for quantities of all units, because it is far below any
-        # spread of interest.
+        # Quantities that do not depend on the sizes have a spread of rounding errors. One
+        # limit suits all units, because it is far below any spread of interest.
         independent = [
             name for name in summary if summary[name]["spread"] <= self._zero_spread
         ]
@@ -600,12 +598,12 @@ class SensitivityAnalysis(AbstractAnalysis):
         return Findings(figures=summary, remarks=(*remarks, sizes))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of the spread of each quantity, and of the derivatives that matter.
+        """Return plots of the spread of each quantity, and of its largest derivatives.
 
         The spread is the standard deviation that deviations of sizes cause. Plots with the
-        same title are curves of one plot: all angles are drawn together, because they have
-        the same unit (rad). Other quantities have plots of their own. Derivatives are drawn
-        for the first `MAX_LISTED` quantities only, so that the page stays readable.
+        same title are drawn together. This applies to all angles, because they have the
+        same unit (rad). Derivatives are drawn for the first `MAX_LISTED` quantities only,
+        so that the page stays readable.
         """
         result = self._result(batch)
         spreads = result.tolerances.spread
@@ -619,8 +617,9 @@ class SensitivityAnalysis(AbstractAnalysis):
                 unit = "rad"
             spread_plots.append(plot_series("spread", name, title, spread, unit))
 
-        # (sizes, quantities, n) part of the variance that each size causes. Only the
-        # derivatives by the sizes with the largest parts are drawn, in each assembly mode.
+        # (sizes, quantities, n) variance that each size causes. Derivatives are drawn only
+        # by the sizes that cause the largest variances in an assembly mode (way to assemble
+        # the links).
         squares = result.shares * spreads**2
         scenes = []
         for mode, rows in batch.assembly_mode_rows().items():
@@ -649,18 +648,18 @@ def _find_largest_sizes(squares: Floats) -> list[int]:
 
 
 def _sizes_that_matter_most(keys: Sequence[str], shares: Floats) -> NDArray[np.str_]:
-    """Return the keys of the sizes that cause the largest part of the variance.
+    """Return the key of the size that causes the largest part of the variance.
 
     Parameters
     ----------
     keys
-        Keys of the sizes.
+        Keys of the sizes in the mechanism file.
     shares
-        (sizes, c, n) parts of the variance of c quantities in n rows.
+        (sizes, c, n) parts of the variance of c quantities in n rows (configurations).
 
     Returns
     -------
-    (c, n) texts. Keys with equal shares are joined by plus signs in alphabetical order.
+    (c, n) texts. Keys with equal parts are joined by plus signs in alphabetical order.
     """
     is_largest = shares >= np.max(shares, axis=0) * (1.0 - EQUAL_SHARE_RATIO)
     alphabetical = np.argsort(keys)
@@ -697,13 +696,14 @@ def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
 def _variances_by_size(gradients: Floats, deviations: SizeDeviations) -> Floats:
     """Return the variance of each quantity that the deviation of each size causes.
 
-    To first order it is (derivative times standard deviation of the size)^2. Deviations of
-    sizes are independent, so the variances by all sizes add up to that of the quantity.
+    To first order it is (derivative times standard deviation of the size)^2. Sizes deviate
+    independently, so the variances by all sizes add up to that of the quantity.
 
     Parameters
     ----------
     gradients
-        (sizes, quantities, rows) derivatives of the quantities by the sizes.
+        (sizes, quantities, rows) derivatives of the quantities by the sizes, in each row
+        (configuration).
     deviations
         Deviations of the sizes.
 
@@ -743,8 +743,7 @@ def _summarize_draws(deviations: Floats) -> Floats:
     with np.errstate(all="ignore"):
         mean = np.nansum(deviations, axis=-1) / count
         mean_square = np.nansum(deviations * deviations, axis=-1) / count
-        # Deviations are from the nominal mechanism, so their mean is small and this
-        # difference loses few digits.
+        # The mean is small compared with the deviations, so few digits cancel.
         variance = mean_square - mean * mean
         # Rounding can make a variance of zero slightly negative.
         spread = np.sqrt(np.maximum(variance, 0.0))
@@ -757,14 +756,14 @@ def _summarize_draws(deviations: Floats) -> Floats:
 def _describe_draws(record: Mapping[str, Any], name: str) -> str:
     """Return the spread of the draws in words, if it differs much from the first order.
 
-    Draws are mechanisms with random sizes. The text is empty if both agree and all draws
-    can be assembled.
+    The spread is a standard deviation. Draws are mechanisms with random sizes. The text is
+    empty if both results agree and all draws can be assembled.
 
     Parameters
     ----------
     record
-        The record of a quantity in the summary, with its spread to first order and of the
-        draws.
+        The summary of a quantity: its spread to first order ("spread") and of the draws
+        ("drawn"), and the part of the draws that cannot be assembled ("lost").
     name
         Name of the quantity.
     """

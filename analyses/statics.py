@@ -70,14 +70,16 @@ ADVANTAGES = Column(
 
 @dataclass(frozen=True, kw_only=True)
 class Statics(AbstractAnalysis):
-    """Torques that hold the mechanism at rest, and how stiffly the inputs hold outputs.
+    """Check the parameters, and return what this analysis reads of a run.
 
-    Parameters
-    ----------
-    stiffness
-        Stiffness of the drives (N m/rad): one for all inputs, or one for each.
-    time
-        Time (s) at which loads that depend on it are evaluated.
+    It reads the configurations (`tracer`), and the variables of pairs (joints) on which
+    loads such as springs depend. These include whole revolutions. The links are those on
+    which masses and loads act, and both links of each output.
+
+    Raises
+    ------
+    AnalysisError
+        If a parameter is not valid for the mechanism.
     """
 
     name = "statics"
@@ -157,10 +159,9 @@ class Statics(AbstractAnalysis):
         )
 
     def _drive_stiffness(self, mechanism: Mechanism) -> Floats:
-        """Return the stiffness (inputs,) of the drive of each input (N m/rad).
+        """Check all parameters, and return the stiffness (inputs,) of the drives (N m/rad).
 
-        The parameter `time`, at which loads that depend on time are evaluated, is checked
-        too, so that one call validates all parameters of the analysis.
+        The parameter `time` is the time at which loads are evaluated that depend on time.
 
         Raises
         ------
@@ -185,8 +186,9 @@ class Statics(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques and of the outputs.
 
-        The table of outputs has, for each row of the batch, a row for each output: the
-        mechanical advantage of each input, and three principal stiffnesses with their axes.
+        The first table has a row for each row of the batch. The table of outputs has, for
+        each row of the batch, a row for each output. Its columns are the mechanical
+        advantage of each input, and three principal stiffnesses with their axes.
         """
         # The torques at the inputs that hold the mechanism at rest against all loads.
         solution = self._holding_solution(batch)
@@ -195,24 +197,23 @@ class Statics(AbstractAnalysis):
         stiffness_of_output = self._output_stiffness(batch)
         results = list(stiffness_of_output.values())
         row_count, input_count = solution.torques.shape
-        # Each array of an output has a row for each row of the batch. `_interleave` takes
-        # the rows of all outputs in turn. It needs the shape of such an array, because a
-        # mechanism may have no outputs.
+        # `_interleave` lists the first row of all outputs, then the second row, and so on.
+        # It needs the shape of the arrays, because there may be no outputs.
         advantages = _interleave(
             [result.advantage for result in results], (row_count, input_count)
         )
         stiffness = _interleave([result.stiffness for result in results], (row_count, 3))
         axes = _interleave([result.axes for result in results], (row_count, 3, 3))
-        # `stiffness` and `axes` have one row for each row of the batch and output. Their
-        # axes are: row, principal axis, component.
+        # The table rows are on the first array axis. `axes` then has the principal axis and
+        # the component.
         principal_columns: dict[str, NDArray[Any]] = {}
         for number in range(3):
             principal_columns[f"stiffness_{number + 1}"] = stiffness[:, number]
             for component, axis in enumerate("xyz"):
                 column = axes[:, number, component]
                 principal_columns[f"axis_{number + 1}_{axis}"] = column
-        # Advantage and stiffness depend on velocities only. So they are valid in rows where
-        # `rate_status` is OK, also if `status` says that a load has no value.
+        # Advantage and stiffness follow from velocities alone, so they have a status of
+        # their own. They can be valid in rows where a load has no value.
         output_status = np.repeat(solution.rate_status, len(results))
         return {
             "statics": {
@@ -315,7 +316,7 @@ def _interleave(arrays: Sequence[Floats], shape: tuple[int, ...]) -> Floats:
     Parameters
     ----------
     arrays
-        The arrays, possibly none.
+        The k arrays; there may be none.
     shape
         Their common shape (n, ...).
 

@@ -238,9 +238,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
         return (size,)
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return no needs, because poses do not depend on the samples of a motion.
+        """Check all parameters, and return what this analysis reads of a run: nothing.
 
-        All parameters are checked here, before anything is computed.
+        The workspace does not depend on the samples of a motion.
 
         Raises
         ------
@@ -252,24 +252,23 @@ class WorkspaceAnalysis(AbstractAnalysis):
                 f"workspace: tolerance: {self.tolerance:g} is not a relative error; give "
                 "one above 0 and below 1, or 0 for the default"
             )
-        # The call checks all other parameters; workspaces are computed only when needed.
+        # This call checks all other parameters. It does not compute the workspaces yet.
         self._make_workspaces(mechanism)
         return Needs()
 
     def _make_workspaces(self, mechanism: Mechanism) -> WorkspaceModes:
-        """Return the workspaces of all wanted working modes, computed when needed.
+        """Return the workspaces of the requested working modes, computed when used.
 
-        A working mode is one of the ways to assemble the legs at a given pose of the
-        output. Parameters of the analysis are texts and numbers. Angles are converted to
-        rad here.
+        A working mode is one of the ways to assemble the legs at a pose of the output. The
+        parameters of the analysis are converted from texts and numbers. Angles become rad.
         """
         kinematics = closed_kinematics(mechanism, self.output or None)
-        # An output that points has a set of directions with an area. Other outputs have a
-        # set of orientations with a volume.
+        # If the output is a direction (`points`), its workspace has an area. If it is an
+        # orientation, its workspace has a volume.
         default_tolerance = AREA_TOLERANCE if kinematics.points else VOLUME_TOLERANCE
-        # `limits` are ranges of pair angles, `apart` those of angles between axes of pairs,
-        # both with units in their texts. `near` is the least angle to a singularity. Links
-        # of a `width` on a sphere of a `radius`, in one unit of length, must not touch.
+        # `limits` are ranges of pair angles, `apart` are ranges of angles between axes of
+        # pairs. `near` is the least angle to a singularity. `width` (of the links) and
+        # `radius` (of the sphere) have the same unit; links of this width must not touch.
         constraints = Constraints(
             limits=tuple(
                 read_joint_range(text, mechanism.angle_unit) for text in self.limits
@@ -299,7 +298,10 @@ class WorkspaceAnalysis(AbstractAnalysis):
         }
 
     def findings(self, batch: Batch) -> Findings:
-        """Return area, parts and limits of each mode, and which poses are reached."""
+        """Return area or volume and limits of each mode, and which poses are reached.
+
+        A working mode is one way to assemble the legs at a pose.
+        """
         workspaces = self._workspaces(batch)
         warnings: list[str] = []
         modes: dict[str, Any] = {}
@@ -315,8 +317,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "limits": [limit.name for limit in workspaces.limits],
             "working_modes": modes,
         }
-        # Modes with the same workspace are described together. The record of such a mode
-        # has the label of the first one under "same_as".
+        # Modes with the same workspace are described together. If an earlier mode has the
+        # same workspace, "same_as" has its label.
         labels_by_first_mode: dict[str, list[str]] = {}
         for label, record in modes.items():
             first_mode = record.get("same_as", label)
@@ -326,7 +328,7 @@ class WorkspaceAnalysis(AbstractAnalysis):
             for first_mode, labels in labels_by_first_mode.items()
         ]
         remarks: list[str] = []
-        # For the poses that the user names: in which modes they are in the workspace.
+        # For the poses that the user names: in which modes they can be reached.
         if self.pose:
             pose_findings = workspaces.examine_poses()
             summary["pose"] = pose_findings.records

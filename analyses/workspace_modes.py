@@ -135,9 +135,9 @@ class WorkspaceModes:
     ) -> None:
         """Store the arguments, and list the limits of the output.
 
-        Legs, chains of links, join the output to the base. The limits are those of the
+        Legs (chains of links) join the output to the base. The limits are those of the
         mechanism, such as how far its legs extend, and those of `constraints`. The
-        workspace of each working mode is computed when it is first needed.
+        workspace of each working mode is computed when it is first used.
 
         Parameters
         ----------
@@ -146,19 +146,19 @@ class WorkspaceModes:
         constraints
             Limits in addition to those of the mechanism.
         modes
-            Signs, 1 or -1, of the legs in each working mode.
+            Signs, 1 or -1, of the legs in each working mode (way to assemble the legs at a
+            pose).
         poses
-            (k, 3) directions or (k, 4) quaternions. For each of them it is reported in
-            which modes the output can take it.
+            (k, 3) directions or (k, 4) quaternions. For each pose, the modes in which the
+            output reaches it are reported.
         tolerance
-            Error of areas and volumes to aim at, relative to the area or volume.
+            Desired error of areas and volumes, relative to the area or volume.
         """
         self.mechanism = mechanism
         self.kinematics = kinematics
         self.limits = bounds_of(kinematics, constraints)
-        # At each border of the workspace a limit is reached, whose number selects its name.
-        # Borders at which the output is not determined have the number -1, and so the last
-        # name.
+        # Borders have the number of the limit that is reached there. Borders at which the
+        # output is not determined have the number -1, which selects the last name.
         self.limit_names = [limit.name for limit in self.limits] + [NO_LIMIT_NAME]
         self.modes = modes
         self.poses = poses
@@ -221,23 +221,20 @@ class WorkspaceModes:
     def _border_columns(self, region: Region) -> list[Columns]:
         """Return the border of a set of directions, one part of the table for each arc.
 
-        The border of `region`, the set, consists of closed curves. Each curve is divided
-        into smooth arcs, and one limit of the mechanism ends the workspace at each arc.
-        A connected part of the set is called a component, and a connected part of the
-        directions outside of it a gap. A curve separates one component from one gap, and
-        the table has the numbers of both.
+        The output of one working mode reaches the directions of the set, `region`. The
+        border consists of closed curves. A curve is divided into smooth arcs, and each arc
+        has one limit of the mechanism that is reached there. A connected part of the set is
+        called a component. A connected part of all other directions is called a gap. A
+        curve separates one component from one gap, and the table has the numbers of both.
         """
-        # The points of arcs are directions (k, 3). The table has their components x, y, z.
-        # If the base and the output link are mirror images of each other about a plane, it
-        # also has the angles phi and gamma of this plane. Otherwise the architecture is
-        # None.
+        # The table has the components x, y, z of the points (k, 3). If base and output
+        # mirror each other in a plane, it also has the angles phi and gamma of this plane.
         mid_plane_architecture = self.kinematics.form
         columns = []
         for curve_number, curve in enumerate(region.boundaries):
             for arc_number, arc in enumerate(curve.arcs):
-                # Each limit has a margin, an angle that is 0 where the limit is reached.
-                # `arc.margin` is the number of the one that is 0 on the arc. It is -1 where
-                # the output is not determined, which is what the last name says.
+                # The number of the limit that is reached on the arc. It is -1 where the
+                # output is not determined.
                 limit_number = arc.margin
                 columns.append(
                     {
@@ -255,22 +252,21 @@ class WorkspaceModes:
         return columns
 
     def _size_columns(self, workspace: Workspace) -> Columns:
-        """Return the sizes of a workspace as columns of a table.
+        """Return the sizes of a workspace and of its parts as columns of a table.
 
-        The first row is the whole workspace. For directions there follow its connected
-        parts, the outside and the holes. Each part has a sample, which is a pose as deep
-        inside the part as possible. The margin of the sample is the angle (rad) to the
-        nearest limit. It is negative for samples of the outside and of holes, where a limit
-        is exceeded.
+        The first row is the whole workspace. For directions, its connected parts follow,
+        then the outside and the holes. Each part has a sample: the pose that is farthest
+        from the border of the part. The margin of a sample is the angle (rad) to the
+        nearest limit. In the outside and in holes it is negative, because a limit is
+        exceeded.
 
-        The whole set of directions has no sample (NaN), because its parts have theirs. A
-        set of orientations is not divided into parts, so its only row has the sample.
+        The whole set of directions has no sample (NaN). A set of orientations is not
+        divided into parts, so its only row has the sample.
 
-        The table of borders names parts by their numbers, which are also in this table: the
-        position of a connected part in `region.components`, and of the outside or of a hole
-        in `region.gaps`.
+        The column `number` identifies parts, also in the table of borders. It is the
+        position in `region.components` or, for the outside and holes, in `region.gaps`.
         """
-        # One entry for each row of the table.
+        # Each list has one item for each row of the table.
         kinds = ["whole"]
         numbers = [0]
         curves: list[Sequence[int]] = [()]
@@ -280,8 +276,8 @@ class WorkspaceModes:
             sizes = [region.area]
             samples = [np.full(3, np.nan)]
             kinds_and_parts = [("component", region.components)]
-            # A gap is a connected set of directions that are not reached. Gap 0, the
-            # largest one, is the outside, and the others are holes.
+            # A gap is a connected set of directions that the output does not reach. Gap 0,
+            # the largest one, is the outside, and the others are holes.
             kinds_and_parts.append(("outside", region.gaps[:1]))
             kinds_and_parts.append(("hole", region.gaps[1:]))
             for kind, parts in kinds_and_parts:
@@ -298,7 +294,7 @@ class WorkspaceModes:
             sizes = [orientations.volume]
             samples = [orientations.place]
         poses = np.array(samples)
-        # Adding 0 * pose makes the margin NaN where there is no sample.
+        # Without a sample, `poses` is NaN. The sum is then NaN, too.
         margin = self.judge(workspace, poses).margin + 0.0 * poses[:, 0]
         return {
             "part": kinds,
@@ -324,15 +320,16 @@ class WorkspaceModes:
         return record, warning
 
     def _summarize_directions(self, region: Region) -> tuple[Columns, str]:
-        """Return the record of a set of directions, and a warning or an empty text.
+        """Return the summary of a set of directions, and a warning or an empty text.
 
-        There is a warning if the set is empty, or if its area is less accurate than wanted.
+        There is a warning if the set is empty, or if its area is less accurate than the
+        tolerance.
 
-        The set was measured with a mesh of triangles on the unit sphere. The area
-        ``unresolved_sr`` (sr) is that of triangles which contain too much detail, such as
-        borders that touch. They are counted in the bound of the error, ``error_sr``.
-        ``components`` and ``holes`` list connected parts that are larger than this area,
-        and ``evaluations`` is the number of directions that were tested.
+        The area is measured with a mesh of triangles on the unit sphere. Some triangles
+        contain too much detail, such as borders that touch. Their area is ``unresolved_sr``
+        (sr), and is included in the bound of the error, ``error_sr``. ``components`` and
+        ``holes`` list connected parts that are larger than this area. ``evaluations`` is
+        the number of directions that were tested.
         """
         record: Columns = {
             "area_sr": region.area,
@@ -344,8 +341,8 @@ class WorkspaceModes:
             "evaluations": region.evaluations,
         }
         if not region.components:
-            # Each set of limits, such as 0 and 2, explains why the workspace is empty: no
-            # direction satisfies all limits of the set. No limit of a set can be left out.
+            # Limits that together exclude all directions, such as limits 0 and 2. Without
+            # any one of them, the others would allow some directions.
             excluding = [
                 " with ".join(self.limit_names[number] for number in limits)
                 for limits in region.excluding
@@ -367,11 +364,11 @@ class WorkspaceModes:
     def _summarize_orientations(
         self, workspace: OrientationWorkspace
     ) -> tuple[Columns, str]:
-        """Return the record of a set of orientations, and a warning or an empty text.
+        """Return the summary of a set of orientations, and a warning or an empty text.
 
         An orientation is inside if all its margins (angles to the limits of the mechanism)
-        are positive. There is a warning if no orientation was found inside, or if the error
-        bound of the volume is larger than wanted.
+        are positive. There is a warning if no orientation is inside, or if the error bound
+        of the volume exceeds the tolerance.
         """
         orientations = workspace.orientations
         record: Columns = {
@@ -380,8 +377,8 @@ class WorkspaceModes:
             "fraction": orientations.fraction,
             "evaluations": orientations.evaluations,
         }
-        # The depth is the smallest margin of the best orientation, `place`. Here it is
-        # outside, and the limit that it misses is named.
+        # The depth is the smallest margin of the best orientation, `place`. If it is
+        # negative, all tested orientations are outside.
         if orientations.depth < 0.0:
             best = self.judge(workspace, orientations.place[None])
             record["nearest_limit"] = self.limit_names[int(best.limiting[0])]
@@ -398,12 +395,14 @@ class WorkspaceModes:
         return record, ""
 
     def examine_poses(self) -> PoseFindings:
-        """Return for each pose in which working modes it is reached.
+        """Return for each pose in which working modes the output reaches it.
 
-        A working mode is given by the signs of the legs. For a pose outside of the
-        workspace of a mode, the nearest reachable pose is given.
+        A working mode is one way to assemble the legs, described by their signs. If a pose
+        is outside of the workspace of a mode, the nearest reachable pose is stated.
         """
         findings = PoseFindings(records=[], warnings=[], remarks=[])
+        # Without poses, the user has listed inputs, at which the mechanism cannot be
+        # assembled.
         if not len(self.poses):
             findings.warnings.append(
                 "The mechanism does not close at the inputs of the pose"
@@ -430,13 +429,14 @@ class WorkspaceModes:
         return findings
 
     def _examine_pose(self, workspace: Workspace, pose: Floats) -> tuple[Columns, str]:
-        """Return the record of a pose in one working mode, and its margin in words.
+        """Examine a pose in one working mode. Return its record, and its margin in words.
 
-        The margin is the angle (rad) to the nearest limit of the workspace, negative if the
-        limit is exceeded. For a pose outside of the workspace the nearest reachable pose is
-        included. ``type_1`` and ``type_2`` measure how far the pose is from a singularity
-        of type I (the output rests while an input moves) and of type II (the output can
-        move while the inputs are locked). They are 0 at the singularity.
+        A working mode is one way to assemble the legs. The margin is the angle (rad) to the
+        nearest limit of the workspace, negative if the limit is exceeded. For a pose
+        outside of the workspace the record includes the nearest reachable pose. ``type_1``
+        and ``type_2`` measure how far the pose is from a singularity, where they are 0. At
+        type I the output rests while an input moves. At type II the output can move while
+        the inputs are locked.
 
         Parameters
         ----------
@@ -450,9 +450,9 @@ class WorkspaceModes:
         record
             The record for the summary.
         text
-            End of the sentence "pose ... is inside in mode ..., and 3.2 deg from the limit:
-            (a limit)", or "pose ... is outside in mode ..., because of the limit: (a
-            limit)".
+            End of a sentence. The sentence is "pose ... is inside in mode ..., and 3.2 deg
+            from the limit: (a limit)", or "pose ... is outside in mode ..., because of the
+            limit: (a limit)".
         """
         judged = self.judge(workspace, pose[None])
         limit = self.limit_names[int(judged.limiting[0])]
@@ -497,40 +497,42 @@ class WorkspaceModes:
     def _draw_directions(self, workspace: DirectionWorkspace, mode: str) -> list[Scene]:
         """Return two pages with maps of the directions that the output reaches.
 
-        The first map shows the margin, which is the angle to the nearest limit. The second
-        map shows the angle to the nearest singularity. If no direction is reached, there is
+        The first map shows the margin (angle to the nearest limit). The second map shows
+        the angle to the nearest singularity. If the output reaches no direction, there is
         one page with the border only.
 
         Parameters
         ----------
         workspace
-            The directions that one working mode (one way to assemble the legs) reaches.
+            The directions that the output reaches in one working mode (way to assemble the
+            legs).
         mode
             The name of the mode, which is added to the titles of the pages.
         """
         region = workspace.region
-        # A mesh (P, 3), (F, 3) that covers the set of directions exactly up to its border.
+        # A mesh with vertices (P, 3) and triangles (F, 3). It covers the set of directions
+        # exactly up to its border.
         directions = region.surface_points
         triangles = region.surface_triangles
         border = (*self._draw_border(region), self._legend(workspace))
         if not len(triangles):
             return [Scene(f"Workspace{mode}", border)]
         judged = self.judge(workspace, directions)
-        # On the border rounding can make margins negative or NaN; they are drawn as 0.
+        # Near the border, rounding can make margins negative or NaN. These become 0.
         margin = np.maximum(np.nan_to_num(judged.margin), 0.0)
-        # At a singularity of type I the output rests while an input moves. At type II the
-        # output can move while the inputs are locked. `type_1` and `type_2` are the sines
-        # of the angles to the nearest singularity of each type.
+        # `type_1` and `type_2` are the sines of the angles to the nearest singularity. At
+        # type I the output rests while an input moves. At type II it can move while the
+        # inputs are locked.
         least_measure = np.nan_to_num(np.fmin(judged.type_1, judged.type_2))
         singularity_angle = np.arcsin(np.clip(least_measure, 0.0, 1.0))
-        # The margins at the vertices of the mesh over the whole sphere. The vertex with the
-        # largest margin is farthest inside.
+        # `samples` are the vertices of a mesh over the whole sphere. The vertex with the
+        # largest margin is marked as the one farthest inside.
         samples = self.samples[workspace.signs]
         deepest = np.nanargmax(samples.judged.margin)
         deepest_margin = np.degrees(samples.judged.margin[deepest])
         deepest_label = f"farthest inside, {deepest_margin:.3g} deg"
         mark = Mark(deepest_label, samples.poses[deepest])
-        # No curves (the empty tuple), only a mark in the colour 0.
+        # A mark without curves, in the colour 0.
         deepest_direction = SphereCurves("workspace/deepest", deepest_label, (), 0, [mark])
         pages = []
         for title, quantity, values in (
@@ -546,17 +548,17 @@ class WorkspaceModes:
     def _draw_orientations(self, workspace: OrientationWorkspace, title: str) -> Scene:
         """Return the page of a set of orientations, with two drawings.
 
-        An orientation is given by the direction of the z axis (azimuth and tilt) and a
-        torsion, the rotation about this axis. The first drawing is a map on the sphere. It
-        shows for each direction of the z axis the total angle (rad) of the torsions that
-        are possible, 2 pi if all are.
+        An orientation is described by the direction of the z axis (azimuth and tilt) and
+        the torsion, a rotation about this axis. The first drawing is a map on the sphere.
+        For each direction of the z axis, it shows the total angle (rad) of the possible
+        torsions, at most 2 pi.
 
-        The second drawing shows the margin of each reachable orientation, which is the
-        angle (rad) to the nearest limit. The orientations are points, with tilt and azimuth
-        as polar coordinates and the torsion as height.
+        The second drawing shows each reachable orientation as a point. Tilt and azimuth are
+        polar coordinates, and the torsion is the height. The colour is the margin (angle to
+        the nearest limit, rad).
         """
-        # 1. Torsions all around at each direction of the z axis. The fraction of them in
-        # the workspace, times 2 pi, is the total angle of possible torsions.
+        # 1. Evenly spaced torsions are tested at each direction of the z axis. The fraction
+        # of them in the workspace, times 2 pi, is the total angle.
         directions, triangles = sphere_mesh(DRAWN_AZIMUTHS, DRAWN_TILTS)
         torsions = 2.0 * np.pi * np.arange(DRAWN_TORSIONS) / DRAWN_TORSIONS
         tilts = np.repeat(azimuth_tilt(directions), DRAWN_TORSIONS, axis=0)
@@ -576,8 +578,8 @@ class WorkspaceModes:
             )
         ]
 
-        # 2. The samples inside, as points without triangles. The signs of the legs identify
-        # the working mode to which the workspace belongs.
+        # 2. The orientations inside, as points without triangles. The signs of the legs
+        # identify the working mode (way to assemble the legs).
         samples = self.samples[workspace.signs]
         is_inside = samples.judged.inside
         if np.any(is_inside):
@@ -601,21 +603,21 @@ class WorkspaceModes:
     def _draw_border(self, region: Region) -> list[Primitive]:
         """Return the border of a set of directions, drawn in one colour for each limit.
 
-        The border consists of arcs, at each of which a limit is reached (such as that of a
-        joint). The name of the limit is written at the middle of its longest arc. The
-        colours are numbers from 1, because the mark of the direction farthest inside has
-        colour 0.
+        The border consists of arcs. On each arc one limit is reached, such as that of a
+        joint. The name of the limit is written at the middle of its longest arc. Colours
+        are numbered from 1, because colour 0 is for the mark of the direction farthest
+        inside.
         """
         curves: list[Primitive] = []
         for colour, (limit_number, arcs) in enumerate(arcs_by_limit(region).items(), 1):
             name = self.limit_names[limit_number]
             longest = max(arcs, key=len)
             middle = longest[len(longest) // 2]
-            # Details of a limit follow in parentheses, which a mark has no room for.
+            # A mark has no room for the details of a limit, which follow in parentheses.
             short_name, _, _ = name.partition(" (")
             mark = Mark(short_name, middle, colour)
-            # The number is -1 for arcs at which no limit is reached, but the output is no
-            # longer determined. In the recording the numbers begin with 0.
+            # The number -1 is for arcs at which the output is no longer determined. In the
+            # recording the numbers begin with 0.
             path = f"workspace/border/{limit_number + 1}"
             curves.append(SphereCurves(path, name, arcs, colour, [mark]))
         return curves
@@ -655,17 +657,17 @@ def resolved_parts(region: Region, parts: Sequence[Part]) -> list[Part]:
 
 
 def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
-    """Return the poses of an output that a text gives, without repeated ones.
+    """Read poses of an output from a text, without repeated ones.
 
     Parameters
     ----------
     text
-        Poses, or inputs whose poses are computed, as ``name=number`` with ``+`` between all
-        numbers. A name that occurs again begins the next pose:
-        ``azimuth=10+tilt=20+azimuth=30+tilt=5`` are two directions. An empty text gives no
+        Poses, or inputs for which poses are computed, as ``name=number`` with ``+`` between
+        all numbers. A name that occurs again begins the next pose:
+        ``azimuth=10+tilt=20+azimuth=30+tilt=5`` are two directions. An empty text has no
         poses.
     kinematics
-        The output, which is a direction or an orientation.
+        The inverse kinematics of the output, which is a direction or an orientation.
 
     Returns
     -------
@@ -676,7 +678,7 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
         return np.empty((0, 3))
     is_direction = kinematics.points
     pose_list = read_poses(kinematics, "workspace", text.split("+"), parameter="pose")
-    # The list has either `poses` or `inputs`, and the other one is None.
+    # Either `poses` or `inputs` is None.
     poses = pose_list.poses
     if pose_list.inputs is not None:
         solutions = kinematics.forward(pose_list.inputs)
@@ -684,7 +686,7 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     assert poses is not None
     if not is_direction:
         poses = quaternion(poses)  # from rotations (k, 3, 3)
-    # The first one of equal poses, in the given order.
+    # `unique` sorts the poses. The first of equal poses is returned, in the original order.
     _, first_rows = np.unique(poses, axis=0, return_index=True)
     return poses[np.sort(first_rows)]
 
@@ -708,10 +710,13 @@ def _describe_size(record: Mapping[str, Any]) -> str:
 def size_table(sizes: Sequence[tuple[Sequence[str], Mapping[str, Any]]]) -> ScreenTable:
     """Return the sizes of workspaces as a table for the screen.
 
+    Sets of directions have an area, sets of orientations a volume.
+
     Parameters
     ----------
     sizes
-        For each workspace the labels of its working modes, and its record of the summary.
+        For each workspace the labels of its working modes (ways to assemble the legs), and
+        its part of the summary.
     """
     has_volumes = any("volume" in record for _, record in sizes)
     rows: list[tuple[str, ...]] = []

@@ -278,8 +278,8 @@ def mid_planes(architecture: MidPlaneArchitecture, orientations: Floats) -> Floa
 
     Returns
     -------
-    (n, 3) unit normals in mirror axes, NaN in failed rows. The constant matrix
-    ``architecture.frame`` turns mirror axes into base axes. Formulas are simplest in them.
+    (n, 3) unit normals in mirror axes, NaN in failed rows. Formulas are simplest in mirror
+    axes. The matrix ``architecture.frame`` converts components from them to base axes.
     """
     normals = np.full((len(orientations), 3), np.nan)
     has_orientation = np.isfinite(orientations[:, 0, 0])

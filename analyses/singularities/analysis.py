@@ -35,11 +35,11 @@ from .tables import ASPECTS, RELATION, SINGULARITIES
 def _compare_positions(
     parameter: str, values: tuple[float, ...], inputs: Literal["one", "several"]
 ) -> ParameterTrade:
-    """Return a comparison of speed and accuracy for values of a parameter.
+    """Return a declaration of how values of a parameter are compared by speed and accuracy.
 
-    The analysis is run with each value of the parameter. The inputs ``q`` of the
-    singularities are positions: each is compared with the nearest one of the most accurate
-    run that has the same kind of singularity and the same output.
+    The analysis is run with each value of the parameter. The inputs ``q`` of its
+    singularities are compared with those of the most accurate run. Each is compared with
+    the nearest one that has the same kind of singularity and the same output.
 
     Parameters
     ----------
@@ -48,9 +48,8 @@ def _compare_positions(
     inputs
         Whether it applies to mechanisms with one input or with several.
     """
-    # The searches with several inputs end after a time, `seconds`. It is raised to 100 s
-    # during the comparison, so that only the compared parameter limits the accuracy. This
-    # is not done for `seconds` itself, nor for `samples`, which is for one input only.
+    # The time limit `seconds` is raised to 100 s, so that only the compared parameter
+    # limits the accuracy. `samples` is for one input only, where there is no time limit.
     raises_time_limit = parameter not in ("samples", "seconds")
     return ParameterTrade(
         parameter,
@@ -58,7 +57,8 @@ def _compare_positions(
         table="singularities",
         column="q",
         match=("kind", "output"),
-        # The numbers in the column are positions, which are compared with the nearest one.
+        # Each number in the column is compared with the nearest one, not with that of the
+        # same row.
         places=True,
         # Values of other parameters during the comparison.
         beside=(("seconds", 100.0),) if raises_time_limit else (),
@@ -130,11 +130,11 @@ class SingularityAnalysis(AbstractAnalysis):
 
         1. Those of the parameter `output`.
         2. Those that the mechanism declares. If it has one input, the motion of the input
-           pair itself is left out.
+        pair (joint) itself is left out.
         3. Motions, relative to the ground, of links that a pair joins to the ground.
         4. Motions, relative to the ground, of all links.
 
-        Rules 3 and 4 hold for mechanisms with one input and leave out the links of the
+        Rules 3 and 4 apply to mechanisms with one input and leave out the links of the
         input pair. With several inputs the result is empty if no outputs are declared.
         """
         if self.output:
@@ -151,7 +151,7 @@ class SingularityAnalysis(AbstractAnalysis):
         outputs = tuple(links for links in declared if set(links) != input_links)
         if outputs:
             return outputs
-        # The ground is link 0, so the larger number is that of the other link.
+        # The ground is link 0, so the larger number of a pair's links is the other link.
         ground_neighbours = [
             max(links)
             for links in mechanism.ends
@@ -165,8 +165,9 @@ class SingularityAnalysis(AbstractAnalysis):
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return a figure of merit for each dyad: how near it comes to type II.
 
-        It is the least value of its transmission angle at all samples. The transmission
-        angle is acute, and 0 at type II.
+        A dyad is two links joined by a pair, each an arc on the sphere. The figure is the
+        smallest transmission angle at all samples: the acute angle between the planes of
+        both arcs. It is 0 at type II, where the output can move while the inputs rest.
         """
         return tuple(
             FigureOfMerit(
@@ -179,10 +180,10 @@ class SingularityAnalysis(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Check all parameters, and return what this analysis needs of a motion.
+        """Check all parameters, and return what this analysis reads of a run.
 
-        It needs the position analysis, which traces configuration curves (`tracer`), and
-        the links of the outputs. Singularities are searched on the curves.
+        It reads the position analysis, which follows curves of configurations (`tracer`),
+        and the links of the outputs. Singularities are searched on the curves.
 
         Raises
         ------
@@ -191,7 +192,7 @@ class SingularityAnalysis(AbstractAnalysis):
         ModelError
             If a mechanism with several inputs declares no output.
         """
-        # Numbers, angles and times that limit a search; with 0 the search is left out.
+        # Parameters of the searches, which must not be negative.
         for name in ("near", "slices", "mesh", "input_grid", "seconds"):
             value = getattr(self, name)
             if value is not None and not value >= 0:
@@ -208,10 +209,10 @@ class SingularityAnalysis(AbstractAnalysis):
                 )
             # This raises an error if the mechanism declares no output.
             output_of(mechanism)
-            # `input_grid` is the number of values of each input for the search of aspects.
-            # An aspect is a set of configurations that motions join without passing a
-            # singularity. An output has three freedoms at most, so more than three inputs
-            # can always move while it rests. Every configuration is then singular.
+            # `input_grid` is for the search of aspects: connected sets of configurations
+            # without singularities. A link has at most three degrees of freedom. More
+            # inputs can always move while the output rests, so every configuration is
+            # singular.
             if self.input_grid and len(mechanism.inputs) > MAX_OUTPUT_FREEDOMS:
                 raise AnalysisError(
                     f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "
@@ -241,15 +242,15 @@ class SingularityAnalysis(AbstractAnalysis):
         """Return the singularities of a batch, which are computed once."""
 
         def compute() -> OneInput | SeveralInputs:
-            """Return the singularities for one or for several inputs.
+            """Compute the singularities for one or for several inputs.
 
             `near` is the angle (degrees) to a singularity below which a warning is given.
             The other parameters limit the searches with several inputs:
 
-            - `slices` is the number of values at which each input is locked, to find
-              singular curves of two inputs and singular surfaces of three.
+            - `slices` is the number of values at which each input is locked. Singular
+              curves of two inputs and singular surfaces of three are searched there.
             - `mesh` is the length of the edges of these surfaces (degrees).
-            - `input_grid` is the number of values of each input for the search of aspects,
+            - `input_grid` is the number of values of each input for the search of aspects:
               parts of the configurations that singularities divide.
             - `seconds` is the time limit.
             """

@@ -39,21 +39,22 @@ MEANING_OF_KIND = {
 def describe_inputs_of_kinds(
     points: Mapping[str, Any], output: str, output_in_words: str, input_pair: str
 ) -> list[str]:
-    """Return a sentence for each kind of singularity of an output within the range.
+    """Return a sentence for each kind of singularity of an output within the input's range.
 
-    A sentence lists the inputs at which the kind occurs, grouped by assembly modes. A
-    singularity without an input occurs on a whole configuration curve.
+    A sentence lists the inputs at which the kind occurs, grouped by assembly modes (ways to
+    assemble the links). Some singularities have no input, because they occur on a whole
+    curve of configurations.
 
     Parameters
     ----------
     points
         The table of singularities, by column; ``q`` is the input (rad).
     output
-        The output, as it is named in this table.
+        The name of the output in this table.
     output_in_words
-        The output, as it is named in sentences.
+        The name of the output in sentences.
     input_pair
-        Name of the driven pair.
+        Name of the driven pair (joint).
     """
     sentences = []
     is_shown = (points["output"] == output) & (points["inside"] == "yes")
@@ -81,21 +82,22 @@ def describe_inputs_of_kinds(
 def _group_by_modes(inputs_deg: Floats, modes: Iterable[str]) -> dict[str, list[str]]:
     """Return formatted inputs (deg) by the assembly modes in which they occur.
 
-    Inputs that occur in the same assembly modes are listed together.
+    An assembly mode is one way to assemble the links. Inputs that occur in the same modes
+    are listed together.
 
     Parameters
     ----------
     inputs_deg
         (n,) inputs of singularities (deg).
     modes
-        Assembly modes of each singularity, joined by plus signs.
+        Numbers of the assembly modes of each singularity, as a text joined by plus signs.
     """
-    # The numbers of the assembly modes of each input, which is a text.
+    # The keys are formatted inputs, so inputs that are equal when printed are one item.
     modes_of_input: dict[str, set[int]] = {}
     for value, joined_modes in sorted(zip(inputs_deg.tolist(), modes, strict=True)):
         numbers = modes_of_input.setdefault(_format_degrees(value), set())
         numbers.update(_split_modes([joined_modes]))
-    # The reverse: inputs by their modes in words.
+    # The reverse mapping: inputs by their modes in words.
     inputs_by_modes: dict[str, list[str]] = {}
     for formatted_input, numbers in modes_of_input.items():
         modes_in_words = numbered("mode", sorted(numbers)) if numbers else ""
@@ -123,15 +125,16 @@ def _format_degrees(value: float) -> str:
 def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> list[str]:
     """Return sentences about the rotation of each output on the configuration curves.
 
-    A configuration curve has all configurations that one continuous motion passes. Curves
-    with the same sentence are listed together.
+    A configuration curve consists of all configurations that one continuous motion passes.
+    Curves with the same sentence are listed together, with their assembly modes (ways to
+    assemble the links).
 
     Parameters
     ----------
     sampled
         The singularities on all curves.
     names
-        Each output, as it is named in sentences.
+        The name of each output in sentences.
     """
     curves_by_sentence: dict[str, list[int]] = {}
     curve_count = len(sampled.curves)
@@ -143,6 +146,7 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
             curves_by_sentence.setdefault(sentence, []).append(number)
     sentences = []
     for sentence, curves in curves_by_sentence.items():
+        # The sentence does not apply to all curves, so it states to which.
         if len(curves) != curve_count:
             sentence += f" on {numbered('configuration curve', curves)}"
             pieces = [
@@ -154,6 +158,7 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
             if modes:
                 sentence += f" ({numbered('assembly mode', modes)})"
         sentences.append(sentence)
+    # Without a full revolution of the input, the ranges of the sentences need a remark.
     low, high = sampled.range
     if not sampled.is_simulation and high - low < 2.0 * np.pi - 1e-9:
         sentences.append(
@@ -238,8 +243,8 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
 def describe_accuracy(points: Mapping[str, Any]) -> list[str]:
     """Return a sentence about the accuracy of the listed singularities.
 
-    There is none if no singularity has an error bound, as on curves on which an output
-    always rests.
+    The sentence is in a list, which is empty if no singularity has an error bound. This
+    occurs on curves on which an output always rests.
 
     Parameters
     ----------
@@ -263,19 +268,19 @@ def describe_accuracy(points: Mapping[str, Any]) -> list[str]:
 def describe_least_transmission(
     sampled: SampledSingularities, names: list[str], input_pair: str
 ) -> list[str]:
-    """Return a sentence about the least transmission angle of each output.
+    """Return a sentence about the smallest transmission angle of each output.
 
-    The transmission angle is the acute angle between the planes of both arcs of the dyad
-    (two links in series) that places an output. It is 0 at a singularity of type II, where
-    the locked input does not hold the output, so the least angle is the nearest to such a
-    singularity. Outputs that no dyad places have no sentence.
+    A dyad is two links joined by a pair (joint), each an arc on the sphere. If a dyad moves
+    the output, its transmission angle is the acute angle between the planes of both arcs.
+    At 0 there is a singularity of type II: the output can move while the input is locked.
+    Outputs without a dyad have no sentence.
 
     Parameters
     ----------
     sampled
-        The singularities on all curves.
+        The singularities on all curves of configurations.
     names
-        Each output, as it is named in sentences.
+        The name of each output in sentences.
     input_pair
         Name of the driven pair.
     """
@@ -285,8 +290,8 @@ def describe_least_transmission(
         if nearest is None:
             continue
         angle, q, modes = nearest
-        # "Least". The same word begins the names of the figures of merit for this angle,
-        # such as least_transmission_angle_43.
+        # The word, "least", also begins the names of figures of merit for this angle, such
+        # as least_transmission_angle_43.
         beginning = NEAREST_TRANSMISSION_WORD.capitalize()
         sentences.append(
             f"{beginning} transmission angle of {name}: "
@@ -307,25 +312,25 @@ def warn_of_near_misses(
 ) -> list[str]:
     """Return a warning for each output that comes near a singularity without reaching it.
 
-    At type I the output rests while the input moves. At type II the locked input does not
-    hold the output. Assembly modes that have a singularity of the same type elsewhere in
-    the range are left out.
+    At type I the output rests while the input moves. At type II the output can move while
+    the input is locked. If an assembly mode (way to assemble the links) reaches a
+    singularity of the same type elsewhere in the range, it needs no warning.
 
     Parameters
     ----------
     misses
-        The near misses.
+        Configurations that are near a singularity (near misses).
     points
         The table of singularities, by column.
     names, names_in_words
-        Each output, as it is named in the table of singularities and in sentences.
+        The name of each output in the table of singularities, and in sentences.
     near_deg
-        The angle below which a warning is given (deg).
+        The angle to a singularity below which a warning is given (deg).
     input_pair
         Name of the driven pair.
     """
     warnings = []
-    # Each type and output once, in the order of the near misses.
+    # All combinations of type and output, in the order of the near misses.
     for kind, output in dict.fromkeys((miss.type, miss.output) for miss in misses):
         name = names[output]
         modes_with_singularity = _modes_with_singularity(points, kind, name)

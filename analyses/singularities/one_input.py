@@ -113,16 +113,15 @@ class OneInput:
 
     @cached_property
     def sampled(self) -> SampledSingularities:
-        """The singularities on all configuration curves, and where each row is on them.
+        """The singularities on all configuration curves, and the place of each row on them.
 
-        A configuration curve has all configurations that one continuous motion passes. A
-        row is one configuration of the batch.
+        A configuration curve consists of all configurations that one continuous motion
+        passes. A row is one configuration of the batch.
         """
         batch = self.batch
-        # Other runs cover the whole range of the input. A simulation passes only a part of
-        # each curve, and a singularity counts as inside if it is on such a part. To find
-        # the parts, the inputs of the rows are passed on. The rows are a simulation if the
-        # batch has the sense of motion (+1 or -1: the input increases or decreases).
+        # Usually the motion covers the whole range of the input. A simulation passes only a
+        # part of each curve, and only singularities on this part count as inside. `passed`
+        # locates the part. Only simulations have a sense of motion (+1 or -1).
         is_simulation = batch.motion.sense is not None
         return SampledSingularities(
             batch.tracer,
@@ -153,20 +152,20 @@ class OneInput:
         """The main table: one row for each singularity of each output.
 
         The rows are in this order: singular points on configuration curves, crossings of
-        curves, and curves on which the input or an output is at rest everywhere. A
-        singularity is double if the rate of the input or output that vanishes there does
-        not change its sign. The column `inside` states whether the singularity is in the
-        range of the input. `guarantee` states how completely the curves are known.
+        curves, and curves on which the input or an output is at rest everywhere. At a
+        singularity, the rate of the input or output is zero. The singularity is double if
+        this rate does not change its sign there. The column `inside` states whether the
+        singularity is in the range of the input. `guarantee` states how completely the
+        curves are known.
         """
         sampled = self.sampled
         report = sampled.report
         rows: list[Columns] = []
         for point in (*report.points, *report.crossings):
             rows += self._rows_of_point(point)
-        # Curves on which the input or an output is at rest everywhere. No point is computed
-        # on them, so the residual (the error of a computed point) is 0.
+        # No point is computed on such a curve, so the residual (error of a point) is 0.
         for point in report.resting_curves:
-            # A piece is a part of a curve that belongs to one assembly mode.
+            # A piece is a part of a curve in one assembly mode (way to assemble the links).
             pieces = sampled.configurations.curves[point.curve].pieces
             rows.append(
                 {
@@ -400,8 +399,11 @@ class OneInput:
     ) -> str:
         """Return a sentence with the numbers of singularities and of searched curves.
 
-        The parameters are the numbers by kind (type I, II, ...) inside and outside of the
-        range of the input.
+        Parameters
+        ----------
+        counts_inside, counts_outside
+            Numbers of singularities by kind (type I, II, ...) inside and outside of the
+            range of the input.
         """
         sampled = self.sampled
         counts = "No singularities"
@@ -414,11 +416,12 @@ class OneInput:
         if counts_outside:
             counts += f", {_format_counts(counts_outside)} outside"
         curves = counted(len(sampled.curves), "configuration curve")
-        # Perhaps only a part of the mechanism was searched, on which the outputs depend.
+        # If the outputs depend on a part of the mechanism only, just this part was
+        # searched.
         links_of_part = sampled.position_analysis.mechanism.links
         if len(links_of_part) < len(self.batch.mechanism.links):
             curves += f" of the links {listing(links_of_part)}"
-        # The claim says whether all configuration curves were found.
+        # The claim says whether all configuration curves are known.
         return f"{counts} on {curves}; {_describe_claim(sampled.configurations.claim)}"
 
     def scenes(self) -> tuple[Scene, ...]:
@@ -438,14 +441,20 @@ class OneInput:
     def _mark_singular_inputs(self, rows: slice) -> list[Primitive]:
         """Return marks at the inputs of the singularities of an assembly mode.
 
-        `rows` are the rows of the batch with this mode. If the rows are samples of time,
-        plots have an axis of time, on which inputs cannot be marked: there are no marks.
+        An assembly mode is one way to assemble the links. The marks are vertical lines in
+        plots over the input. If the samples are times, plots are over time and have no
+        marks.
+
+        Parameters
+        ----------
+        rows
+            The rows of the batch with this mode.
         """
         if self.batch.timed:
             return []
         points = self.points
-        # A singularity may belong to several assembly modes, which meet there. The column
-        # has their numbers as a text such as "0+2".
+        # At a singularity several assembly modes can meet. The column has their numbers as
+        # a text such as "0+2".
         mode = str(int(self.batch.assembly_mode[rows.start]))
         is_in_mode = np.array(
             [mode in modes.split("+") for modes in points["assembly_mode"]], bool
@@ -454,7 +463,7 @@ class OneInput:
         marks: list[Primitive] = []
         for kind in dict.fromkeys(points["kind"][is_marked].tolist()):
             q = np.unique(points["q"][is_marked & (points["kind"] == kind)])
-            # One row for each mark, one column for the only input.
+            # (marks, inputs), with the only input.
             marked_inputs = q[:, None]
             colour = COLOUR_OF_KIND[kind]
             marks.append(InputMarks(f"marks/{kind}", f"type {kind}", marked_inputs, colour))
@@ -464,20 +473,21 @@ class OneInput:
     def curve_lines(self) -> dict[tuple[int, int], Floats]:
         """Drawn points of all configuration curves, by number of the curve and the output.
 
-        Each value is an array (`POINTS_PER_CURVE`, 2) of input and output angles in rad.
-        The points are at equal distances in arc length.
+        A configuration curve consists of all configurations that one continuous motion
+        passes. Each value is an array (`POINTS_PER_CURVE`, 2) of input and output angles in
+        rad. The points are equally spaced in arc length.
         """
         lines: dict[tuple[int, int], Floats] = {}
         sampled = self.sampled
         for number, curve in enumerate(sampled.curves):
-            # The last point is just before the end of the curve, because a closed curve
-            # begins its next lap at the end.
+            # At its end, a closed curve would begin the next lap. The last point is just
+            # before it.
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), POINTS_PER_CURVE)
             for output in range(len(self.names)):
                 angle = sampled.output_angle(number, output, s)
                 links = sampled.report.outputs[output]
-                # The output of two links that a pair joins is the pair's angle, which is
-                # drawn modulo turns.
+                # If a pair (joint) connects both links, the output is the angle of the
+                # pair. This angle is drawn without whole revolutions.
                 if sampled.position_analysis.mechanism.angle_between(*links) is not None:
                     angle = wrap(angle)
                 q = sampled.input_at(number, s)
@@ -496,11 +506,10 @@ class OneInput:
     def _input_output_plot(self, output: int, rows: slice) -> Portrait:
         """Return a plot of an output angle against the input angle.
 
-        A `Portrait` is a plot of one quantity against another. It shows all configuration
-        curves, marks at singularities, and a point that moves along the rows of the batch.
-        The input of the moving point is that of the row. Its output angle is that of the
-        nearest drawn point of the curve. It is not computed anew, because the angle is an
-        integral of the output's rate along the whole curve.
+        It shows all configuration curves, marks at singularities, and a point that moves
+        along the rows of the batch. The moving point has the input of its row. Its output
+        angle is that of the nearest drawn point of the curve. An exact angle would take
+        long: it is an integral of the output's rate along the curve.
 
         Parameters
         ----------
@@ -513,7 +522,7 @@ class OneInput:
         sampled = self.sampled
         name = self.names[output]
         curve_numbers = range(len(sampled.curves))
-        # Columns: input and output. Rows on no curve remain NaN.
+        # (rows, 2) input and output. Rows that are on no curve remain NaN.
         row_points = np.full((len(batch), 2), np.nan)
         for number in curve_numbers:
             is_on_curve = sampled.curve == number
@@ -545,11 +554,12 @@ class OneInput:
     def _gallery(self) -> Scene:
         """Return a page that draws the singularities: sample k shows singularity k.
 
-        Each drawing has the links, the six pole axes of the links of input and output, and
-        the two planes through three of these axes that coincide. A singularity that extends
-        over a whole curve has no single configuration to draw, and is left out.
+        A drawing has the links, six pole axes, and two planes through three of these axes
+        each. The two planes coincide at a singularity. A pole axis is the axis of a
+        relative rotation of two links, here of links of input and output. If a whole curve
+        is singular, there is no single configuration to draw, so it is left out.
         """
-        # A point on a curve has an arc length s. A whole curve has NaN.
+        # A singular point has an arc length s on its curve. A whole curve has NaN.
         has_point = np.isfinite(self.points["s"])
         points = {name: column[has_point] for name, column in self.points.items()}
         six_poles = self._poles_of_singularities(points)
@@ -576,10 +586,11 @@ class OneInput:
         )
 
     def _poles_of_singularities(self, points: Mapping[str, Any]) -> SixPoles:
-        """Return the pole axes of input and output at n singularities.
+        """Return the six pole axes of input and output at n singularities.
 
-        They are the axes of the relation c y' = d q' between the rates of output and input.
-        If the relation can be written in two forms, they are the axes of form ii.
+        A pole axis is the axis of the relative rotation of two links. These six appear in
+        the relation c y' = d q' between the rates of output and input. The relation has up
+        to two forms, i and ii. The axes of form ii are used if this form exists.
 
         Parameters
         ----------
@@ -595,8 +606,7 @@ class OneInput:
             relation_by_form = {
                 relation.form: relation for relation in curve_relations.relations
             }
-            # Form i always exists. Form ii does unless the output link is also a link of
-            # the input.
+            # Form ii does not exist if the output link is also a link of the input.
             relation = relation_by_form.get("ii", relation_by_form["i"])
             poles_of_each.append(relation.poles)
         axes_by_name = {
@@ -618,11 +628,11 @@ def _pole_arrows(six_poles: SixPoles) -> list[Primitive]:
 
 
 def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
-    """Return the great circles in the two planes that coincide at each singularity.
+    """Return great circles in the two planes that coincide at each singularity.
 
-    Each plane contains three of the six pole axes. Which three depends on the type: I (the
-    output rests while the input moves) or II (the reverse). Type III and self-motions are
-    drawn with the planes of type II.
+    Each plane contains three of the six pole axes (axes of relative rotations) of input and
+    output. The type of the singularity decides which three: I (the output rests while the
+    input moves) or II (the reverse). Type III and self-motions are drawn as type II.
 
     Parameters
     ----------
@@ -644,15 +654,15 @@ def _coinciding_planes(six_poles: SixPoles, kinds: Any) -> list[Primitive]:
 
 
 def _gallery_text(points: Mapping[str, Any]) -> str:
-    """Return the text of the page that draws all singularities, in Markdown.
+    """Return the text, in Markdown, of the page that draws singularities one by one.
 
-    It has a table of the singularities, and then a note on each that names the axes or
-    planes that coincide. The page draws one singularity at a time, "sample" k in its texts.
+    It has a table of the singularities. A note on each then names the axes or planes that
+    coincide. Singularity k is called "sample" k.
 
     Parameters
     ----------
     points
-        Columns of the table of singularities, a row for each one that is drawn.
+        Columns of the table of singularities, with a row for each drawn singularity.
     """
     lines = []
     for row, q in enumerate(np.degrees(points["q"])):

@@ -24,12 +24,11 @@ COLOUR_OF_KIND = {"I": 1, "II": 2, "III": 3, "self-motion": 4}
 
 @dataclass(frozen=True)
 class PlottedColumn:
-    """The appearance of one column of the table of relations in plots.
+    """The appearance in plots of one column of the table of relations.
 
-    The table has two kinds of columns for each row of the motion. Some are the coefficients
-    of the relation c y' = d q', where y' is the rate of an output and q' that of the one
-    input that moves while the others are locked. The others are angles that measure how
-    near singularities are.
+    The table has two kinds of columns. The coefficients c and d belong to the relation c y'
+    = d q'. y' is the rate of an output, and q' that of the one input that moves while the
+    others are locked. The other columns are angles that measure how near singularities are.
 
     Attributes
     ----------
@@ -47,7 +46,7 @@ class PlottedColumn:
 
     @property
     def depends_on_input(self) -> bool:
-        """Whether the column has other values for each moving input: c and d do."""
+        """Whether the column depends on which input moves. Only c and d do."""
         return not self.unit
 
 
@@ -86,17 +85,18 @@ def plot_plane(
     Parameters
     ----------
     path, label
-        Path and name of the plot.
+        Path in the recording, and name of the plot.
     rows
-        (n, 2) position of the moving point in each row.
+        (n, 2) position of the moving point in each row of a motion.
     axes
         Names of the two angles.
     curves, marks
         Curves and marked points.
     further_points
-        Arrays (k, 2) of points that the frame has to include in addition to the curves.
+        Arrays (k, 2) of points that must be in the visible part of the plane, in addition
+        to the curves.
     """
-    # The frame includes all points; without any it is the origin.
+    # The visible part contains all points. Without points it is the origin.
     point_arrays = [*(curve.points for curve in curves), *further_points]
     points = np.concatenate(point_arrays or [np.zeros((1, 2))])
     low = np.nanmin(points, axis=0)
@@ -124,19 +124,21 @@ def relation_plots(
 ) -> list[Primitive]:
     """Return plots of c, d and angles of each output in some rows of a batch.
 
-    The relation c y' = d q' is between the rates of an output and of the moving input (one
-    input moves while the others are locked). It has up to two forms, i and ii, which differ
-    in the reference link of the output. The angles measure how near singularities are.
+    The relation c y' = d q' is between the rates of an output and of the moving input. One
+    input moves while the others are locked. There are up to two forms of the relation, i
+    and ii, with different reference links of the output. The angles measure how near
+    singularities are.
 
     Parameters
     ----------
     relation
-        The table of relations of the batch, by column. It has the rows of the batch once
-        for every output, form of the relation and moving input.
+        The table of relations of the batch, by column. It repeats the rows of the batch for
+        every output, form of the relation and moving input.
     rows_of_batch
         Number of rows of the batch.
     rows
-        The rows of the batch that are drawn, those of an assembly mode.
+        The rows of the batch that are drawn: those of one assembly mode (way to assemble
+        the links).
     """
     plots: dict[str, Primitive] = {}
     has_several_inputs = len(set(relation["moving"])) > 1
@@ -146,9 +148,8 @@ def relation_plots(
         moving_input = relation["moving"][start]
         table_rows = slice(start + rows.start, start + rows.stop)
         for name, column in PLOTTED_COLUMNS.items():
-            # c and d have a plot for each moving input. Angles are the same for all moving
-            # inputs, so their path has no input: the plot of the last input replaces the
-            # equal plots of the inputs before.
+            # c and d have a plot for each moving input. The angles do not depend on it, so
+            # all inputs have the same path, and only one plot remains.
             by_input = ""
             if has_several_inputs and column.depends_on_input:
                 by_input = f" by {moving_input}"

@@ -201,16 +201,16 @@ class SeveralInputs:
     def first_edge_and_halvings(self) -> tuple[float, int]:
         """Edge length (rad) of the first mesh of surfaces, and number of its halvings.
 
-        The singular configurations of a mechanism with three inputs are surfaces in the
-        space of its pair variables. Each is covered by a coarse mesh of triangles, whose
-        edges are then halved. If the analysis has a length `mesh`, edges have this length
-        after the last halving. By default the first mesh is as coarse as is allowed, and is
-        halved as often as is allowed. The length 0 means that no surfaces are computed.
+        With three inputs, the singular configurations are surfaces in the space of the pair
+        variables. Each is covered by a coarse mesh of triangles. Then all edges are halved
+        several times. `mesh` is the length after the last halving. By default the first
+        mesh is as coarse as is allowed, and is halved as often as is allowed. With the
+        length 0 no surfaces are computed.
         """
         edge_length = self.mesh
         if edge_length == 0.0:
             return 0.0, 0
-        # Ranges of the inputs (rad). The narrowest one has to contain several edges.
+        # Ranges of the inputs (rad). Several edges must fit into the narrowest range.
         widths = [
             abs(driven_input.stop - driven_input.start)
             for driven_input in self.batch.mechanism.inputs
@@ -218,8 +218,8 @@ class SeveralInputs:
         longest = min(LONGEST_EDGE_RAD, min(widths) / EDGES_PER_RANGE)
         if edge_length is None:
             return longest, MAX_EDGE_HALVINGS
-        # As many halvings as leave the first edge below `longest`. Without halvings the
-        # first edge is the wanted one, even if it is longer.
+        # The first edge is at most `longest`, and the last one is `edge_length`. If
+        # `edge_length` is longer than `longest`, there are no halvings.
         halvings = int(np.clip(np.log2(longest / edge_length), 0, MAX_EDGE_HALVINGS))
         first_edge = edge_length * 2**halvings
         return first_edge, halvings
@@ -228,13 +228,13 @@ class SeveralInputs:
     def points(self) -> Columns:
         """The main table: points of singular curves or surfaces, by output.
 
-        - A kind of singularity that occurs in every configuration has a single row.
+        - If every configuration has a kind of singularity, this kind has a single row.
         - A surface has one row for each vertex of its mesh.
-        - A curve has one row for each of its points. A point of type III, at which both
-          types I and II occur, is on a curve of each of these types. It has one further
+        - A curve has one row for each of its points. A point of type III is of types I and
+          II at once. It is on a curve of type I and on one of type II, and has a further
           row as type III.
 
-        A locus is the set of all singular points of one kind. Its `claim` states how
+        The set of all singular points of one kind is called a locus. Its `claim` states how
         complete the search for it was, for example certified or only sampled. The column
         `inside` states whether all inputs are within their declared ranges. The column
         `curve` numbers the curves of an output, or the connected surfaces.
@@ -243,16 +243,15 @@ class SeveralInputs:
         for output in self.batch.mechanism.outputs:
             name = name_output(self.batch.mechanism, output)
             curve_number = 0
-            # (k, variables) configurations of the points of type III that have a row
-            # already. They are passed on, so that the second curve through such a point
-            # does not add the row again.
+            # (k, variables) points of type III that have a row already. Two curves pass
+            # through such a point, but only the first curve adds the row.
             listed_values = np.zeros((0, len(self.batch.mechanism.variable_names)))
             for locus in self.loci[output.name]:
                 if locus.everywhere:
                     tables.append(
                         {
                             "kind": locus.kind,
-                            # Every configuration is singular, also those in the ranges.
+                            # This includes the configurations in the ranges of the inputs.
                             "inside": "yes",
                             "residual": 0.0,
                             "output": name,
@@ -286,8 +285,8 @@ class SeveralInputs:
     ) -> list[Columns]:
         """Return the rows of a singular curve, and of its points of type III.
 
-        At points of type III both types I and II occur. Each is on a curve of type I and on
-        one of type II, but is listed once.
+        Points of type III are of types I and II at once. Each is on a curve of type I and
+        on a curve of type II, but is listed only once.
 
         Parameters
         ----------
@@ -312,7 +311,7 @@ class SeveralInputs:
         tables = [columns]
 
         points_of_type_3 = curve.both
-        # Axes: point of this curve, listed point, variable.
+        # Array axes: point of this curve, listed point, variable.
         differences = np.abs(wrap(points_of_type_3.values[:, None] - listed_values))
         is_listed = np.any(np.max(differences, axis=2) < SAME_TYPE_THREE_POINT_RAD, axis=1)
         if not np.all(is_listed):
@@ -333,7 +332,7 @@ class SeveralInputs:
         ----------
         points
             n singular configurations. `inside` states whether all inputs are within their
-            declared ranges, and `pointing` has the direction of an output that points.
+            declared ranges. If the output is a direction, `pointing` has this direction.
         output
             The output.
         claim
@@ -365,7 +364,8 @@ class SeveralInputs:
     def _describe_conditions(self, points: SingularPoints, output: Output) -> list[str]:
         """Return the geometric condition of each singular point as a text.
 
-        An example of a condition is that the pole axes of several inputs are in one plane.
+        An example is that the pole axes of several inputs are in one plane. A pole axis is
+        the axis of a relative rotation of two links.
 
         Parameters
         ----------
@@ -375,14 +375,13 @@ class SeveralInputs:
             The output that is singular there.
         """
         tracer = self.batch.tracer
-        # The poses of all links at these configurations.
+        # The orientations of all links at these configurations.
         motion = tracer.given(points.values)
-        # The condition that the output rests, as linear equations in the rates of all
-        # pairs.
+        # The condition that the output rests: linear equations in the rates of all
+        # variables.
         rest_condition = output_of(self.batch.mechanism, output.name)
-        # `by_rank` is how the run has counted the degrees of freedom: by the rank of the
-        # loop equations, or by the numbers of links and pairs. The poles are computed with
-        # the same count.
+        # The run has counted the degrees of freedom by the rank of the loop equations
+        # (`by_rank`) or by the numbers of links and pairs. The same count is used here.
         return what_vanishes(
             motion,
             rest_condition,
@@ -406,9 +405,9 @@ class SeveralInputs:
     def _relation_columns(self, output: Output, input_number: int) -> Columns:
         """Return the columns of the relation of an output and one input that moves alone.
 
-        The input moves at the rate q' while the others are locked. The output then turns
-        about its pole axis u at the angular velocity w, with c w = d q'. The coefficient c
-        is 0 at singularities of type II, d at those of type I.
+        The input moves at the rate q' while the others are locked. The output turns about
+        its pole axis (axis of relative rotation) u at the angular velocity w, with c w = d
+        q'. At singularities of type II c is 0, at those of type I d is 0.
 
         Parameters
         ----------
@@ -427,13 +426,13 @@ class SeveralInputs:
             "assembly_mode": batch.assembly_mode,
             **input_columns(batch.mechanism, batch.inputs),
             "output": name_output(batch.mechanism, output),
-            # "i": w is relative to the reference link of the output. (Form "ii" occurs in
-            # mechanisms with one input.)
+            # In form "i", w is relative to the reference link of the output. Form "ii"
+            # occurs only in mechanisms with one input.
             "form": "i",
             "distance_I": angle_from_sine(rows.type_one),
             "distance_II": angle_from_sine(rows.type_two),
             # The smallest singular value of the loop equations with all inputs locked. It
-            # is 0 if a link can move nevertheless.
+            # is 0 if a link can move although the inputs are locked.
             "sigma": rows.hold,
             "reciprocal_condition": rows.reciprocal_condition,
             "status": batch.status,
@@ -445,21 +444,22 @@ class SeveralInputs:
             "c": rows.c[:, input_number],
             "d": rows.d[:, input_number],
             "velocity_coefficient": np.vecdot(angular_velocities, pole_axes),
-            # w and q' of the motion in which the rates of all pairs have unit length. They
-            # are finite at singularities, too.
+            # w and q' of the motion in which the rates of all pairs form a unit vector.
+            # They are finite at singularities, too.
             "output_rate": rows.output_rate[:, input_number],
             "input_rate": rows.input_rate[:, input_number],
         }
 
     @property
     def aspects(self) -> Columns:
-        """The table of aspects: configurations over an input grid.
+        """The table of aspects: configurations over a grid of input values.
 
         An aspect is a connected set of configurations without singularities. Each row of
-        the table is a configuration with the number of its aspect, and with the signs of
-        the determinants of type I and II, which are the same in the whole aspect.
+        the table is a configuration with the number of its aspect. The determinants of type
+        I and II, which are zero at singularities, have one sign in the whole aspect. The
+        signs are columns.
         """
-        # None if aspects were not asked for.
+        # None if the user does not want aspects.
         found_aspects = self._search_result.aspects
         mechanism = self.batch.mechanism
         if found_aspects is None:
@@ -567,7 +567,11 @@ class SeveralInputs:
         return Findings(summary, tuple(warnings), tuple(remarks), tables)
 
     def _locus_cells(self, locus: Locus) -> tuple[str, ...]:
-        """Return the cells of a locus: kind, numbers inside and outside, inputs reached."""
+        """Return the cells of a table row about a locus (all singularities of one kind).
+
+        They are the kind, the number of curves or surfaces inside and outside of the ranges
+        of the inputs, and the inputs over which they reach.
+        """
         inputs = self.batch.moving_inputs
         kind = f"{name_kind(locus.kind)} ({EFFECTS[locus.kind]})"
         if isinstance(locus, SingularSurface):
@@ -578,7 +582,7 @@ class SeveralInputs:
         parts = []
         for curve in locus.curves:
             if np.any(curve.points.inside):
-                # Nodes are too far apart to show where a curve leaves the ranges.
+                # Computed points are too far apart to show where a curve leaves the ranges.
                 points = self._dense_points(curve)
                 parts.append(points.inputs[points.inside])
         count_text = counted(len(parts), "curve") if parts else "none"
@@ -589,9 +593,9 @@ class SeveralInputs:
     def _warn_of_near_rows(
         self, kind: str, output: str, sines: Floats, singular_modes: Sequence[int]
     ) -> list[str]:
-        """Return a warning if rows come near a type of singularity.
+        """Return a warning if rows (configurations) come near a type of singularity.
 
-        The list is empty if no row does.
+        The warning is in a list, which is empty if no row does.
 
         Parameters
         ----------
@@ -600,7 +604,8 @@ class SeveralInputs:
         sines
             (n,) sine of the angle of each row to a singularity of this type.
         singular_modes
-            Assembly modes that are singular of this type in every row; they are left out.
+            Assembly modes (ways to assemble the links) that are singular of this type in
+            every row. They are left out.
         """
         batch = self.batch
         is_left_out = np.isin(batch.assembly_mode, singular_modes)
@@ -614,7 +619,7 @@ class SeveralInputs:
             for pair, q in zip(batch.moving_inputs, batch.inputs[row], strict=True)
         )
         modes = numbered("assembly mode", np.unique(batch.assembly_mode[is_near]))
-        # Adding zero turns a negative zero into zero.
+        # Adding 0.0 changes -0.0 to 0.0.
         nearest_deg = round(angles_deg[row], ANGLE_DECIMALS) + 0.0
         return [
             f"Samples of {modes} come within {self.near:g} deg of type {kind} of output "
@@ -702,23 +707,23 @@ class SeveralInputs:
         section: LockedInputSection | None,
         time_limit: TimeLimit,
     ) -> Locus:
-        """Return the singularities of one kind: curves of two inputs, surfaces of three.
+        """Search the singularities of one kind: curves of two inputs, surfaces of three.
 
-        The search starts from singular points of slices: curves of configurations with all
-        inputs but one locked. They were followed before, once for all searches.
+        A slice consists of the configurations with all inputs but one locked, which are
+        curves. The search starts from singular points on these curves.
 
         Parameters
         ----------
         kind, output
             The kind, and the name of the output.
         section
-            The slices. With None the user wants none, and the search starts from random
-            configurations.
+            The curves of the slices, which were followed before. With None the user wants
+            no slices, and the search starts from random configurations.
         time_limit
             Processor time to spend.
         """
         mechanism = self.batch.mechanism
-        # Below, `made` are the slices, and with `slices_of_each=0` no others are computed.
+        # `made` are the slices. With `slices_of_each=0`, no others are computed.
         if len(mechanism.inputs) == SURFACE_INPUT_COUNT:
             # A mesh of triangles covers a surface. Its edges are halved afterwards.
             edge, halvings = self.first_edge_and_halvings
@@ -732,9 +737,8 @@ class SeveralInputs:
                 made=section,
                 budget=time_limit,
             )
-        # In a mid-plane symmetric architecture the output is the mirror image of the base
-        # in a moving plane. Its singular curves of types I and II have a closed form, but
-        # not those of self-motions. It is used if the user does not ask for slices.
+        # If base and output mirror each other in a plane, singular curves of types I and II
+        # are computed by formulas. These are used unless the user asks for slices.
         if section is None and kind != SELF_MOTION:
             curves = mid_plane_loci(mechanism, kind, output, time_limit)
             if curves is not None:
@@ -760,9 +764,10 @@ class SeveralInputs:
     def scenes(self) -> tuple[Scene, ...]:
         """Return a page of singular surfaces, and one page for each assembly mode.
 
-        The page of an assembly mode has the singular curves in the plane of the inputs and
-        on the sphere. It also has plots of the table `relation`: the coefficients c and d
-        of c w = d q' between the rates of output and input, and distances to singularities.
+        An assembly mode is one way to assemble the links. Its page has the singular curves
+        in the plane of the inputs and on the sphere. It also has plots of the table
+        `relation`: the coefficients c and d of c w = d q' between the rates of output and
+        input, and distances to singularities.
         """
         pages = []
         surfaces = self._draw_surfaces()
@@ -786,7 +791,7 @@ class SeveralInputs:
         return tuple(pages)
 
     def _draw_surfaces(self) -> tuple[Surface, ...]:
-        """Return the singular surfaces in the space of the three inputs."""
+        """Return drawings of the singular surfaces, in the space of the three inputs."""
         surfaces = []
         for output in self.batch.mechanism.outputs:
             for mesh in self.loci[output.name]:
@@ -812,8 +817,8 @@ class SeveralInputs:
     ) -> Portrait:
         """Return a drawing of an output's singular curves in the plane of both inputs.
 
-        A moving point shows the inputs of the motion. Points of type III, at which types I
-        and II occur together, are marked.
+        A moving point shows the inputs of the motion. Points of type III, which are of
+        types I and II at once, are marked.
 
         Parameters
         ----------
@@ -829,7 +834,7 @@ class SeveralInputs:
         for locus in loci:
             colour = COLOUR_OF_KIND[locus.kind]
             for curve in locus.curves:
-                # Lines need more points than those that were computed along the curve.
+                # For smooth lines, further points between the computed ones are needed.
                 line = break_at_jumps(self._dense_points(curve).inputs)
                 curves.append(PlaneCurve(line, colour, name_kind(locus.kind)))
                 # `both` are the points of type III on the curve.
@@ -842,22 +847,23 @@ class SeveralInputs:
             axes=(first, second),
             curves=curves,
             marks=marks,
-            # The frame includes the inputs of the whole motion, also of other modes.
+            # The drawing includes the inputs of all assembly modes (ways to assemble the
+            # links).
             further_points=[self.batch.inputs],
         )
 
     def _draw_on_sphere(
         self, output: Output, loci: Sequence[SingularCurves]
     ) -> list[Primitive]:
-        """Return the singular curves of an output as curves on the sphere.
+        """Return drawings of the singular curves of an output on the sphere.
 
-        A curve on the sphere is the path of the direction of the output along a singular
-        curve. Points of type III, at which types I and II occur together, are marked.
-        `loci` are the singular curves of each kind.
+        The path of the output's direction along a singular curve is a curve on the sphere.
+        Points of type III, which are of types I and II at once, are marked. `loci` are the
+        singular curves of each kind.
         """
         parts: list[Primitive] = []
         for locus in loci:
-            # Lines need more points than those that were computed along the curve.
+            # For smooth lines, further points between the computed ones are needed.
             lines = [
                 _output_directions(self._dense_points(curve)) for curve in locus.curves
             ]
@@ -902,11 +908,11 @@ def _certainty_columns(claim: Completeness) -> Columns:
 
 
 def _summarize_locus(locus: Locus) -> dict[str, Any]:
-    """Return the size of a locus (all singularities of one kind) as numbers.
+    """Return numbers about a locus (all singularities of one kind), for the summary.
 
-    The numbers count curves inside and outside of the ranges of the inputs, or vertices of
-    surfaces. The entry ``claim`` says in words how complete the search was; for a surface
-    it also states the length of edges of the mesh.
+    They are numbers of curves inside and outside of the ranges of the inputs, or of
+    vertices of surfaces. The entry ``claim`` says in words how complete the search was. For
+    a surface it also states the length of edges of the mesh.
     """
     if isinstance(locus, SingularSurface):
         return {
@@ -920,7 +926,7 @@ def _summarize_locus(locus: Locus) -> dict[str, Any]:
 
 
 def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
-    """Return the ranges of the inputs that curves or surfaces reach over, as text.
+    """Return the ranges of the inputs over which curves or surfaces extend, as text.
 
     Parameters
     ----------
@@ -935,12 +941,14 @@ def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
         lowest = np.degrees(np.min(points, axis=0))
         highest = np.degrees(np.max(points, axis=0))
         for pair, low, high in zip(inputs, lowest, highest, strict=True):
-            # Points are about a degree apart. Adding zero turns a negative zero into zero.
+            # Points are about a degree apart, so degrees are rounded. Adding 0.0 changes
+            # -0.0 to 0.0.
             low_text, high_text = f"{low + 0.0:.0f}", f"{high + 0.0:.0f}"
             range_text = low_text if low_text == high_text else f"{low_text} to {high_text}"
             ranges.append(f"{pair} = {range_text}")
         texts.append(", ".join(ranges))
-    # Curves of several modes can reach over the same inputs.
+    # Curves of several assembly modes (ways to assemble the links) can have the same
+    # ranges.
     distinct_texts = list(dict.fromkeys(texts))
     listed = "; ".join(distinct_texts[:MAX_LISTED_REACHES])
     further = len(distinct_texts) - MAX_LISTED_REACHES
@@ -948,13 +956,14 @@ def _reach_text(parts: Sequence[Floats], inputs: Sequence[str]) -> str:
 
 
 def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
-    """Return the table of the loci for the screen.
+    """Return a table for the screen about the loci (singularities of one kind each).
+
+    With one output, its name is in the title. With several, it is a column.
 
     Parameters
     ----------
     rows
-        For each locus (all singular configurations of one kind) the output and the cells of
-        `_locus_cells`.
+        For each locus the output and the cells of `_locus_cells`.
     """
     columns = [
         ScreenColumn("kind"),
@@ -973,8 +982,8 @@ def _locus_table(rows: Sequence[tuple[str, ...]]) -> ScreenTable:
 def _describe_search(locus: Locus, output: str) -> list[str]:
     """Return sentences on how complete the search for a locus was, and what it left out.
 
-    Irregular configurations are singular ones that the search met, but from which it could
-    not follow a curve or surface, for example where curves cross.
+    A locus is the set of all singular configurations of one kind. At some of them, called
+    irregular, no curve or surface could be followed, for example where curves cross.
     """
     if isinstance(locus, SingularSurface):
         shape = "surface"
@@ -982,7 +991,7 @@ def _describe_search(locus: Locus, output: str) -> list[str]:
         claim = locus.guarantee
     else:
         shape = "curve"
-        # `stray` are the irregular configurations themselves.
+        # `stray` are the irregular configurations.
         irregular = len(locus.stray)
         claim = locus.claim.sentence or str(locus.claim)
     sentences = [f"Search for singularities {of_kind(locus.kind)} of {output}: {claim}."]

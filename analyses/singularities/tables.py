@@ -353,22 +353,25 @@ def _format_signs(
 ) -> list[str]:
     """Return the signs of the groups of the whole mechanism as text, one for each row.
 
-    A group is a set of links that is assembled at once, such as a dyad (two links that can
-    be assembled in two ways). Its sign is that of a determinant of its axes, which tells
-    the two ways apart. A text has one character for each group: + or -, 0 if the group is
-    singular, * if it is not in the part of the mechanism to which `signs` belong.
+    A group is a set of links that are assembled together, such as a dyad (two links joined
+    by a pair). A dyad can be assembled in two ways. Its sign is that of a determinant of
+    its axes, which has different signs in the two ways. A text has one character for each
+    group: + or -, or 0 if the determinant is zero (singular). It is * for a group outside
+    of the part of the mechanism to which `signs` belong.
 
     Parameters
     ----------
     batch
-        The rows of the run, with the position analysis of the whole mechanism.
+        The rows (configurations) of the run, with the position analysis of the whole
+        mechanism.
     position_analysis
         The position analysis of the whole mechanism or of a part.
     signs
         (n, groups) signs 1 or -1 of the groups of `position_analysis`, 0 for a singular
         group.
     """
-    # A part numbers its links and pairs anew. The names of the pairs that close a group are
+    # A part has other numbers of links and pairs (joints), but the same names. The names of
+    # the pairs that close a group identify the group.
     # the same in the part and in the whole mechanism, and identify the group.
     groups = [
         set(position_analysis.mechanism.names_of(group.pairs))
@@ -393,8 +396,8 @@ def _format_signs(
 def _format_modes(batch: Batch, signs: NDArray[np.int8]) -> list[str]:
     """Return for each row the numbers of the assembly modes with its signs, as ``0+2``.
 
-    An assembly mode is a sign for each group of links. A singular group, with the sign 0,
-    agrees with modes of both signs.
+    An assembly mode is one way to assemble the links. It is described by a sign for each
+    group of links. At a singularity a sign is 0, and modes with either sign meet.
 
     Parameters
     ----------
@@ -404,6 +407,7 @@ def _format_modes(batch: Batch, signs: NDArray[np.int8]) -> list[str]:
         (n, groups) 1, -1 or 0.
     """
     modes = batch.motion.assembly_modes
+    # Array axes: row, mode, group.
     mode_signs = np.reshape([mode.signs for mode in modes], (len(modes), signs.shape[1]))
     # Axes: row, mode, group.
     agrees = (signs[:, None] == mode_signs) | (signs[:, None] == 0)

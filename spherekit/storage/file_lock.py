@@ -47,8 +47,8 @@ def acquire_lock(path: Path) -> BaseFileLock | str:
             f"{str(path)!r} has the name of a lock file of spherekit, but is not one; "
             "choose another folder, or move it away"
         )
-    # Another program may have the lock for a moment only, so the call waits 0.1 s. With
-    # `fallback_to_soft` a lock without protection would be used on disks without locks.
+    # Another program may have the lock for a moment only, so the call waits 0.1 s. Without
+    # `fallback_to_soft` the call fails on disks without locks.
     lock = FileLock(path, timeout=0.1, fallback_to_soft=False, on_acquired=_write_owner)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -256,8 +256,8 @@ class Table:
     def named(self, data: "TableData", names: Mapping[int, str]) -> "TableData":
         """Add the column of the names of assembly modes, if the table declares it.
 
-        An assembly mode is one of the ways to assemble the mechanism. A user can name
-        modes.
+        An assembly mode is one of the ways to assemble the mechanism. A mechanism can have
+        names for them.
 
         Parameters
         ----------

@@ -283,8 +283,8 @@ def _needs_quotes(rows: "pa.Table", separator: str) -> bool:
 def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
     """Yield the rows of several Parquet files in pieces of `CHUNK_ROWS` rows.
 
-    Large tables are copied to other files piece by piece, to save memory. The rows of a
-    Parquet file are divided into row groups, which can be read in any order.
+    This way a large table is never in memory as a whole. The rows of a Parquet file are
+    divided into row groups, which can be read in any order.
 
     Parameters
     ----------

@@ -216,7 +216,7 @@ def _axis_of_r_pair(
     axes
         The axis (3,) in the axes of the first link, and in those of the second.
     placed
-        Orientations of all links. The `depth` of a link grows with its place in the order.
+        Orientations of all links. A link with a smaller `depth` was placed earlier.
     """
     first_link, second_link = links
     first_axis, second_axis = axes

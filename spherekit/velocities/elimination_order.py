@@ -243,8 +243,8 @@ def _judge_candidates(
     """
     if not loop_variables:
         return []
-    # The number of independent equations: singular values above rounding errors, counted at
-    # the configuration where they are largest.
+    # The number of independent equations: the singular values that exceed rounding errors
+    # at some configuration.
     sizes = np.linalg.svd(rows[:, :, loop_variables], compute_uv=False)
     rank = int(np.sum(np.max(sizes, axis=0) > REDUNDANT_SINGULAR_VALUE))
     if not rank:

@@ -33,9 +33,8 @@ class LinkOrientation:
     basis_from_link
         (3, 3) numbers, or expressions of sizes: the rotation from link axes to the basis.
     depth
-        Number of pairs (joints) on the path from the ground to this link. A direction that
-        is fixed in several links has the shortest expressions in the link with the smallest
-        depth.
+        Rank of the link by the length of its expressions; 0 for the ground. It grows with
+        each link that is placed on the path to this one.
     """
 
     basis: Exprs
