@@ -790,7 +790,7 @@ class BatchRunner:
     ) -> Iterator[Indices]:
         """Yield the numbers (n,) of the samples of each block of a run.
 
-        The size of each block is chosen only when the block before has been used.
+        The size of a block depends on whether columns of earlier blocks were read.
 
         Parameters
         ----------
@@ -840,10 +840,9 @@ class BatchRunner:
         """Return the poles of a block, for each input that moves while others are locked.
 
         A pole is the axis about which one link rotates relative to another. The columns of
-        numbers are computed when they are read.
-
-        `motion_at` has stored facts about the poles of the motion in `pending_poles`. They
-        are removed here, so this method can be called only once for each motion.
+        numbers are computed when they are read. `motion_at` has stored facts about these
+        poles in `pending_poles`. They are removed here, so each motion can be used only
+        once.
 
         Parameters
         ----------
@@ -859,6 +858,7 @@ class BatchRunner:
         For each input, an object with the attributes of `PoleField`.
         """
         pending_poles = self.pending_poles.pop(id(motion))
+        # The rows that the kernel (compiled functions) does not certify are computed now.
         uncertified_poles = UncertifiedPoles(
             self.kernel, motion, self.requests, pending_poles.uncertified
         )

@@ -108,6 +108,9 @@ class FigureOfMerit:
     def parsed(self, names: Units) -> Expression:
         """Return the expression of this figure of merit, parsed from its text.
 
+        A figure of merit is a number that rates a design, such as the largest value of an
+        expression over all samples.
+
         Parameters
         ----------
         names

@@ -32,15 +32,15 @@ smaller: fewer of the successive samples are shown.
 
 
 class Recorder(Protocol):
-    """A viewer or file that receives the scenes of a run; see `spherekit.display`.
+    """A viewer or a file that receives the scenes of a run, block by block of samples.
 
-    A scene is a set of drawings over some samples. Some recorders have two more members:
-    `finish`, which completes the recording, and `cost`, the numbers of entities, rows and
-    bytes that it has written.
+    A scene is a set of drawings over some samples. Recorders in `spherekit.display` may
+    have two more members. `finish` completes the recording. `cost` has the numbers of
+    entities, rows and bytes that were written.
     """
 
     def start(self, head: RecordingHead) -> None:
-        """Receive what is known before the first block."""
+        """Receive what is known before the first block, such as titles and the ground."""
 
     def log(
         self,
@@ -49,7 +49,9 @@ class Recorder(Protocol):
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Receive the scene of a block of samples in one assembly mode.
+        """Receive the scene (drawings) of a block of samples in one assembly mode.
+
+        An assembly mode is one of the ways to assemble the mechanism.
 
         Parameters
         ----------
@@ -58,9 +60,9 @@ class Recorder(Protocol):
         samples
             (k,) sample numbers. Empty for a scene that does not move.
         inputs
-            (k,) values of the input, rad.
+            (k,) values of the input, rad. None if the run has several inputs.
         times
-            (k,) times, s.
+            (k,) times, s. None if the samples are no times.
         """
 
 
@@ -153,14 +155,20 @@ class RecordingSession:
         return {"one_of": self._every, "from_sample": self._first_sample}
 
     def show_simulation_progress(self, sampling: Sampling) -> None:
-        """Show the links at samples that an unfinished simulation has passed.
+        """Show the links at the samples that an unfinished simulation has passed.
 
-        They are shown before their poles are evaluated, so that a viewer follows a long
-        simulation. When the simulation is finished, `use_final_sampling` is called instead.
+        Users can so follow a long simulation in a viewer. Poles and results of analyses are
+        computed only later. When the simulation is finished, `use_final_sampling` is called
+        instead.
+
+        Parameters
+        ----------
+        sampling
+            All samples, and the part of the simulation that is solved so far.
         """
         assert sampling.t is not None and sampling.simulation is not None
-        # `end.t` is the time (s) that the simulation has reached so far. One of `_every`
-        # successive samples is recorded.
+        # `end.t` is the time (s) that the simulation has reached so far. Only every
+        # `_every`-th sample is recorded.
         passed_count = np.searchsorted(sampling.t, sampling.simulation.end.t)
         new_samples = np.arange(self._shown_count, passed_count, self._every)
         if new_samples.size:
@@ -168,32 +176,35 @@ class RecordingSession:
             motion = sampling.motion_at(new_samples)
             self._shown_count += self._every * len(new_samples)
             scenes = moving_link_scenes(motion, self._link_shapes)
-            # `MOTION` says that the run itself shows these scenes, and no analysis.
+            # `MOTION` says that these scenes belong to the run itself, not to an analysis.
             self.record_scenes(scenes, motion, MOTION)
 
     def use_final_sampling(self, final_sampling: Sampling) -> None:
         """Record the samples of a finished simulation from now on.
 
         While a simulation is solved, its links are shown at samples up to the requested end
-        time. The finished simulation can end earlier, and then has fewer samples. Samples
-        after its end that are already shown are hidden. The last sample of the finished
-        simulation is at its end, which can be another time than that of the shown sample
-        with the same number. This shown sample is hidden too.
+        time. The simulation may end earlier, and then has fewer samples. Shown samples
+        after its end are hidden. The last sample of the finished simulation is at its end,
+        so its time may differ from that of the shown sample with this number. This shown
+        sample is hidden, too.
+
+        Parameters
+        ----------
+        final_sampling
+            The samples of the finished simulation.
         """
-        # The samples that are hidden: from the last one of the finished simulation to the
-        # last one that has been shown. `_shown_count` counts whole steps of `_every`
-        # samples, so it can exceed the number of samples.
+        # Hide the samples from the last one of the finished simulation to the last one that
+        # was shown. `_shown_count` counts in steps of `_every`, so it may be too large.
         shown_sampling = self._sampling
         first_hidden = len(final_sampling) - 1
         shown_end = min(self._shown_count, len(shown_sampling))
         hidden_samples = np.arange(first_hidden, shown_end)
         if hidden_samples.size:
             motion = shown_sampling.motion_at(hidden_samples)
-            # Links without a rotation (NaN) are not drawn. To record them again, without
-            # rotations, hides them.
+            # Links without a rotation (NaN) are not drawn, so recording them hides them.
             motion = replace(motion, placed=np.full_like(motion.placed, np.nan))
             scenes = moving_link_scenes(motion, self._link_shapes)
-            # `MOTION` says that the run itself shows these scenes, and no analysis.
+            # `MOTION` says that these scenes belong to the run itself, not to an analysis.
             self.record_scenes(scenes, motion, MOTION)
         self._sampling = final_sampling
 
@@ -235,8 +246,8 @@ class RecordingSession:
     def _log(self, scene: Scene, motion: Motion) -> None:
         """Pass a scene to the recorder, with the samples of a block.
 
-        Some scenes are drawn over an axis of their own, such as a parameter of a curve. All
-        others are drawn over the samples.
+        Some scenes are drawn over a quantity such as a frequency or a parameter of a curve
+        (`over`). All others are drawn over the samples.
 
         Parameters
         ----------
@@ -270,16 +281,16 @@ class RecordingSession:
         Parameters
         ----------
         scene
-            The drawings, without axes.
+            The drawings. Their horizontal axis is added here.
         motion
             The recorded samples of the block.
         """
-        # The rows of the first assembly mode, which come first, have all samples.
+        # The first `count` rows are all samples in the first assembly mode.
         count = motion.samples
         scene_over_samples = replace(scene, over=self._axes(motion))
         inputs = None
         if self._inputs is not None:
-            # A single input orders the samples.
+            # A single input is the timeline of the viewer.
             inputs = motion.q[:count]
         times = None
         if self._times is not None and motion.timing is not None:
@@ -287,15 +298,19 @@ class RecordingSession:
         self._recorder.log(scene_over_samples, motion.sample[:count], inputs, times)
 
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:
-        """Return the axes over which the samples of a block are drawn.
+        """Return the axes over which values at the samples of a block are plotted.
 
         They are the time if the samples are times, and otherwise each input. The range of
-        an axis is that of the whole run.
+        an axis is that of the whole run, so that plots of all blocks agree.
+
+        Parameters
+        ----------
+        motion
+            The configurations of the block, in all assembly modes.
         """
-        # The first `count` rows, which belong to the first assembly mode, have all samples.
+        # The first `count` rows are all samples in the first assembly mode.
         count = motion.samples
-        # If the samples are times, the motion has them in `timing`, too. It can also have a
-        # `timing` while the samples are inputs.
+        # `timing` alone does not tell, because samples of inputs may have times, too.
         times = self._sampling.t
         if times is not None and motion.timing is not None:
             return (Axis("time", "s", motion.timing.t[:count], (times[0], times[-1])),)

@@ -23,15 +23,18 @@ It avoids 0 / 0 for values that are all zero. Their derivatives are then zero.
 
 @dataclass(frozen=True)
 class SampledValues:
-    """Values of one quantity at samples of the inputs.
+    """Values of one quantity at k samples of the inputs, to be reduced to one number.
+
+    The number, a figure of merit, is for example their maximum.
 
     Attributes
     ----------
     q
-        (k,) the input (rad) at each sample. With several inputs it is the first one. If the
-        figure of merit is itself an input, it is the input that the user names.
+        (k,) the input (rad) at each sample. With several inputs it is the first one, or the
+        one that the user names if the result is an input.
     values
-        (k, n) the values in n assembly modes, NaN where a mode cannot be assembled.
+        (k, n) the values in n assembly modes (ways to assemble the mechanism). NaN where a
+        mode cannot be assembled.
     is_closed_path
         Whether the samples are a path that ends where it began. The inputs of the last
         sample are then those of the first one, apart from whole revolutions.
@@ -46,6 +49,8 @@ class SampledValues:
 class Reduction:
     """A way in which the values of a quantity at samples become one number.
 
+    Examples are the maximum, and the input at which the maximum occurs.
+
     Attributes
     ----------
     meaning
@@ -54,14 +59,13 @@ class Reduction:
         Function that returns the number (n,) of each mode. It ignores NaN, and returns NaN
         if all values are NaN.
     weights
-        Function that returns the derivatives (k,) of the number of a single mode by the
-        values at the k samples, from the values and the number. At least one value is
-        finite. It is None if the number is the input of a sample, for example of the sample
-        with the largest value. Small changes of the values do not change such a number.
+        Function that returns the derivatives (k,) of the number by the values at the k
+        samples, for a single mode. Its arguments are the values and the number. None if the
+        number is the input of a sample, which small changes of the values do not change.
     returns_input
         Whether the number is an input (rad) and not a value of the quantity.
     needs_point
-        Whether the number is the value at inputs that the user gives, as in
+        Whether the number is the value at inputs that the user states, as in
         ``at(theta_41, 30)``.
     """
 
@@ -75,14 +79,20 @@ class Reduction:
 def reduce_samples(
     reduction: str, q: Floats, values: Floats, is_closed_path: bool = False
 ) -> Floats:
-    """Reduce the values at samples to one number (n,) for each mode.
+    """Reduce the values of a quantity at samples to one number (n,) for each assembly mode.
+
+    For example, the maximum of all values is computed.
 
     Parameters
     ----------
     reduction
         Name of the reduction, a key of `REDUCTION_BY_NAME`.
-    q, values, is_closed_path
-        The samples, see `SampledValues`.
+    q
+        (k,) the input (rad) at each of k samples.
+    values
+        (k, n) the values in n assembly modes, NaN where a mode cannot be assembled.
+    is_closed_path
+        Whether the last sample is the first one after full revolutions of the inputs.
 
     Returns
     -------
@@ -110,8 +120,8 @@ def sample_weights(
     values
         (k,) values, NaN where the mechanism cannot be assembled.
     figure
-        The reduced number. It occurs in some of the derivatives, such as that of the root
-        of the mean square.
+        The reduced number. Some derivatives depend on it, such as those of the root of the
+        mean square.
     is_closed_path
         Whether the last sample is the first one after full revolutions of the inputs.
 

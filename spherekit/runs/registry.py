@@ -117,8 +117,8 @@ def list_analyses() -> list[AnalysisRecord]:
     # Analyses of installed packages, which declare them as entry points.
     for name, entries in _find_entry_points().items():
         for entry in entries:
-            # Loaded by name, as in a run: if several packages have an analysis of this
-            # name, none of them can be used, and each gets this error.
+            # Load by name, as in a run. If several packages have an analysis of this name,
+            # each of them gets the error that the name is not unique.
             try:
                 load_analysis(name)
                 error = ""
@@ -126,20 +126,20 @@ def list_analyses() -> list[AnalysisRecord]:
                 error = str(problem)
             origin = _distribution_name(entry)
             analysis_records.append(AnalysisRecord(name, origin, entry.value, error))
-    # The name is the first field of a record, and therefore decides about the order.
+    # Records are sorted by their first field, the name.
     return sorted(analysis_records)
 
 
 def load_analysis(name: str) -> type[AbstractAnalysis]:
-    """Return the class of an analysis, given by its name.
+    """Return the class of the analysis with a certain name.
 
     Raises
     ------
     AnalysisError
         If no analysis has this name.
     PluginError
-        If several packages have an analysis of this name, if it cannot be imported, or if
-        its class is faulty.
+        If several packages have an analysis of this name, or if the analysis cannot be
+        imported or has a faulty class.
     """
     # This process may have registered the class itself. Otherwise an installed package
     # declares it as an entry point.
@@ -176,15 +176,22 @@ def load_analysis(name: str) -> type[AbstractAnalysis]:
 def create_analysis(request: str, angle_unit: AngleUnit = "rad") -> AbstractAnalysis:
     """Return an analysis from ``NAME`` or ``NAME:key=value,key=value``.
 
-    Lists are written ``a+b+c``. Unknown parameters and unreadable values raise
-    `AnalysisError` with what is allowed, a broken plugin `PluginError`.
+    A list as value is written ``a+b+c``.
 
     Parameters
     ----------
     request
         The name and the parameters of the analysis.
     angle_unit
-        Unit of angles without a unit: `angle_unit` of the mechanism that is analysed.
+        The unit of an angle that is written without a unit. It is that of the mechanism.
+
+    Raises
+    ------
+    AnalysisError
+        If a parameter is unknown, or a value cannot be read. The message says what is
+        allowed.
+    PluginError
+        If the analysis is a plugin that cannot be used.
     """
     name, _, text = request.partition(":")
     cls = load_analysis(name)

@@ -34,7 +34,9 @@ def evaluation_memory(mechanism: Mechanism, row_count: int) -> int:
 def need_memory(
     mechanism: Mechanism, row_count: int, whole_analyses: Sequence[str]
 ) -> None:
-    """Raise `AnalysisError` if evaluating all rows of a run at once needs too much memory.
+    """Raise `AnalysisError` if a run of all samples at once needs too much memory.
+
+    Other runs are computed in blocks of samples and need no such check.
 
     Parameters
     ----------
@@ -48,7 +50,7 @@ def need_memory(
     needed = evaluation_memory(mechanism, row_count)
     usable = usable_memory()
     if needed > usable:
-        # Half of the rows that would fit by this estimate.
+        # The estimate is rough, so only half of the rows that would fit are advised.
         advised_row_count = max(1, int(row_count * usable / needed / 2))
         raise AnalysisError(
             f"{listing(whole_analyses)} needs all samples at once. This takes about "
@@ -61,7 +63,7 @@ def need_memory(
 def need_disk(
     folder: Path, written_bytes: float, total_bytes: float, subject: str, advice: str
 ) -> None:
-    """Raise `OutputError` if the disk has no room for files that are partly written.
+    """Raise `OutputError` if the disk has no room for the rest of the files of a run.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ def need_disk(
     total_bytes
         Expected size of all files in the end.
     subject
-        Subject of the sentence in the message: the data that need the space.
+        The data that need the space, as the subject of the sentence in the message.
     advice
         What the user can do, for the end of the message.
     """
@@ -92,8 +94,8 @@ def need_disk_for_run(
 ) -> None:
     """Raise `OutputError` if the disk has no room for the tables of a run.
 
-    The rows of a run are first stored in a work folder, block by block. The tables are
-    written from them at the end, and the stored rows are removed after that. Both need
+    The rows of a run are first stored in a work folder, block by block. At the end the
+    tables are written from them, and only then the stored rows are removed. So both need
     space at the same time. The sizes are extrapolated from the rows stored so far.
 
     Parameters

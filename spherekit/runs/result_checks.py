@@ -35,6 +35,8 @@ def compute_checked_tables(
 ) -> dict[str, TableData]:
     """Compute the tables of an analysis for a block of samples, and check them.
 
+    The analysis may be a plugin by other people, so its results can have any fault.
+
     Parameters
     ----------
     analysis
@@ -54,7 +56,7 @@ def compute_checked_tables(
     PluginError
         If `compute` fails, or if its tables are not those that were declared.
     SpherekitError
-        If the analysis does not apply to the samples. The error is its own.
+        If the analysis itself refuses the samples.
     """
     with convert_plugin_errors(analysis.name, "compute"):
         returned_tables = analysis.compute(batch)
@@ -71,10 +73,9 @@ def compute_checked_tables(
         columns = _check_columns(where, table, returned_tables[table.name])
         data[table.name] = columns
         rows = row_count(columns)
-        # A table over the samples has the same number of rows, perhaps several, for each
-        # row of the batch. A table is over the samples if three things are true. Each of
-        # its rows follows from one row of the batch. The analysis does not compute
-        # configurations of its own. The table has columns for sample and assembly mode.
+        # The batch has a row for each sample in each assembly mode. Some tables must have
+        # equally many rows for each row of the batch. They are those with columns for
+        # sample and assembly mode, if the analysis reads samples one by one.
         has_rows_of_samples = (
             analysis.rowwise and analysis.reads_samples and table.in_assembly_modes
         )
@@ -94,6 +95,8 @@ def _describe_keys(data: Any) -> list[str]:
 
 def _check_columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleaved]:
     """Return the columns of a table, checked and converted to their declared kinds.
+
+    An analysis has computed the columns. Their kind is number, whole number or text.
 
     Parameters
     ----------
@@ -138,10 +141,9 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
     column
         The declared column. Its kind is "number", "text" or a kind of whole numbers.
     data
-        The values that the analysis returned: an array, or an `Interleaved` column. The
-        latter stores one array for each of several subjects, such as poles, whose rows
-        alternate in the table. It is returned unchanged if it has the right type.
-        Otherwise it is checked like an array.
+        The values that the analysis returned: an array, or an `Interleaved` column. An
+        `Interleaved` column has an array for each of several subjects, such as poles, and
+        their rows alternate in the table. With the right type it is returned unchanged.
 
     Raises
     ------
@@ -166,9 +168,9 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
         raise PluginError(
             f"{where} has the shape {values.shape}, but needs one value in each row"
         )
-    # NumPy's letters: f, i, u and b for floats, signed and unsigned integers and booleans,
-    # U for texts. Texts may also be objects, and whole numbers may be given as floats. All
-    # sorts of numbers are converted to the type of the column in the end.
+    # NumPy's letters are f, i, u and b for floats, signed and unsigned integers and
+    # booleans, and U for texts. Texts may also be Python objects, and floats without a
+    # fraction are accepted as whole numbers.
     fits = values.dtype.kind in ("U" if kind == "text" else "fiub")
     if kind == "text" and not fits:
         fits = all(isinstance(text, str) for text in values)
@@ -225,7 +227,8 @@ def compute_findings(
                     f"{analysis.name}: findings: tables: the cell {cell!r} is a "
                     f"{type(cell).__name__}; it has to be a text; number_text makes one"
                 )
-    # The text is not used. This only finds values that cannot be written.
+    # The text is not used. The call only finds values that cannot be written.
+    # The figures are stored as JSON at the end of the run.
     with convert_plugin_errors(analysis.name, "findings: making JSON of its figures"):
         json.dumps(dict(findings.figures))
     return findings
@@ -234,7 +237,15 @@ def compute_findings(
 def compute_scenes(analysis: AbstractAnalysis, batch: Batch) -> tuple[Scene, ...]:
     """Return the scenes (drawings) of an analysis for a block of samples, after checks.
 
-    The arrays of a scene must have one value at each sample.
+    The analysis may be a plugin by other people. The arrays of a scene must have one value
+    at each sample.
+
+    Parameters
+    ----------
+    analysis
+        The analysis.
+    batch
+        The samples of the block, in all assembly modes (ways to assemble the mechanism).
 
     Raises
     ------

@@ -105,7 +105,10 @@ class RunFolder:
 
     @contextmanager
     def _lock(self) -> Iterator[None]:
-        """Lock the folder during a `with` statement, and close it at the end.
+        """Lock the folder during a `with` statement, so that no other run writes there.
+
+        At the end, the lock is released, and the work folder is removed if it is not
+        needed.
 
         Raises
         ------

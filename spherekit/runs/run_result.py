@@ -158,7 +158,7 @@ class RunResult:
         table
             Name of the table. By default the first table of the analysis.
         degrees
-            Whether angles are given in degrees instead of rad.
+            Whether angles are in degrees instead of rad.
 
         Raises
         ------

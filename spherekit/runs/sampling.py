@@ -311,8 +311,9 @@ class Sampling:
 
         Returns
         -------
-        An entry ``time`` with the duration and the time laws, or an entry ``simulation``
-        with its end and the results of its checks. Empty if the samples are no times.
+        An entry ``time`` with the duration and the time laws of the inputs. For a
+        simulation an entry ``simulation`` with its end and the results of its checks
+        instead. Empty if the samples are no times.
         """
         if not self.is_over_time:
             return {}

@@ -89,8 +89,8 @@ def make_run_analyses(
         The study, which may name analyses in its file.
     requests
         Analyses that the user asks for: objects, or names with parameters, such as
-        ``"poles:only=31+42"``. If there are none, the analyses of the study are taken, or
-        poles if it names none.
+        ``"poles:only=31+42"``. By default those of the study, or poles if the study names
+        none.
 
     Raises
     ------

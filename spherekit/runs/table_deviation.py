@@ -171,8 +171,8 @@ def _subtract(column: Column, values: Floats, reference: Floats) -> tuple[Floats
     Returns
     -------
     differences
-        (k,) differences in the rows in which both are finite. Empty if the numbers of rows
-        differ.
+        (k,) differences in the rows with both a finite number and a finite reference. Empty
+        if the two columns have different lengths.
     reference_count
         Number of finite reference values.
     """

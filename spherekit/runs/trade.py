@@ -288,6 +288,7 @@ def _choose_sampling(
     if is_grid:
         return _make_coarser_grid(study, sampling.shape, max_count)
     samples = spread_samples(sampling, max_count)
+    # With a single input, samples are added where errors are largest.
     has_single_input = sampling.inputs.shape[1] == 1
     if has_single_input:
         samples = refine_at_error_peaks(sampling, samples, run_plan.requests[0])

@@ -116,9 +116,9 @@ def _columns_to_show(columns: list[Facts]) -> list[Facts]:
 def verification_failures(verification: Facts) -> list[str]:
     """Return a sentence for each fault that a verification has shown.
 
-    In a verification some rows of a run are computed again in many digits and compared.
-    Faults are deviations that rounding does not explain, errors that exceed their error
-    bounds, and rows without a solution in many digits.
+    In a verification some rows of a run (samples in assembly modes) are computed again in
+    many digits and compared. Faults are deviations that rounding does not explain, errors
+    above their error bounds, and rows without a solution in many digits.
 
     Parameters
     ----------

@@ -73,7 +73,9 @@ Larger: the steps are less visible. Smaller: colours become white after fewer st
 
 
 def heat_colours(values: Floats, low: float = 0.0, high: float = 1.0) -> NDArray[np.uint8]:
-    """Return the colours of values on a scale from low to high.
+    """Return the colours of values on a colour scale from low to high.
+
+    Values beyond the scale get its first or last colour.
 
     Parameters
     ----------
@@ -84,7 +86,7 @@ def heat_colours(values: Floats, low: float = 0.0, high: float = 1.0) -> NDArray
 
     Returns
     -------
-    (..., 3) red, green and blue.
+    (..., 3) red, green and blue, from 0 to 255.
     """
     width = high - low if high > low else 1.0
     positions = (np.nan_to_num(values) - low) / width

@@ -13,7 +13,8 @@ from spherekit.scenes.scene import Series
 def motion_plots(motion: Motion, is_over_time: bool) -> list[list[Series]]:
     """Return the plots that a recording shows beside the moving links, for a block.
 
-    Over time these are the pair variables. Over values of the inputs there are none.
+    If the samples are times, the plots show the pair variables (joint angles) over time.
+    Otherwise there are no such plots.
 
     Parameters
     ----------
@@ -24,11 +25,12 @@ def motion_plots(motion: Motion, is_over_time: bool) -> list[list[Series]]:
 
     Returns
     -------
-    One list for each assembly mode, which is empty if the samples are not times. The caller
-    adds it to the links of the mode.
+    One list for each assembly mode (way to assemble the mechanism). It is empty if the
+    samples are not times.
     """
     plots_by_mode = []
     for position in range(len(motion.assembly_modes)):
+        # A motion has all samples of the first mode, then all of the second, and so on.
         rows = slice(position * motion.samples, (position + 1) * motion.samples)
         plots: list[Series] = []
         if is_over_time:

@@ -149,13 +149,14 @@ def insert_gaps(line: Floats, gaps: Bools) -> Floats:
 def break_at_jumps(line: Floats, frame: Range, turn: float | None) -> Floats:
     """Return points of a curve with gaps (NaN) where it should not be drawn continuously.
 
-    A gap is inserted between two points if one is above and the other below the frame (the
-    curve passes through infinity), or if an angle jumps by half a turn or more.
+    There are two reasons for a gap between two points. One point is above the frame of the
+    plot and the other below (the curve passes through infinity), or an angle jumps by half
+    a turn or more.
 
     Parameters
     ----------
     line
-        (n, 2) x and y.
+        (n, 2) x and y of the points of the curve.
     frame
         Least and greatest y of the plot.
     turn

@@ -279,7 +279,7 @@ def closed_configurations(
     Inputs are distributed uniformly over their ranges and are not changed by Newton's
     method. The variable of a rolling contact is the length along which the wheels have
     rolled. If all these lengths follow from the inputs by gear ratios, they are fixed, too.
-    Otherwise Newton's method would let other teeth of the wheels meet.
+    Otherwise Newton's method would let other points of the wheels touch.
 
     Parameters
     ----------
