@@ -53,10 +53,10 @@ HOME_OF = {
 
 @functools.cache
 def imports(path):
-    """Return the modules that a file imports, and whether for type checking only.
+    """Return the modules that a Python file imports, and whether for type checking only.
 
-    Relative imports are allowed in analyses only, whose package has another name when it is
-    installed.
+    Relative imports are allowed in analyses only, because their package has another name
+    when it is installed.
 
     Returns
     -------
@@ -107,10 +107,11 @@ def module_name(path):
 
 
 def test_packages_import_only_packages_of_lower_layers():
-    """`LAYERS` lists the packages, lowest layer first; a module may import lower layers.
+    """Modules of spherekit import only packages of lower layers.
 
-    Packages of one layer may not import each other, but single-file modules of one layer
-    may. `FORBIDDEN` lists imports that are not allowed although their layer is lower.
+    `LAYERS` lists the packages, lowest layer first. Packages of one layer may not import
+    each other, but single-file modules of one layer may. `FORBIDDEN` lists imports that are
+    not allowed although their layer is lower.
     """
     layers = [part.split() for part in LAYERS.split(">")]
     level = {name: k for k, names in enumerate(layers) for name in names}
@@ -322,7 +323,7 @@ def test_class_names_are_unique():
 
 
 def test_no_constant_name_has_two_values():
-    """A name in capitals stands for one value, so that a reader may search for it.
+    """A name in capitals has one value in all modules, so that a reader may search for it.
 
     Only the names in `MODULE_ATTRIBUTES`, which other code reads from each of several
     modules, may have several values.

@@ -44,10 +44,12 @@ SLOW = pytest.param(range(6, 40), marks=pytest.mark.slow)
 @pytest.mark.slow
 @pytest.mark.parametrize("seeds", [range(6), SLOW])
 def test_angles_beside_folds_are_within_their_bounds_or_missing(seeds):
-    """Configurations 1e-9 to 1e-16 rad beside inputs at which mechanisms fold.
+    """Very near to folds, angles are within their error bounds or missing.
 
-    A row either has all angles, each within its error bound of the solution of the closure
-    equations in 50 digits, or none and a status that says so.
+    A fold is an input at which links are in line. `beside_folds` returns a mechanism and
+    inputs 1e-9 to 1e-16 rad beside such inputs. The reference is the solution of the
+    closure equations in 50 digits (`deviations`). A row either has all angles, or none and
+    a status that says so.
     """
     compared_rows = 0
     for seed in seeds:
@@ -89,8 +91,9 @@ FOLDING = [60.0, 50.0, 30.0, 40.0]
 def _rocker_rates(crank_angle):
     """Return the rates of the rocker per unit rate of the crank, in both modes.
 
-    The rocker angle follows from spherical triangles on the diagonal between the ends of
-    frame and crank. It is differentiated numerically in the current precision of mpmath.
+    This is an independent formula in many digits (mpmath). The rocker angle follows from
+    spherical triangles on the diagonal between the end of the crank and the rocker's axis.
+    Its derivative is numerical.
     """
     frame, crank, coupler, rocker = (mp.radians(mp.mpf(arc)) for arc in FOLDING)
 
@@ -114,12 +117,12 @@ def _rocker_rates(crank_angle):
 
 @pytest.mark.parametrize("distance", [1e-9, 1e-12, 3e-13, 1e-13, 1e-14])
 def test_a_folding_four_bar_has_rates_beside_its_dead_centre(distance):
-    """Rates of the rocker at a distance (rad) before its dead centre, against 90 digits.
+    """Rates of the rocker just before a dead centre agree with a formula in 90 digits.
 
-    Both modes meet where coupler (30 degrees) and rocker (40 degrees) are in line. The arc
-    from the end of the crank to the pair of rocker and frame, the diagonal, is then 70
-    degrees. Beyond that crank angle there is no configuration. The largest bound is used
-    for all rates, because the order of the modes is lost by sorting.
+    `distance` is in rad. Both modes meet where coupler (30 degrees) and rocker (40 degrees)
+    are in line, 70 degrees from the end of the crank to the rocker's axis. Beyond that
+    crank angle there is no configuration. The rates of both modes are sorted, so the larger
+    error bound is used for both.
     """
     with mp.workdps(90):
         frame, crank, *_ = (mp.radians(mp.mpf(arc)) for arc in FOLDING)
@@ -156,9 +159,9 @@ def inputs_of_dead_centres(position_analysis):
 def test_a_followed_group_has_rows_up_to_its_dead_centre():
     """Error bounds are right 1e-12 and 1e-14 rad beside the end of an assembly mode.
 
-    The mechanism contains a triad (a group of four links with no closed form). Its assembly
-    modes are followed as curves through computed configurations, the nodes. The
-    nodes do not come as near to the end as these rows.
+    The mechanism contains a triad (a group of four links without a closed form). Its modes
+    are followed as curves through computed configurations, which do not come so near to the
+    end. `judge_bounds` asserts that errors are within bounds in all rows with status OK.
     """
     random = np.random.default_rng(2)
     mechanism = grow_dyad_chain(random, links=8, triads=True)

@@ -29,7 +29,11 @@ def helps():
 
 @pytest.mark.parametrize("words", helps())
 def test_help_loads_no_large_library_and_no_other_command(words):
-    """In a fresh process, `sys.modules` is printed after the help of a command."""
+    """The help of a command is fast: it loads no large library and no other command.
+
+    A fresh process prints the help and then the names of all loaded modules. `HEAVY` are
+    the libraries that must not be among them.
+    """
     code = (
         f"import sys; from spherekit.cli.main import main\ntry: main([*{words!r}, "
         "'--help'])\nexcept SystemExit: print(*sys.modules)"
@@ -107,7 +111,11 @@ CASES = {
 
 
 def test_bash_completes_commands_mechanisms_analyses_and_options():
-    """Words are typed into a real bash in a terminal, each followed by the tab key."""
+    """A real bash completes commands, mechanisms, analyses and options.
+
+    The words of `CASES` are typed into a terminal, each followed by the tab key, and the
+    completed word must appear.
+    """
     path = f"{BIN}{os.pathsep}{os.environ['PATH']}"
     child, terminal = pty.fork()
     if child == 0:  # the child process becomes the shell

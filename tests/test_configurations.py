@@ -106,10 +106,10 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     """All curves of a six-bar that exist only in narrow ranges of the input are found.
 
     A curve consists of configurations that join each other. The four curves exist in ranges
-    of 11 and 22 degrees. Enumerating configurations at five equally spaced inputs (36, 108,
-    180, 252 and 324 deg) misses three of them. `configurations` first finds the turning
-    points, which are the inputs at which curves turn back. It claims to be complete. The
-    ends of the ranges are numbers that were computed earlier, in degrees.
+    of 11 and 22 degrees. Configurations at five equally spaced inputs (36, 108, 180, 252
+    and 324 deg) would miss three of them. `configurations` first finds the turning points,
+    which are the inputs at which curves turn back. It claims to be complete. The expected
+    ends of the ranges (deg) were computed earlier.
     """
     # Unit vectors of the pair axes in a reference pose.
     axes = np.array(HIDDEN) / np.linalg.norm(HIDDEN, axis=1, keepdims=True)
@@ -171,10 +171,11 @@ def test_curves_do_not_depend_on_the_pair_that_finds_them():
     + [pytest.param(x, k, 50, marks=pytest.mark.long) for k, x in enumerate(EIGHT_BARS)],
 )
 def test_curves_have_every_configuration_that_a_random_search_finds(chain, seed, inputs):
-    """At random inputs, whatever a search from 96 random starts finds lies on a curve.
+    """Whatever a random search for configurations finds lies on a configuration curve.
 
-    The search (`oracles.configuration_search`) has other equations. It finds more than 85 %
-    of the configurations, so it would notice a missing curve.
+    `with_curves` computes all curves. The independent search (`search_configurations`) has
+    other equations and starts at 96 random places for each random input. It finds more than
+    85 % of the configurations, so it would notice a missing curve.
     """
     random = np.random.default_rng(100 + seed)
     edges = parse_chain(chain)
@@ -223,7 +224,11 @@ def test_curves_of_wheels_on_fixed_axes_are_all_there():
 
 
 def test_the_curves_that_leave_a_crossing_are_searched_once(monkeypatch):
-    """Both curves of a flat-foldable vertex end at both of its flat states."""
+    """Curves that leave a crossing of configuration curves are searched only once there.
+
+    Both curves of a flat-foldable vertex end at both of its flat states (all fold angles 0
+    or 180 deg), so there are four ends at two crossings.
+    """
     searched_ends = []
 
     def find_and_record(closure, end):
@@ -263,9 +268,10 @@ def test_a_range_that_a_curve_does_not_reach_is_recognised_without_its_arc_lengt
 
 
 def test_no_range_that_a_curve_reaches_is_skipped(monkeypatch):
-    """The early test of ranges loses no piece, wherever a range begins, with any period.
+    """A quick test whether a curve reaches a range of the input skips no piece of it.
 
-    The pieces are those that are found without the early test (`_may_reach_range`).
+    The result must be that without the quick test (`_may_reach_range`), wherever a range
+    begins, and with any period of the input.
     """
     curve, rocking = curve_with_a_rocking_pair()
     random = np.random.default_rng(5)

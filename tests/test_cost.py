@@ -332,13 +332,13 @@ def test_what_is_not_known_is_not_predicted(capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("triads", [False, True])
 def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, monkeypatch):
-    """`explain` predicts the files of a chain of 30 links from three small runs.
+    """The command `explain` predicts the files of a 30-link chain from three small runs.
 
-    The chain is a four-bar to which dyads (two links each) are added, with `triads` also
-    groups of four links. The small runs have 12 and 24 samples without an analysis and 4
-    samples with one, all without a search for assembly modes. The number of modes is
-    therefore not predicted (None). The sizes are compared with those of a run of one mode.
-    They are estimates, so that 25 % are allowed for CSV and a factor of 2.5 for Parquet.
+    The chain is a four-bar with dyads (two links each); with `triads` also groups of four
+    links are added. The small runs have 12 and 24 samples without an analysis and 4 samples
+    with one, without a search for assembly modes. So the number of modes is not predicted
+    (None). The sizes are estimates: 25 % are allowed for CSV and a factor of 2.5 for
+    Parquet.
     """
     mechanism = chains.grow_dyad_chain(np.random.default_rng(5), 30, triads)
     path = tmp_path / "chain.toml"

@@ -31,11 +31,12 @@ def laws_of(made, name):
 
 @pytest.mark.parametrize("name", STARTS)
 def test_inertia_matrix_is_positive_definite_and_agrees_with_christoffel_symbols(name):
-    """M is symmetric and positive definite, and M' - 2 C is skew-symmetric.
+    """The inertia matrix M of the inputs has the properties that mechanics demands.
 
-    C is the matrix of Christoffel symbols times rates. M' along the motion is computed
-    twice: from the partial derivatives of M, and from M alone, as the derivative of a
-    Chebyshev series through 28 times of a motion of 0.4 s.
+    M is symmetric and positive definite, and M' - 2 C is skew-symmetric, with the matrix C
+    of Christoffel symbols times rates. The rate M' along a motion of 0.4 s is computed
+    twice: from the partial derivatives of M, and from M alone, by a Chebyshev series
+    through 28 times.
     """
     mechanism = with_point_masses(name)
     nodes = np.cos(np.pi * (np.arange(28)[::-1] + 0.5) / 28)
@@ -75,10 +76,12 @@ def test_inertia_matrix_is_positive_definite_and_agrees_with_christoffel_symbols
     ],
 )
 def test_simulations_of_several_inputs_satisfy_euler_s_equations(name, engine, until):
-    """Euler's equations of all links with all reactions (`oracles.newton_euler`).
+    """Simulations of mechanisms with several inputs satisfy Euler's equations of all links.
 
-    The first input is driven by 5 sin(2 t) - 0.5 rate N m, the others are free. The
-    five-bar passes a configuration at 1.588 s where its inputs do not hold it (type II).
+    `check_simulated_motion` solves these equations with all reactions, independently of
+    spherekit. The first input is driven by 5 sin(2 t) - 0.5 rate N m, the others are free.
+    At 1.588 s the five-bar passes a configuration in which its inputs do not hold it (type
+    II).
     """
     mechanism = with_point_masses(name)
     driven, *free_inputs = [item.pair for item in mechanism.inputs]
@@ -124,21 +127,20 @@ def test_a_stop_beyond_a_singularity_of_type_2_ends_both_engines_alike():
 
 
 def test_inverse_dynamics_of_a_planned_rotation_drives_the_same_motion():
-    """The torques of a planned motion are functions of time that drive a simulation.
+    """The torques that inverse dynamics finds for a planned motion drive this motion.
 
     The plan is the rotation of the end effector (link 4) between two poses of Chen et al.
     2021, Table 3, in shortest time under limits of rate and acceleration. Base and end
-    effector of this mechanism are mirror images of each other, so a pose is given by the
-    normal of the mirror plane (`normal_at`). At 0.6423 of the duration the motion passes a
-    crossing, a configuration from which the mechanism could also move in another way. With
-    `crossings="pass"` the simulation continues there. Its inputs at four times and the
-    rotation of the end effector are those of the plan.
+    effector are mirror images of each other, so a pose is stated by the normal of the
+    mirror plane (`normal_at`). At 0.6423 of the duration the motion passes a crossing, a
+    configuration from which the mechanism could also move in another way. With
+    `crossings="pass"` the simulation continues there.
     """
     mechanism = with_point_masses("two_dof_spm")
     start, stop = (normal_at(*np.radians(pose)) for pose in [(75, -20), (70, 20)])
     form = sk.mid_plane_form(mechanism)
-    # `modes` are the signs of the three legs: each can be assembled in two ways. With these
-    # signs the driven links point outward, as in Fig. 5(a).
+    # `modes` are the signs of the three legs, each of which can be bent in two ways. Here
+    # the driven links point outward, as in Fig. 5(a).
     rotation_path = form.rotation_between(start, stop, modes=(-1, 1, 1))
     plan = sk.time_optimal(rotation_path, speed=0.5, acceleration=1.3)
     duration = plan.duration

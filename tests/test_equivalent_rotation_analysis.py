@@ -68,11 +68,11 @@ def table_3(listener):
 def test_rotation_of_table_3_of_the_paper(table_3):
     """Poses and driving angles are those of Chen et al. 2021, Table 3 (degrees).
 
-    Base and platform mirror each other in a plane with the angles phi and gamma. The sign
-    of gamma of the third configuration is missing in print. In the first row all printed
+    `table_3` is a run of the analysis: the platform turns about one axis from a first to a
+    last pose. Base and platform mirror each other in a plane with the angles phi and gamma.
+    The sign of gamma in the third row is missing in print. In the first row all printed
     digits are correct. Later rows differ by up to 6.2e-4 degrees from rounding in the
-    paper. The axis is printed in the axes x0, y0, z0 of the paper (mirror axes). The drift
-    is the angle from the momentary axis to the fixed one.
+    paper. The drift is the angle from the momentary axis to the fixed one.
     """
     # phi, gamma, driving angles at the pairs 21 and 61
     printed = [
@@ -107,10 +107,11 @@ def test_messages_of_the_rotation_of_table_3(table_3):
 
 
 def test_schedule_reaches_one_limit_and_exceeds_none(table_3):
-    """The schedule is as fast as the limits of 30 deg/s and 70 deg/s2 allow.
+    """The schedule of a rotation is as fast as the limits of the inputs allow.
 
-    The speed of the input 61 reaches its limit; no speed or acceleration exceeds one. The
-    table has 41 rows, as was asked for.
+    `table_3` is a run with limits of 30 deg/s and 70 deg/s2. The speed of the input 61
+    reaches its limit; no speed or acceleration exceeds a limit. The table has 41 rows, as
+    was asked for.
     """
     frame = schedule(table_3)
     units = frame.attrs["units"]
@@ -131,15 +132,15 @@ def test_schedule_reaches_one_limit_and_exceeds_none(table_3):
 
 @pytest.mark.slow
 def test_schedule_in_cycles_of_a_controller():
-    """With `cycle` (s) the table has a row per cycle and ends after a whole number of them.
+    """With `cycle` (s) a schedule has a row per cycle and ends after a whole number.
 
-    Without `cycle` the schedule takes the shortest duration that the limit of 30 deg/s
-    allows. With it the duration is rounded up to whole cycles. The inputs are then a little
-    slower, so they still keep the limit. If there would be too many rows, the table is
-    empty.
+    Without `cycle` it takes the shortest duration that the limit of 30 deg/s allows. With
+    it the duration is rounded up, so the inputs are a little slower. If there would be too
+    many rows, the table is empty. `findings` and `schedule` read the result of
+    `run_rotation`.
     """
-    # The platform is the mirror image of the base in its mid-plane. Start and end of the
-    # rotation are given by the angles phi and gamma (deg) of this plane.
+    # phi and gamma are the angles (deg) of the mid-plane, in which base and platform are
+    # mirror images of each other.
     parameters = "start=phi=75+gamma=-20,end=phi=70+gamma=20,speed=30,samples=5"
     shortest_schedule = findings(run_rotation("two_dof_spm", parameters))["schedule"]
     shortest = shortest_schedule["duration_s"]
@@ -161,7 +162,11 @@ def test_schedule_in_cycles_of_a_controller():
 
 
 def test_a_rotation_with_a_failed_row_is_not_feasible(monkeypatch):
-    """One row that does not converge is reported, although the end is reached."""
+    """A rotation with one row that does not converge is reported as not feasible.
+
+    This holds although its end is reached. The third of five rows is changed to this
+    status.
+    """
     complete_at = FollowedRotation.at
 
     def at_with_a_failed_row(rotation, theta):
@@ -223,14 +228,15 @@ def test_a_pose_can_be_given_in_five_ways():
 
 
 def test_the_nearest_reachable_mid_plane_is_found():
-    """No reachable mid-plane of a dense sample of the sphere is nearer than the result.
+    """For a mid-plane that the legs do not reach, the nearest reachable one is found.
 
-    The base and the platform are mirror images of each other in the mid-plane. A normal and
-    its opposite have the same plane, so absolute cosines are compared.
+    Base and platform are mirror images of each other in the mid-plane. No reachable plane
+    of a dense sample of the sphere may be nearer. A normal and its opposite have the same
+    plane, so absolute cosines are compared.
 
     The elbow of a leg is in the mid-plane, at the angle `arc` from the base axis of the
-    leg. The leg therefore reaches the plane if the angle between axis and plane is at most
-    `arc`. The sine of this angle is ``|axis . normal|``.
+    leg. So the leg reaches the plane if the angle between axis and plane is at most `arc`.
+    The sine of this angle is ``|axis . normal|``.
     """
     plane = mid_plane_form(sk.load("two_dof_spm")).plane
     directions = spiral_directions(200_000)
@@ -292,14 +298,15 @@ def has_all_elbows(plane, normals):
 
 @pytest.mark.slow
 def test_a_rotation_ends_where_a_leg_reaches_no_farther():
-    """The closed form of the reachable angle agrees with 4001 samples, for random axes.
+    """A rotation of a platform ends where a leg reaches no farther.
 
-    The platform is the mirror image of the base in the mid-plane. If this plane turns by
-    half an angle about an axis in itself, the platform turns by the whole angle. At each
-    sample the normal of the plane is turned, and the elbows of the legs are computed.
+    The angle that can be reached is computed in closed form and compared with 4001 samples,
+    for random axes. The platform is the mirror image of the base in the mid-plane. If this
+    plane turns by half an angle about an axis in itself, the platform turns by the whole
+    angle. At each sample the normal of the plane is turned; `has_all_elbows` says whether
+    all legs reach the plane.
 
-    All vectors are in mirror axes. Only the axis of `rotation_about` is in axes of the
-    base: `form.frame` leads from mirror axes to these.
+    All vectors are in mirror axes. `form.frame` leads from these to the axes of the base.
     """
     form = mid_plane_form(sk.load("two_dof_spm"))
     largest_angle = 3.0
@@ -336,8 +343,8 @@ def test_an_output_with_two_freedoms_departs_between_the_ends():
     """A five-bar cannot turn its output about a fixed axis, and the run says so.
 
     At both ends the orientation is exact. Between them it departs from the one turned
-    exactly. The column phi is NaN, because a five-bar has no plane in which base and output
-    link mirror each other.
+    exactly, which is noted as an error. The column phi is NaN, because a five-bar has no
+    mid-plane in which base and output link mirror each other.
     """
     # Start and end are given by the angles of the inputs 21 and 51 in degrees.
     parameters = "start=21=60+51=100,end=21=75+51=75,samples=21,speed=60"
@@ -371,7 +378,7 @@ def test_all_configurations_at_a_direction_are_those_of_inverse_kinematics():
     """The eight configurations at one direction agree with inverse kinematics.
 
     Base and platform mirror each other in a mid-plane. The output points in the mirror
-    image of a constant direction, the home direction. One mid-plane gives the requested
+    image of a constant direction, the home direction. So one mid-plane gives the wanted
     direction, in closed form. The inverse kinematics of all links knows nothing of
     mid-planes. The home direction itself is refused, because every plane through it mirrors
     it into itself.
@@ -449,18 +456,19 @@ def test_more_than_three_inputs_are_refused():
 
 
 def rotation_from_the_border_of_the_reach(distance):
-    """Return parameters of a rotation of three_rrr from beside its border to well within.
+    """Return parameters of a rotation of a platform from beside its border to well within.
 
-    The margin of an orientation is its distance to the nearest dead centre of a leg. Of 400
-    sampled orientations, `inner` has the largest margin and `outer` the least, which is
-    negative. Quaternions on the straight line between both are normalised. The border is
-    the point of this line at which the margin is 0. The rotation leads from near the border
-    to `inner`.
+    The border is where a leg is at a dead centre. The margin of an orientation is its
+    distance to the nearest dead centre. Of 400 sampled orientations, `inner` has the
+    largest margin and `outer` the least, which is negative. The border is the point between
+    both quaternions at which the margin is 0. The rotation leads from near the border to
+    `inner`.
 
     Parameters
     ----------
     distance
-        Distance of the start from the border, as a part of the line.
+        Distance of the start from the border, as a part of the line from `inner` to
+        `outer`.
     """
     kinematics = closed_kinematics(sk.load("three_rrr"))
     signs = kinematics.modes[0]
@@ -510,14 +518,14 @@ def test_a_dead_centre_at_the_start_is_named():
 
 
 def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
-    """The scene has links, axis, pointer path, mid-planes and the singularity.
+    """The page of a rotation shows links, axis, path, mid-planes and the singularity.
 
-    The rotation is that of Table 3 of Chen et al. 2021, at four angles theta. The path of
-    the pointer keeps its distance from the axis. Base and platform are mirror images of
-    each other in the mid-plane, which contains the axis at every angle. At the type II
-    singularity the inputs do not hold the platform. The singularity is marked on the path
-    (``lost``), on the axis of theta (``marks/lost``) and in the text (``words``), at the
-    angle that the warning has.
+    `table_3` is the rotation of Table 3 of Chen et al. 2021, at four angles theta, and
+    `listener` has what is drawn. The path of the pointer has a constant distance from the
+    axis. Base and platform are mirror images of each other in the mid-plane, which contains
+    the axis. At the type II singularity the inputs do not hold the platform. It is marked
+    on the path (``lost``), on the axis of theta (``marks/lost``) and in the text
+    (``words``), at the angle that the warning has.
     """
     scene, row_count = listener.last_scene("Equivalent rotation")
     assert len(scene.over[0].values) == row_count == 4
@@ -572,9 +580,10 @@ def test_pages_where_the_rotation_ends_early():
 
 
 def test_an_output_relative_to_a_moving_link():
-    """The page draws the axis in the ground frame, though the output's base link moves.
+    """For an output relative to a moving link, the page draws the axis in the ground frame.
 
-    The pose in the table is that relative to the base (tilt and torsion).
+    The axis in the findings is in the frame of the moving base link. The table has the pose
+    relative to this link (tilt and torsion). `SceneListener` collects what is drawn.
     """
     mechanism = replace(sk.load("five_bar"), outputs=(Output("hand", "3", "5"),))
     scene_listener = SceneListener()

@@ -93,10 +93,11 @@ def test_bounds_of_ordinary_mechanisms_are_at_most_1e5_times_the_error(names, sa
 @pytest.mark.parametrize("assembly_mode", [None, 0])
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "shaped_cam"])
 def test_evaluate_gives_the_error_bounds_of_the_table_of_poles(name, inputs, assembly_mode):
-    """`sk.evaluate` is compared with a run over the same values of the input.
+    """`sk.evaluate` has the same error bounds as the table of poles of a run.
 
-    The mechanisms have one input. `inputs` is one value of it or three values (rad). Rows
-    with the status OK (0) are compared, of one assembly mode or of all (None).
+    A pole is the axis of the relative rotation of two links. `inputs` is one value of the
+    input or three values (rad). Rows with the status OK (0) are compared, of one assembly
+    mode or of all (None).
     """
     mechanism = sk.load(name)
     evaluation = sk.evaluate(mechanism, inputs, assembly_mode=assembly_mode)

@@ -20,7 +20,7 @@ def example_in(text):
 
 
 def run_program(folder, head, body, sources=()):
-    """Compile a program of C and return the number that it prints.
+    """Compile a C program that calls an exported source, and return the number it prints.
 
     Parameters
     ----------
@@ -43,20 +43,17 @@ def run_program(folder, head, body, sources=()):
 
 
 def prototypes_after(text, example):
-    """Return what the comment with the example asks to copy to a file that calls it.
+    """Return the declarations that a file needs to call an exported C function.
 
-    After the example call, the source of C continues in this way::
+    The comment of the exported source says that they are to be copied. They come after the
+    example call in this comment:
 
-        */
-        void four_bar(const double motion[], ...);
-        extern const double four_bar_modes[2][1];
+    - the end of the comment, ``*/``;
+    - prototypes such as ``void four_bar(const double motion[], ...);``, up to an empty
+      line;
+    - the names of results, ``enum { four_bar_theta_32 = 0, ... };``.
 
-        enum {
-            four_bar_theta_32 = 0,
-            ...
-        };
-
-    The prototypes and the names of results (`enum`) are returned.
+    The prototypes and the names of results are returned.
     """
     after_example = text.partition(example)[2]
     parts = re.search(r"^\*/\n(.*?\n)\n(enum \{.*?\};)", after_example, re.S)
@@ -87,10 +84,11 @@ def pair_of_example(example, name):
     ],
 )
 def test_the_example_call_of_c_gives_the_first_variable(name, options, tmp_path):
-    """The prototypes are copied to another file, as the source says, with the example.
+    """The example call in an exported C source works if it is copied to a new file.
 
-    The example is in assembly mode 0 at the inputs that it states, and prints the first
-    result, which is the angle of a pair. Angles are compared up to whole turns.
+    The declarations are copied too, as the source says (`prototypes_after`). The example is
+    in assembly mode 0 at the inputs that it states. It prints the first result, the angle
+    of a pair, which must be that of `sk.evaluate`, but for whole turns.
     """
     sk.export(name, tmp_path / "source.c", **options)
     text = (tmp_path / "source.c").read_text("ascii")

@@ -88,11 +88,11 @@ def test_expressions_of_numbers_alone_have_no_variables():
 
 
 def random_expressions(count):
-    """Return pairs of a random expression of X, Y, Z and a plain Python function.
+    """Return pairs of a random symbolic expression of X, Y, Z and a plain Python function.
 
-    The function takes a point (3,) and computes the same operations on floats. Each of
-    `count` steps adds, subtracts or multiplies two earlier pairs and sometimes appends the
-    sine of the result.
+    The function takes a point (3,) and computes the same operations on floats, as a
+    reference. Each of `count` steps adds, subtracts or multiplies two earlier pairs, and
+    sometimes appends the sine of the result.
     """
 
     def constant_function(value):
@@ -177,8 +177,8 @@ def test_expressions_with_a_stated_rate_are_differentiated_like_variables():
     """Expressions are differentiated by time, with some rates by time stated.
 
     The rate of s = sin x is stated as 3 y, and that of y as z. All other variables are
-    constant: z, and also x wherever it is not part of s. The derivatives by hand are
-    compared at x = 0.4, y = 0.7, z = 1.3.
+    constant: z, and also x wherever it is not part of s. The expected derivatives are
+    computed by hand at x = 0.4, y = 0.7, z = 1.3.
     """
     s = function("sin", X)
     expressions = [s * Y / Z, function("sqrt", s * s + Y), X * s, Z + 2.0]

@@ -126,10 +126,11 @@ def test_a_pipe_is_refused(tmp_path):
 
 
 def test_keys_of_every_toml_syntax_are_located_at_their_line():
-    """The text has keys in quotes, with dots, in inline tables, and in arrays of tables.
+    """Each key of a TOML file is located at its line, in every syntax of TOML.
 
-    A key path has names and, for arrays, positions. Lines inside a text of several lines
-    look like tables and keys (`x`, `y`) but are none.
+    Messages about faults need these lines. The text has keys in quotes, with dots, in
+    inline tables, and in arrays of tables. A key path has names and, for arrays, positions.
+    Lines inside a text of several lines look like tables and keys (`x`, `y`) but are none.
     """
     text = """a = 1 # [not.a.table]
 b."c d".'e' = \"\"\"
@@ -233,10 +234,11 @@ def test_the_schema_of_a_load_has_the_fields_of_its_class(kind):
 def test_a_signed_arc_means_the_shorter_arc_with_its_angle_turned_by_half_a_turn(
     signed_arc, angle
 ):
-    """The second arc (deg) of the coupler leads from its first axis to its third.
+    """A negative or long arc means a shorter one, with its angle turned by half a turn.
 
-    An arc of -30 or 330 deg at an angle of 90 deg means 30 deg at 270 deg; -330 deg means
-    30 deg at 90 deg. All links must have equal rotations at seven inputs (rad).
+    The second arc (deg) of the coupler leads from its first axis to its third. An arc of
+    -30 or 330 deg at an angle of 90 deg means 30 deg at 270 deg; -330 deg means 30 deg at
+    90 deg. All links must have equal rotations at seven inputs (rad).
     """
     text = dumps(load("stephenson"))
     coupler = "arcs = [60.0, 30.0]\nangles = [90.0]\n"

@@ -96,9 +96,10 @@ def random_masses(random, links):
 
 
 def random_loads(random, links, pair, random_angle):
-    """Return one load of each kind but gravity, at a pair and at the first two links.
+    """Return one load of each kind but gravity, with random numbers.
 
-    `random_angle` is a function that returns a random angle (rad).
+    They act at a pair and at the first two links of `links`. `random_angle` is a function
+    that returns a random angle (rad). Tests write the loads to a file and read them again.
     """
     a, b = map(float, random.uniform(0, 1, 2))  # numbers for fields of any unit
     components = ("1", f"theta_{pair}", "0.5*t")
@@ -129,10 +130,11 @@ def random_loads(random, links, pair, random_angle):
 
 
 def random_mechanism(seed):
-    """Return a random mechanism with any content that a file may hold.
+    """Return a random mechanism with any content that a file can have.
 
-    It need not be able to move. Odd seeds state axes in a pose and have a contact, even
-    seeds state arcs and angles on links. The magnitude of angles is between 1e-9 and 10.
+    Tests write it and read it again. It need not be able to move. Odd seeds state joint
+    axes in a pose and have a contact; even seeds state arcs and angles on links. The
+    magnitude of angles is between 1e-9 and 10.
     """
     random = np.random.default_rng(seed)
     link_count = int(random.integers(3, 7))
@@ -200,10 +202,10 @@ def test_random_mechanisms_read_back_exactly_as_written(seed, unit, tmp_path):
 
 
 def test_degrees_of_a_file_give_back_every_angle_in_radians_exactly():
-    """Random angles of all magnitudes and both their neighbours, with at most 24 digits.
+    """Every angle in radians is written in degrees so that it is read back exactly.
 
-    More digits than float64 has are needed, since not every radian has a float64 in degrees
-    that converts back to it.
+    Random angles of all magnitudes and both neighbouring floats are tried. Up to 24 digits
+    are needed, because not every radian has a float64 in degrees that converts back to it.
     """
     random = np.random.default_rng(7)
     angles = [*random.uniform(-13, 13, 2_500), *10.0 ** random.uniform(-300, 1, 1_000)]
@@ -329,7 +331,11 @@ def test_canonical_text_exists_for_a_mechanism_that_has_no_file_in_radians():
     ],
 )
 def test_failed_writing_leaves_the_old_file(tmp_path, monkeypatch, function, code, words):
-    """A function of `os` fails with an error code; no temporary file remains either."""
+    """If writing a file fails, the old file stays and no temporary file is left.
+
+    A function of `os` is replaced by one that fails with an error code. The message says
+    why.
+    """
     path = tmp_path / "x.toml"
     path.write_text("old")
     mechanism = small_mechanism()

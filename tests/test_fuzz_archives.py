@@ -96,8 +96,8 @@ def replace_inside(random, value):
 def rewrite_npz(random, data):
     """Return a valid npz archive with another heading or with one array changed.
 
-    An array may be missing, shortened, filled with an odd number, or made text. The comment
-    of the archive holds the checksum of the old content; half of the archives keep it.
+    An array may be missing, shortened, filled with an odd number, or text. The comment of
+    the archive has the checksum of the old content, which half of the new archives repeat.
     """
     with np.load(BytesIO(data)) as archive:
         arrays = dict(archive)
@@ -147,7 +147,10 @@ BYTE_CHANGES = [
 
 @contextmanager
 def time_limit(seconds):
-    """Raise AssertionError if the block takes longer (where the system has SIGALRM)."""
+    """Raise AssertionError if the block of `with` takes longer than some seconds.
+
+    Where the system has no SIGALRM, there is no limit.
+    """
 
     def stop(*_):
         raise AssertionError(f"no end after {seconds} s")
@@ -165,12 +168,25 @@ def time_limit(seconds):
 
 
 def check_damaged_archive(path, read, changes, count, seed):
-    """Damage a file `count` times: it must read as before or be refused in one sentence.
+    """Damage a file many times: it must be read as before or be refused in one sentence.
 
-    `read` reads the file and returns content that can be compared. `changes` are functions
-    of a random generator and the bytes, used in turn. A refusal must name the file or its
-    folder and end within `LONGEST_SECONDS`. The result is the number of refusals. The file
-    is restored at the end.
+    The file is restored at the end.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+    read
+        Function that reads the file and returns content that can be compared.
+    changes
+        Functions of a random generator and the bytes, used in turn.
+    count, seed
+        Number of changes, and seed of the generator.
+
+    Returns
+    -------
+    Number of refusals. Each must name the file or its folder, and come within
+    `LONGEST_SECONDS`.
     """
     random = np.random.default_rng(seed)
     data = path.read_bytes()
@@ -253,12 +269,13 @@ def sweep():
 def test_damaged_files_of_a_finished_sweep_are_refused_or_read_unchanged(
     sweep, file, count, tmp_path
 ):
-    """Tables are stored in Parquet files of several designs, the rest in `_sweep.json`.
+    """A damaged file of a finished sweep is refused, or the sweep is read unchanged.
 
-    `_sweep.json` states what was computed and with which options. Damage includes a Parquet
-    file that another program has written. A sweep over the same folder reads what is stored
-    and computes nothing. `count` is the number of changes per archive; here half
-    of them are made for each file.
+    Tables are stored in Parquet files of several designs, the rest in `_sweep.json`, which
+    states what was computed and with which options. Damage includes a Parquet file that
+    another program has written. A sweep over the same folder reads what is stored and
+    computes nothing. `sweep` is the sweep, and `count` the number of changes per archive,
+    half of which are tried for each file.
     """
     run_sweep(sweep, tmp_path)
 
@@ -281,7 +298,7 @@ def test_damaged_files_of_a_finished_sweep_are_refused_or_read_unchanged(
 def rewrite_parquet(random, data):
     """Return a valid Parquet file as another program writes it.
 
-    It has pandas' metadata, no metadata, a column less, or another content.
+    The file has metadata of pandas, no metadata, a column less, or another content.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -311,10 +328,11 @@ def interrupt_after_four_rows(done, total):
 def test_resuming_from_damaged_files_gives_the_same_rows_or_is_refused(
     file, count, tmp_path
 ):
-    """A run is interrupted, one of its files is damaged, and the run is resumed.
+    """A run resumed from a damaged file has the same rows, or is refused.
 
-    `journal.json` says which blocks are finished; the Parquet file holds their rows. Half
-    of `count` changes are made for each file.
+    The run is interrupted, and one of its files is damaged. `journal.json` says which
+    blocks of samples are finished; the Parquet file has their rows. Half of `count` changes
+    are tried for each file.
     """
     stopped_folder = tmp_path / "stopped"
     resumed_folder = tmp_path / "again"

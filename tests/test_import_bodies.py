@@ -43,9 +43,9 @@ def test_a_ball_joint_at_the_centre_is_left_out_by_the_command(tmp_path, capsys)
 def orientations_by_mujoco(text, angles):
     """Return the rotation (3, 3) of the platform from its first pose, by MuJoCo alone.
 
-    The inputs m1 to m3 turn to `angles` (rad) in ten steps. After each, Newton's method
-    closes the loops: it moves all other joints until the equality constraints of the model
-    (residual `efc_pos`, Jacobian `efc_J`) are met.
+    It is the reference for an imported model. The inputs m1 to m3 turn to `angles` (rad) in
+    ten steps. After each, Newton's method closes the loops: it moves all other joints until
+    the equality constraints of the model (residual `efc_pos`, Jacobian `efc_J`) are met.
     """
     input_joints = ("m1", "m2", "m3")
     model = mujoco.MjModel.from_xml_string(text)

@@ -93,12 +93,14 @@ def is_tensor(x):
 
 
 def evaluate_tree(node, values):
-    """Return the value of a formula's tree: a number, a vector or a tensor.
+    """Return the value of a formula: a number, a vector or a tensor.
+
+    The formula is a tree that SymPy has read from LaTeX, without simplifying or sorting.
 
     Parameters
     ----------
     node
-        Node of the tree of SymPy, which SymPy has not simplified or sorted.
+        Node of the tree.
     values
         Values of the symbols by name.
     """
@@ -122,11 +124,10 @@ def evaluate_tree(node, values):
 
 
 def evaluate_product(factors, values):
-    """Return the value of a product, whose factors are multiplied from left to right.
+    """Return the value of a product of a formula, multiplied from left to right.
 
-    SymPy cannot read vector products. `parse_formula` has therefore written the cross
-    product a x b as a division, and SymPy keeps it as the factors a and 1 / b, in this
-    order.
+    SymPy cannot read vector products. So the cross product a x b was written as a division
+    before, which SymPy stores as the factors a and 1 / b, in this order.
     """
     product = mpmath.mpf(1)
     for factor in factors:
@@ -153,12 +154,12 @@ def multiply_or_dot(a, b):
 
 
 def evaluate_document(text, given):
-    """Return the values of all symbols of a document, by symbol.
+    """Return the values of all symbols of a LaTeX document, by symbol, in 40 digits.
 
-    The document has values of some symbols, and formulas for the others. `given` has the
-    values that are not printed: inputs, their rates, time and signs. The formulas are
-    evaluated in their order, in 40 digits. A formula that is a column vector has one entry
-    per row, and each entry is evaluated by itself.
+    The document prints values of some symbols, and formulas for the others. `given` has the
+    values that are not printed: inputs, their rates, time, and the signs that select an
+    assembly mode. A formula that is a column vector has one entry per row, and each entry
+    is evaluated by itself.
     """
     with mpmath.workdps(40):
         values = {**printed_values(text), **given}
@@ -210,9 +211,10 @@ RUBBING = ("crankshaft", "driving", "driven", "pin_32", "pin_43")
 
 
 def with_random_sizes(mechanism, rng):
-    """Return a mechanism with other sizes, and with random zero positions of its pairs.
+    """Return a mechanism with slightly different sizes and random zero positions.
 
-    Each arc and angle of a link differs by up to 3 degrees from that of the mechanism.
+    Each arc and angle of a link differs by up to 3 degrees from that of the mechanism. The
+    zero position of a pair is where its angle reads 0. `rng` is a random number generator.
     """
     sizes = mechanism.geometry.links
 
@@ -340,11 +342,11 @@ def largest_deviation(mechanism, text, evaluation, dynamics, row):
 @pytest.mark.many
 @pytest.mark.parametrize("number", range(12))
 def test_printed_formulas_give_what_the_engine_gives(number):
-    """Printed formulas, evaluated in 40 digits, give the numbers of the engine.
+    """Formulas printed in LaTeX, evaluated in 40 digits, give the numbers of the engine.
 
-    SymPy reads the formulas. The mechanisms (see `mechanisms`) have one or two inputs and
-    consist of dyads (two links each). Some are as shipped, others have random sizes.
-    `number` selects one of them and is also the seed of the random sizes.
+    SymPy reads the formulas. The mechanisms (`mechanisms`) have one or two inputs and
+    consist of dyads (two links each). `number` selects one of them and is the seed of
+    random sizes. `largest_deviation` compares angles, poles, coefficients and torques.
     """
     all_mechanisms = list(mechanisms(np.random.default_rng(number)))
     mechanism = all_mechanisms[number]
@@ -436,10 +438,11 @@ def four_bar_of_the_paper(q, p):
 def test_the_four_bar_of_the_paper_term_by_term(p):
     """Each printed quantity of the four-bar has the value of the formula in its source.
 
-    The source is Di Gregorio 2024 (see `four_bar_of_the_paper`), with an assembly mode for
-    each exponent p. Derivatives are numerical, in 40 digits. The torque is that of
-    Eksergian's equation. The loads are those of the shipped file: torques -sin(q) and
-    -5 sin(theta_41), and viscous friction of 2 N m s/rad, at the pairs 21 and 41.
+    The source is Di Gregorio 2024 (`four_bar_of_the_paper`), with an assembly mode for each
+    exponent p. `evaluate_document` evaluates the formulas printed in LaTeX in 40 digits.
+    Derivatives of the source are numerical. The torque is that of Eksergian's equation. The
+    loads are those of the shipped file: torques -sin(q) and -5 sin(theta_41), and viscous
+    friction of 2 N m s/rad, at the pairs 21 and 41.
     """
     text = latex(sk.load("four_bar"))
     q, dq, ddq = map(mpmath.mpf, ("0.9", "1.3", "-0.7"))
@@ -505,12 +508,12 @@ def test_only_what_is_asked_for_is_printed():
 
 
 def test_sizes_that_vary_stay_symbols():
-    """Sizes named in `vary` are symbols in the formulas of a document.
+    """Sizes named in `vary` remain symbols in the printed formulas.
 
-    If other values are inserted for the arcs of links 3 and 4, the formulas give an angle
-    of the mechanism that has these arcs. An inertia tensor is a symbol as a whole: the
-    document calls it free, although `vary` names one of its elements. A mass can vary only
-    without loads, because loads such as gravity depend on its weight, which has no symbol.
+    With other values for the arcs of links 3 and 4, the formulas must give an angle of the
+    mechanism with these arcs. An inertia tensor is a symbol as a whole. An element of it
+    can vary only without loads, because loads such as gravity depend on the mass, which has
+    no symbol.
     """
     mechanism = sk.load("universal_joint")
     keys = ["links.3.arc", "links.4.arc", "mass.3.tensor.0.0"]
@@ -554,7 +557,11 @@ def test_what_has_no_formula_is_refused_by_name(made, quantities, told):
 
 
 def test_brackets_follow_from_what_an_expression_is():
-    """Exponents belong to the whole base, and vector products are bracketed as factors."""
+    """LaTeX of expressions has brackets where they are needed.
+
+    An exponent belongs to the whole base, and a vector product as a factor is bracketed.
+    `texts` has expressions by their expected text.
+    """
     a, b, c, u, v, w = symbols(
         ["a", "b", "c^{(1)}", r"\mathbf{u}", r"\mathbf{v}", r"\mathbf{w}"]
     )

@@ -45,12 +45,13 @@ LONG = pytest.param("two_dof_spm", marks=pytest.mark.long)
 def test_a_mechanism_with_a_locked_input_moves_as_with_this_input_held_still(
     name, tmp_path
 ):
-    """Inverse dynamics of the locked mechanism equal those with a constant input angle.
+    """A mechanism with a locked input moves as if this input had a constant angle.
 
-    Locking an input pair makes one link of its two. Compared are the rotations of all links
-    that remain, and the inertia matrix M and the torques of the other inputs. They are
-    compared in the assembly mode whose links are nearest at the first time. The locked
-    mechanism is used as it is and after writing and reading its file.
+    Locking an input pair joins its two links to one. Inverse dynamics of both are compared:
+    the rotations of all remaining links, and the inertia matrix M and the torques of the
+    other inputs. The assembly mode is the one with the nearest links at the first time. The
+    locked mechanism is tried as it is, and after writing and reading its file. `CASES` has
+    the locked pairs.
     """
     # The start angles are those of the inputs that move, in order.
     locked_pair, locked_angle, start_angles = CASES[name]
@@ -123,7 +124,7 @@ def test_locking_a_pair_keeps_the_name_of_a_link_with_a_contact():
 
 
 def rows_with_start_angles(motion, start_angles):
-    """Return the rows of the mode in which links begin at given angles, in all samples.
+    """Return the rows of the assembly mode in which some pairs begin at certain angles.
 
     A motion has all samples of its first assembly mode, then those of the next one.
 
@@ -155,10 +156,9 @@ def test_a_displacement_whose_zero_is_moved_by_a_lock_is_announced(contact_links
     """A warning says by how much a lock changes the displacement of a contact.
 
     The displacement s_35_3 of contact 35 is an arc length along the circular profile of
-    link 3. It is counted from a zero that the axes of link 3 define. Locked at pair 23,
-    link 3 becomes a part of link 2, and the axes of link 2 define the zero: the
-    displacement is now s_35_2. In the same configuration it differs by the number in the
-    warning, up to full circumferences.
+    link 3, from a zero that the axes of link 3 define. Locked at pair 23, link 3 becomes a
+    part of link 2, whose axes define the zero: the displacement is now s_35_2. In the same
+    configuration it must differ by the number in the warning, up to full circumferences.
     """
     mechanism = two_followers(contact_links, contact)
     # Two samples of the inputs 12 and 23. The second input is constant.

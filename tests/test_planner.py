@@ -36,9 +36,10 @@ def test_steps_of_a_plan_are_those_of_the_lecture_table():
 def test_a_plan_for_one_pole_has_only_its_ancestors():
     """A plan for one pole has only the steps that this pole needs.
 
-    A step of the kind `LinePole` intersects great circles through pairs of poles
-    (Aronhold-Kennedy). These poles must be those of earlier steps, and a later step must
-    use the result. This is checked for each pole of each eight-bar.
+    A pole is the axis of the relative rotation of two links. A step of the kind `LinePole`
+    intersects great circles through other poles (Aronhold-Kennedy). These poles must be
+    those of earlier steps, and a later step must use the result. This is checked for each
+    pole of each eight-bar.
     """
     planned = sk.plan(sk.load("stephenson"), ["5/2"])
     intersections = [step.pole for step in planned.steps if isinstance(step, LinePole)]
@@ -78,14 +79,16 @@ def test_shipped_eight_bars_are_the_sixteen_chains():
 
 
 def test_two_eight_bars_need_a_pole_from_rates():
-    """Great circles give all poles of 14 eight-bars. Two others need a pole from rates.
+    """Great circles give all poles of 14 eight-bars.
 
-    Ten of the 28 poles of an eight-bar are axes of pairs. The other 18 follow in
-    passes. The steps of a pass intersect great circles through poles of earlier passes
-    (Aronhold-Kennedy theorem). In this way, the double butterfly (number 9) has none of the
-    18 poles, and the single flier (6) has two. The plan lists the rest as a block. One pole
-    of the block, the opening pole, is computed from rates. Then great circles give the
-    others.
+    Two others need a pole from rates.
+
+    A pole is the axis of the relative rotation of two links. Ten of the 28 poles of an
+    eight-bar are axes of pairs. The other 18 follow in passes. The steps of a pass
+    intersect great circles through poles of earlier passes (Aronhold-Kennedy theorem). In
+    this way, the double butterfly (number 9) has none of the 18 poles, and the single flier
+    (6) has two. The plan lists the rest as a block. One pole of the block, the opening
+    pole, is computed from rates. Then great circles give the others.
     """
     # Number of the eight-bar, and number of poles in its block.
     blocks = []
@@ -158,16 +161,15 @@ def test_unknown_pole_and_input():
 def test_mechanism_with_contact_pairs_uses_contact_lines():
     """The pole of a disc cam and its follower is where two planes intersect.
 
-    The cam 2 and the follower 3 have R pairs with the ground 1, and a sliding contact (Cs)
-    with each other. Their pole P32 lies in the plane of the poles P21 and P31
-    (Aronhold-Kennedy theorem) and in the plane through the normal at the contact.
+    A pole is the axis of the relative rotation of two links. The cam 2 and the follower 3
+    turn on the ground 1 and slide on each other (Cs). Their pole P32 lies in the plane of
+    the poles P21 and P31 (Aronhold-Kennedy theorem) and in the plane through the normal at
+    the contact.
 
-    The text of a step begins with the pass in which the pole is found: I is the first one.
-    Case (b) means that one of the two planes is that of a contact, where case (a) has two
-    planes through poles.
+    The text of a step begins with the pass in which the pole is found. Case (b) means that
+    one of the two planes is that of a contact.
     """
-    # Only the graph of links and pairs matters for the plan, so both links may have the
-    # same profile.
+    # The plan depends on the graph only, so both links may have the same profile.
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
     pairs = [Pair(name, "R", tuple(name)) for name in ("12", "13")]
     pairs.append(Pair("23", "Cs", ("2", "3"), (circle, circle)))
@@ -181,12 +183,12 @@ def test_mechanism_with_contact_pairs_uses_contact_lines():
 def test_pruned_plans_do_not_take_one_circle_twice():
     """A plan for one pole never intersects a great circle with itself.
 
-    A plan for one pole contains only the steps that this pole needs. A step intersects
+    A pole is the axis of the relative rotation of two links. A step of a plan intersects
     great circles through known poles. In this train of bevel gears, four links turn about
-    one vertical axis, and two planets about axes of their carrier. The pole of a planet and
-    its gear is along their line of contact. All great circles through the vertical axis and
-    a planet's axis are then the same one. A step that intersected it with itself would give
-    no pole. The requested poles must therefore be computed, and well conditioned.
+    one vertical axis, and two planets about axes of their carrier. All great circles
+    through the vertical axis and a planet's axis are the same one. A step that intersected
+    it with itself would give no pole. So the requested poles must be computed, and well
+    conditioned.
     """
     up, down, first, second = (0, 0, 1.0), (0, 0, -1.0), (1.0, 0, 0), (0, 1.0, 0)
     # The axes of a gear and a planet are at right angles, and so the half angles of their

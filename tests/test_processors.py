@@ -57,12 +57,12 @@ def test_numpy_uses_no_special_features_of_the_processor_in_that_environment():
     ],
 )
 def test_numerical_tests_pass_with_the_least_kernels(names, chosen):
-    """Tests whose tolerances are close to rounding pass with the least kernels.
+    """Tests with tolerances close to rounding pass with other rounding too.
 
-    Kernels are the routines that NumPy and OpenBLAS choose for a processor. The least ones
-    use no special instructions, such as fused products or wide registers, and round
-    otherwise. `names` are the test files of one process; `chosen` is pytest's expression of
-    markers (`-m`) that selects tests in them.
+    NumPy and OpenBLAS choose routines (kernels) for a processor. The least kernels use no
+    special instructions, such as fused products or wide registers, and round differently.
+    `names` are the test files of one process; `chosen` is pytest's expression of markers
+    (`-m`) that selects tests in them.
     """
     pytest_options = ["-n", "0", "-p", "no:cacheprovider", "-q", "-m", chosen]
     files = [str(TESTS / f"{name}.py") for name in names]

@@ -123,16 +123,16 @@ def _difference(placed, other, row):
 def test_modes_of_triads_end_at_their_dead_centre(seed):
     """At a dead centre two modes of a mechanism with triads meet and end.
 
-    So there are two modes more on one side of this input than on the other. Configurations
-    beside it agree with a solution in 50 digits (`deviations`) within their error bounds.
-    The mechanism has eight links: a four-bar to which dyads (two links each) or a triad
-    (four links) were added at random.
+    A triad is a group of four links without a closed form; a mode is one way to assemble
+    the links. So there are two modes more on one side of this input than on the other.
+    Configurations beside it must agree with a solution in 50 digits (`deviations`) within
+    their error bounds. `grow_dyad_chain` returns a random mechanism of eight links.
     """
     mechanism = grow_dyad_chain(np.random.default_rng(seed), links=8, triads=True)
     input_range = Input(mechanism.inputs[0].pair, -1.5, 1.5)
     mechanism = replace(mechanism, inputs=(input_range,))
-    # The inputs at which a mode ends, since it does not reach any farther. The guide of a
-    # mode has its first and last input, and the status beyond each of these.
+    # The inputs at which modes end. The guide of a mode has its first and last input, and
+    # the status beyond each of them.
     ends = set()
     for mode in PositionAnalysis(mechanism, samples=5).assembly_modes:
         guide = mode.guide

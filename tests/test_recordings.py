@@ -49,13 +49,14 @@ def number(text):
 
 
 def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
-    """Charts show the velocity coefficients of links 3 and 4 relative to link 1.
+    """Charts of a recording agree with the table of poles.
 
-    The recording has a chart for each assembly mode; "p1" and "p0" are names of the modes.
-    The cursor of a chart is at the input, which goes from 0 to 360 deg. The legend shows
-    the coefficients at the cursor to four significant digits. A curve is the column of the
-    table to some scale, within the frame. In a chart y points down, and the upper edge of
-    the frame is y = 0.
+    They show the velocity coefficients of links 3 and 4 relative to link 1. There is a
+    chart for each assembly mode; "p1" and "p0" are names of the modes. The cursor of a
+    chart is at the input, which goes from 0 to 360 deg. The legend shows the coefficients
+    at the cursor to four significant digits. A curve is the column of the table to some
+    scale, within the frame. In a chart y points down, and the upper edge of the frame is y
+    = 0.
     """
     path = tmp_path / "a.rrd"
     result, pages = recorded(path, "four_bar", "poles:only=31+41", samples=73)
@@ -142,11 +143,11 @@ def test_colours_go_from_the_first_to_the_last_of_the_scale():
 
 @pytest.mark.slow
 def test_figures_and_recordings_of_a_result_share_one_pass_through_the_run(tmp_path):
-    """After `plot`, further plots and `save` do not repeat the run.
+    """After `plot`, further plots and `save` of a result do not repeat the run.
 
-    A result has no scenes. It repeats its run when figures are first drawn, and then keeps
-    the scenes (`result.views`). The legend of the recording that is saved afterwards is
-    equal to that of a fresh result, in all 13 samples.
+    A result has no drawings (scenes). It repeats its run when figures are first drawn, and
+    then stores the scenes (`result.views`). The legend of the recording that is saved
+    afterwards must equal that of a fresh result, in all 13 samples.
     """
     pytest.importorskip("matplotlib", reason="figures are drawn by matplotlib")
     options = {"samples": 13, "block": 5}
@@ -195,10 +196,12 @@ def test_solved_poses_are_drawn():
 
 
 def test_the_moving_axode_rolls_on_the_fixed_one():
-    """Axodes are the paths of the pole 31 on the fixed sphere and on the moving link.
+    """The moving axode of two links rolls on the fixed one without slip.
 
-    They touch at the pole, have equal arc lengths (no slip), and are tangent there. Arc
-    lengths and tangents are differences of 2881 samples.
+    Axodes are the paths of the pole 31 (axis of relative rotation of links 3 and 1) on the
+    fixed sphere and on the moving link. They touch at the pole, have equal arc lengths, and
+    are tangent there. Arc lengths and tangents are differences of 2881 samples.
+    `SceneListener` collects what a run draws.
     """
     listener = SceneListener()
     result = sk.run("four_bar", "poles:only=31,axodes=31", recorder=listener, samples=2881)
@@ -233,10 +236,11 @@ def test_the_moving_axode_rolls_on_the_fixed_one():
 def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(name):
     """A diagram shows how the pole axes follow from those of the pairs, step by step.
 
-    The sphere is projected from its centre to a plane (a gnomonic chart), in which great
-    circles are straight lines a x + b y + c = 0. The first sample of the diagram has the
-    poles that are axes of pairs. Each further sample, or step, adds one other pole (a
-    secondary pole) and shows the two lines on which it lies.
+    A pole is the axis of the relative rotation of two links. The sphere is projected from
+    its centre to a plane (a gnomonic chart), in which great circles are straight lines a x
+    + b y + c = 0. The first sample of the diagram has the poles that are axes of pairs.
+    Each further sample, or step, adds one other pole (a secondary pole) and shows the two
+    lines on which it lies.
 
     In the double butterfly no pole follows from lines at first. One pole is computed from
     equations of a group of links instead. The text of this step says so.
@@ -274,13 +278,12 @@ def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(nam
 
 
 def test_a_preview_shows_sizes_and_angles_at_the_start_of_the_range(tmp_path):
-    """The table has arcs of links in degrees; a fan shows the angle of each passive pair.
+    """A preview of a mechanism shows arcs of links in a table, and pair angles as fans.
 
     A row of the table is such as "| 2 | 12-23 15 |": link 2 has an arc of 15 deg between
     the axes of the pairs 12 and 23. A fan is a line from the axis of the pair (first strip)
-    and an arc about it (second strip). The angle of the arc about the axis is added up from
-    its chords, so it is accurate to 2e-3. It equals the pair variable at the start of the
-    input's range, which is the only sample of a run with one sample.
+    and an arc about it (second strip). The angle of the arc is added up from its chords, so
+    it is accurate to 2e-3. It must be the pair variable at the start of the input's range.
     """
     path = tmp_path / "a.rrd"
     # The empty text says that the mechanism can be assembled at the first input.

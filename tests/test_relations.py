@@ -23,8 +23,8 @@ def assert_equal(numbers, expected, rel=1e-12, abs=0.0):
 def gears(tmp_path_factory):
     """Return the run of a bevel pair that accelerates its wheel.
 
-    The shipped file gets a pressure angle (deg), the distance of the mesh (m), and mass,
-    bearings and a brake of the wheel.
+    Mesh and wheel get what dynamics and reactions need: a pressure angle (deg), the
+    distance of the mesh from the centre (m), and mass, bearings and a brake of the wheel.
     """
     shipped = resources.files("spherekit_mechanisms") / "bevel_pair.toml"
     text = shipped.read_text()
@@ -74,7 +74,9 @@ def pivot_first_mode(frame, value, by):
 
 @pytest.mark.parametrize("which", ["gears", "wrist"])
 def test_columns_of_reactions_describe_one_wrench(which, request):
-    """Moments and forces of pairs, in the frames of both links, belong together.
+    """The columns of moments and forces of a pair belong together.
+
+    `which` is the fixture of the run, bevel gears or a five-bar.
 
     - The transverse moment is the size of the moment's x and y components.
     - At a contact the force F acts at the point d z, where d is the distance from the
@@ -110,11 +112,13 @@ def test_columns_of_reactions_describe_one_wrench(which, request):
 
 
 def test_torques_of_eksergian_and_dynamics_satisfy_the_equation_of_motion(gears):
-    """tau = B ddq + (dB/dq) dq^2 / 2 - Q is the driving torque.
+    """The columns of two analyses of dynamics satisfy the equation of motion.
 
-    B is the equivalent inertia, Q the generalised force of all loads. Both analyses agree.
-    Power is tau dq, kinetic energy B dq^2 / 2. The parts by load and by link add up to the
-    whole. Tolerances are absolute where a difference of larger numbers is compared.
+    The driving torque is tau = B ddq + (dB/dq) dq^2 / 2 - Q. B is the inertia reduced to
+    the input, Q the generalised force of all loads. Both analyses must agree. Power is tau
+    dq, kinetic energy B dq^2 / 2. The parts by load and by link must add up to the whole.
+    Tolerances are absolute where a difference of larger numbers is compared. `gears` is the
+    run.
     """
     eksergian = gears.frame("eksergian")
     dynamics = gears.frame("dynamics")
@@ -137,10 +141,11 @@ def test_torques_of_eksergian_and_dynamics_satisfy_the_equation_of_motion(gears)
 
 
 def test_the_rate_of_kinetic_energy_is_the_power_of_torques_and_loads(wrist):
-    """The time derivative is that of a polynomial of degree 14 fitted to the energy.
+    """The rate of the kinetic energy is the power of all torques and loads.
 
-    Three samples at each end are left out, where the fit is less accurate. The energy is
-    also half the mass matrix times both rates.
+    `wrist` is the run of a five-bar. The time derivative is that of a polynomial of degree
+    14 fitted to the energy. Three samples at each end are left out, where the fit is less
+    accurate. The energy must also be half the mass matrix times both rates.
     """
     table = wrist.frame("dynamics")
     table = table[table["assembly_mode"] == table["assembly_mode"].min()]
@@ -169,10 +174,10 @@ def test_the_rate_of_kinetic_energy_is_the_power_of_torques_and_loads(wrist):
 def test_columns_of_poles_are_integrals_of_their_derivatives():
     """Columns of derivatives belong to the columns of pole directions and coefficients.
 
-    Pole directions are unit vectors, at right angles to their derivatives. The change of a
-    column over two steps is the integral of the column of its derivative, by Simpson's
-    rule. At a few of the 721 samples of the six-bar poles move fast, and the rule is
-    inaccurate. The median of the errors is therefore compared.
+    A pole is the axis of the relative rotation of two links. Directions are unit vectors,
+    perpendicular to their derivatives. The change of a column over two steps must be the
+    integral of its derivative, by Simpson's rule. Where poles move fast the rule is
+    inaccurate, so the median of the errors is compared.
     """
     poles = sk.run("stephenson", samples=721, assembly_mode=0).frame()
     derivative_columns = {f"u{axis}": f"du{axis}_dq" for axis in "xyz"}
@@ -207,9 +212,10 @@ def test_columns_of_poles_are_integrals_of_their_derivatives():
 def test_figures_of_merit_take_coefficients_from_tables(name, vary, samples, suffixes):
     """Figures of merit of a sweep have the coefficients of its tables.
 
-    A figure of merit is a number of a design, here the smallest or largest coefficient.
+    A figure of merit is a number of a design, here the smallest or largest coefficient of a
+    pole (axis of the relative rotation of two links).
 
-    - For a pole that is the axis of a pair, it has the sign of the table.
+    - For a pole that is the axis of a pair, a figure has the sign of the table.
     - The direction of other pole axes is arbitrary. A figure then uses the absolute value
       of the velocity coefficient. The acceleration coefficient is the derivative of this
       absolute value, so it is multiplied by the sign of the velocity coefficient.
@@ -265,12 +271,12 @@ def test_an_input_that_does_not_move_an_output_balances_any_moment():
 
 
 def test_mechanical_advantage_and_stiffness_follow_from_the_velocity_coefficient():
-    """With one input the advantage is 1/|w| and the stiffness of the output k/w^2.
+    """With one input, the advantage is 1/|w| and the stiffness of the output k/w^2.
 
     w is the velocity coefficient of the output 41, k = 200 N m/rad the stiffness of the
     input. The output yields about one axis only, so its first principal stiffness is the
     only finite one. At rest the torque balances the loads of the file: torques
-    -sin(theta_21) at the crank and -5 sin(theta_41) at the rocker. Dampers do nothing.
+    -sin(theta_21) at the crank and -5 sin(theta_41) at the rocker. Dampers have no effect.
     """
     mechanism = sk.load("four_bar")
     run = sk.run(mechanism, ["statics:stiffness=200", "poles:only=41"], samples=37)
@@ -290,11 +296,12 @@ def test_mechanical_advantage_and_stiffness_follow_from_the_velocity_coefficient
 
 
 def test_bearing_loads_follow_from_the_moment_and_the_force_of_a_pair():
-    """Two bearings at positions a and b on the axis z carry moment M and force F.
+    """The loads of two bearings follow from the moment and the force of their pair.
 
-    Across the axis the bearing at a carries (b F - M x z) / (b - a), the one at b
-    (M x z - a F) / (b - a). Only the size of these forces is compared, so the sign of b - a
-    does not matter. Along the axis each carries its stated part of F.
+    Bearings at the positions a and b on the axis z carry moment M and force F.
+    Perpendicular to the axis the bearing at a carries (b F - M x z) / (b - a), the one at b
+    (M x z - a F) / (b - a). Only the size of these forces is compared. Along the axis each
+    carries its stated part of F.
     """
     weight = sk.Gravity("weight", (1.0, 2.0, -9.0))
     mechanism = sk.load("universal_joint").with_loads(weight)
@@ -340,10 +347,10 @@ def test_relations_of_singularities_are_coefficients():
 def test_sensitivities_take_absolute_values_of_coefficients():
     """The analysis `sensitivity` has coefficients without the arbitrary sign of the axis.
 
-    The pole of links 5 and 1 is no axis of a pair, so its direction may be reversed. The
-    velocity coefficient of the sensitivity is the absolute value of that of the table. Its
-    acceleration coefficient is the derivative of this absolute value. It is therefore that
-    of the table times the sign of the velocity coefficient.
+    The pole (axis of relative rotation) of links 5 and 1 is no axis of a pair, so its
+    direction may be reversed. The velocity coefficient of the sensitivity is the absolute
+    value of that of the table. Its acceleration coefficient is the derivative of this
+    absolute value. So it is that of the table times the sign of the velocity coefficient.
     """
     quantities = "of=velocity_coefficient_5_1+acceleration_coefficient_5_1"
     sensitivity = f"sensitivity:{quantities},by=links.2.arc,draws=0"

@@ -67,9 +67,10 @@ def check_rates(field, reference, rows, rate_scale, change_scale):
 
 
 def check_pole(field, reference, pole, rows, rate_scale, change_scale):
-    """Assert that directions and coefficients of a pole agree, up to the axis's sense.
+    """Assert that directions and coefficients of a pole agree by two ways of computing.
 
-    Coefficients change sign with the sense. Rows without the pole are left out.
+    A pole is the axis of the relative rotation of two links. Its sense is arbitrary, and
+    coefficients change sign with it. Rows without the pole are left out.
 
     Parameters
     ----------
@@ -103,10 +104,11 @@ def check_pole(field, reference, pole, rows, rate_scale, change_scale):
 @pytest.mark.many
 @pytest.mark.parametrize("name", MECHANISMS.split())
 def test_all_routes_agree_where_all_are_well_conditioned(name):
-    """Rates of links, poles and coefficients, at 25 samples with each input moving.
+    """All ways to compute poles and rates of links agree in well conditioned rows.
 
-    A route is a way to compute them, by great circles or by the velocity equations. The
-    velocity equations are the reference. More than 0.3 of the rows have to be well
+    A pole is the axis of the relative rotation of two links. A route is a way to compute
+    it, by great circles or by the velocity equations, which are the reference here. There
+    are 25 samples with each input moving. More than 0.3 of the rows must be well
     conditioned by every route, so that the test compares enough of them.
     """
     position_analysis = PositionAnalysis(sk.load(name), samples=25)
@@ -142,9 +144,9 @@ def test_only_the_default_route_computes_ill_conditioned_rows_in_quad_precision(
 
     A route is a way to compute the poles (axes of relative rotation) and rates of links.
     The routes "first" and "conditioned" construct each pole as the intersection of two
-    great circles. "first" takes the first two of the list that is planned for the pole,
-    "conditioned" the two whose intersection is best conditioned. Here both fail in double
-    precision, with a status and without numbers.
+    great circles. "first" takes the first two of the planned list, "conditioned" the two
+    whose intersection is best conditioned. Here both fail in double precision, with a
+    status and without numbers.
     """
     # Without a search for other modes than that of the reference pose.
     position_analysis = PositionAnalysis(

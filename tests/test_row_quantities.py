@@ -67,11 +67,12 @@ def laws_at(mechanism, q, rates=RATES):
 
 
 def sweep_first_sample(name, quantities, q):
-    """Return quantities (modes,) by name at the first sample of laws, from a sweep.
+    """Return quantities (modes,) by name at the first sample of a motion, from a sweep.
 
-    A sweep returns figures of merit: numbers that are reduced over the samples of a run.
-    Here there are two samples, and a figure is the sum of quantity * (1 - sign(t)) over
-    them. This weight is 1 at t = 0 and 0 at the later time.
+    A row quantity is a number of one configuration, such as `pole_4_2_y`. A sweep only
+    returns figures of merit: numbers that are reduced over the samples of a run. Here there
+    are two samples, and a figure is the sum of quantity * (1 - sign(t)) over them. This
+    weight is 1 at t = 0 and 0 at the later time.
     """
     mechanism = with_masses(name)
     # A sweep needs a number of the file that varies. It has its nominal value only.
@@ -106,9 +107,9 @@ class RowsOfFirstSample:
         Parameters
         ----------
         name
-            Key of `CASES`.
+            Key of `CASES`: a mechanism with inputs.
         is_wanted
-            Which names of row quantities are evaluated.
+            Function of the name of a row quantity, which says whether it is evaluated.
         """
         self.mechanism = with_masses(name)
         self.q = CASES[name][1]
@@ -163,8 +164,9 @@ class RowsOfFirstSample:
 def compared_rows():
     """Return a function of a mechanism's name that returns its `RowsOfFirstSample`.
 
-    Results are kept for other tests. Quantities of links, such as orientations and poles,
-    are evaluated for about five links only, because a mechanism with many links has many.
+    These are the row quantities (numbers of one configuration) that tests compare. They are
+    stored for further tests. Quantities of links, such as orientations and poles, are
+    evaluated for about five links only, to save time.
     """
     rows_by_name = {}
 
@@ -195,13 +197,13 @@ def links_to_compare(name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_orientations_and_rates_by_quantities_are_those_of_evaluation(name, compared_rows):
-    """Row quantities of links are compared with `sk.evaluate`.
+    """Row quantities of links are the numbers of `sk.evaluate`.
 
-    A row quantity is a number of one configuration by its name. Compared are the entries of
-    rotation matrices, and the components of angular velocities per unit rate of an input
-    and of their derivatives. With several inputs, a suffix of the name says which one
-    moves. Errors count relative to 1 plus the largest rate, and to its square for
-    derivatives.
+    A row quantity is a number of one configuration by its name; `compared_rows` has those
+    of a sweep. Compared are the entries of rotation matrices, and the components of angular
+    velocities per unit rate of an input and of their derivatives. With several inputs, a
+    suffix of the name says which one moves. Errors count relative to 1 plus the largest
+    rate, and to its square for derivatives.
     """
     rows = compared_rows(name)
     links = links_to_compare(name)
@@ -225,9 +227,10 @@ def test_orientations_and_rates_by_quantities_are_those_of_evaluation(name, comp
 def test_pole_axes_by_quantities_are_those_of_relative_rates(name, compared_rows):
     """Pole axes by names such as `pole_4_2_y` are those of relative rates of links.
 
-    `pole_4_2` is the axis about which link 4 turns relative to link 2. Pole times velocity
-    coefficient is the difference of the angular velocities by `sk.evaluate`. If a pair
-    joins two links, the pole of its second link relative to the first is its axis.
+    `pole_4_2` is the axis about which link 4 turns relative to link 2; `compared_rows` has
+    the numbers of a sweep. Pole times velocity coefficient must be the difference of the
+    angular velocities by `sk.evaluate`. If a pair joins two links, the pole of its second
+    link relative to the first must be its axis.
     """
     rows = compared_rows(name)
     links = links_to_compare(name)
@@ -270,11 +273,12 @@ def test_directions_of_outputs_by_quantities_are_those_of_rotations(name, compar
 @pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_forces_and_free_accelerations_are_those_of_inverse_dynamics(name):
-    """Generalised forces, torques, kinetic energy, and accelerations without torques.
+    """Forces, torques and energy by name are those of inverse dynamics.
 
-    The free acceleration is that of the inputs if no torque drives them. The inputs follow
-    a law of time with another acceleration. From M ddq + h = torque, with the mass matrix
-    M, follows M (free acceleration - acceleration of the law) = -torque.
+    `RowsOfFirstSample` has them from a sweep. The free acceleration is that of the inputs
+    if no torque drives them. The inputs follow a law of time with another acceleration.
+    From M ddq + h = torque, with the mass matrix M, follows M (free acceleration -
+    acceleration of the law) = -torque.
     """
     # "B_" are derivatives of the acceleration by torques.
     rows = RowsOfFirstSample(
@@ -321,11 +325,12 @@ class StencilLaw:
 @pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(name):
-    """A_q, A_dq and B_torque are derivatives of accelerations at given torques.
+    """A_q, A_dq and B_torque are derivatives of accelerations at constant torques.
 
-    From M ddq + h(q, dq) = torque, A_q and A_dq are -M^-1 times the derivatives of the
-    torque by q and dq at given accelerations, and B_torque is M^-1. The derivatives are
-    five-point differences in each input, with steps of `STEP` rad or rad/s.
+    Control needs them. From M ddq + h(q, dq) = torque, A_q and A_dq are -M^-1 times the
+    derivatives of the torque by q and dq at constant accelerations, and B_torque is M^-1.
+    The reference are five-point differences in each input, with steps of `STEP` rad or
+    rad/s.
 
     One run of inverse dynamics evaluates all states of the differences. It takes laws of
     time, so the states are put at times that are `MOMENT` apart, and `StencilLaw` returns
@@ -375,10 +380,11 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
 def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name):
     """Condition number and determinant are those of the Jacobian of inverse kinematics.
 
-    The Jacobian (3, inputs) has the angular velocity of the output per unit rate of each
-    input. The condition number is the ratio of its largest and smallest singular values. An
-    output that is a direction has two inputs only. The determinant is then that of the two
-    columns of the Jacobian and the direction as the third.
+    `RowsOfFirstSample` has both from a sweep. The Jacobian (3, inputs) has the angular
+    velocity of the output per unit rate of each input. The condition number is the ratio of
+    its largest and smallest singular values. An output that is a direction has two inputs
+    only. The determinant is then that of the two columns of the Jacobian and the direction
+    as the third.
     """
     # Only quantities whose names begin so are evaluated.
     rows = RowsOfFirstSample(name, lambda x: x.startswith(("condition", "jacobian")))
@@ -404,10 +410,11 @@ def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name)
 
 @pytest.mark.parametrize("columns", [2, 3])
 def test_singular_values_by_expressions_are_those_of_lapack(columns):
-    """Values agree for 20000 random 3 x 2 or 3 x 3 matrices, relative to the largest one.
+    """Singular values by symbolic expressions agree with LAPACK.
 
-    Columns of every second matrix have sizes down to 1e-4; the first three matrices are
-    orthogonal, of rank 1, and zero. The tolerance is about 13 roundings.
+    There are 20000 random 3 x 2 or 3 x 3 matrices. Columns of every second matrix have
+    sizes down to 1e-4; the first three matrices are orthogonal, of rank 1, and zero. The
+    tolerance is about 13 roundings of the largest value.
     """
     count = 20000
     random = np.random.default_rng(4)
@@ -433,11 +440,12 @@ def test_singular_values_by_expressions_are_those_of_lapack(columns):
     ],
 )
 def test_derivatives_by_a_size_are_differences_of_designs(name, key, quantities):
-    """Five-point differences of the same quantities at four other sizes, 1e-4 rad apart.
+    """Derivatives of quantities by a size are five-point differences of other designs.
 
-    `key` names the size in the mechanism file, an arc of a link. All rows have the same
-    rates and accelerations of the inputs, and the time 0. Errors count relative to the
-    derivative, or to 0.01 where that is smaller.
+    `key` names the size in the mechanism file, an arc of a link. The quantities are
+    computed at four other sizes, 1e-4 rad apart. All rows have the same rates and
+    accelerations of the inputs, and the time 0. Errors count relative to the derivative, or
+    to 0.01 where that is smaller.
     """
     nominal = with_masses(name)
     count = len(nominal.inputs)

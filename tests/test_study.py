@@ -37,13 +37,13 @@ def write_study(folder, text):
 
 
 def test_a_study_is_read_as_written(tmp_path):
-    """Every key of `STUDY` has its value in the study that is read.
+    """Every key of a study file has its value in the study that is read.
 
-    Angles of the file are in degrees; the input of the pair "12" runs from -30 to 90 deg.
-    Its analyses are `poles`, of the rotation axes (poles) 6/1 and 5/1, and `tuned`, an
-    analysis of the tests (`Tuned`) that has parameters of all types. The parameter
-    `circles` is the pole whose two great circles are drawn. The integers in `weight = 2`
-    and `ends = [1.5, 2]` become floats, because these parameters have the type float.
+    `STUDY` has angles in degrees; the input of the pair "12" runs from -30 to 90 deg. Its
+    analyses are `poles`, of the rotation axes (poles) 6/1 and 5/1, and `tuned`, an analysis
+    of the tests (`Tuned`) with parameters of all types. The parameter `circles` is the pole
+    whose two great circles are drawn. The integers in `weight = 2` and `ends = [1.5, 2]`
+    become floats, because these parameters have the type float.
     """
     study = load_study(write_study(tmp_path, STUDY))
     assert study.name == "x"

@@ -105,8 +105,9 @@ def assert_same_rows(result, expected_tables):
 
 
 class Machines:
-    """A Dask scheduler and workers, each a process in a folder of its own.
+    """A Dask scheduler and workers for tests, each a process in its own folder.
 
+    They stand for the machines of a cluster, on which parts of a sweep are computed.
     `address` is that of the scheduler that was started last.
     """
 
@@ -117,10 +118,10 @@ class Machines:
         self.address = ""
 
     def start(self, arguments, site="", **environment):
-        """Start `python -m arguments` in a folder of its own, and return the process.
+        """Start `python -m arguments` in a new folder, and return the process.
 
         `site` is the text of a module `sitecustomize`, which Python imports at its start.
-        It changes the program for this process. `environment` has further variables.
+        Tests change the program of this process by it. `environment` has further variables.
         """
         folder = self.root / f"machine-{len(self.processes)}"
         (folder / "site").mkdir(parents=True)
@@ -190,12 +191,12 @@ def test_threads_of_one_worker_make_the_same_rows(tmp_path, expected_tables):
 def test_a_relative_folder_is_relative_to_the_command(
     site, machines, tmp_path, expected_tables, monkeypatch
 ):
-    """A relative folder of a sweep is in the folder of the command, not of the workers.
+    """A relative folder of a sweep is in the folder of the command, not of its workers.
 
-    Each worker runs in a folder of its own. `site` is code that Python executes when the
-    worker starts: none, or `BLIND`, by which the worker takes the folder of the sweep for
-    not writable. A blind worker must return the files of its parts to the command, which
-    writes them. `expected_tables` come from a sweep without workers.
+    Each worker runs in its own folder. `site` is code that the worker executes at its
+    start: none, or `BLIND`, by which the worker takes the folder of the sweep for not
+    writable. A blind worker must return the files of its parts to the command, which writes
+    them. `expected_tables` come from a sweep without workers.
     """
     machines.start_scheduler()
     machines.start_worker(site)
@@ -228,9 +229,10 @@ def test_parts_of_seeing_and_blind_workers_are_one_data_set(
 
 
 class WorkerlessClient:
-    """A client of a scheduler that has no workers until some time of a simulated clock.
+    """A client of a Dask scheduler that has no workers until some time.
 
-    `now` is the time in seconds; sleeping moves it on at once.
+    The clock is simulated: `now` is the time in seconds, and sleeping moves it on at once.
+    So tests of long waits are fast.
     """
 
     status = "running"
@@ -267,9 +269,10 @@ def test_waiting_for_workers_is_reported_every_minute_with_a_way_out(
 ):
     """While a scheduler has no workers, a report comes at once and then every minute.
 
-    It says for how many minutes the command has waited, and what the user can do. Workers
-    appear after `wait_seconds`. `minutes` are the waiting times of the reports. The first
-    one, after 0 minutes, states no time.
+    The report says for how many minutes the command has waited, and what the user can do.
+    `WorkerlessClient` has a simulated clock, on which workers appear after `wait_seconds`.
+    `minutes` are the waiting times of the reports. The first report, after 0 minutes,
+    states no time.
     """
     messages = []
     client = WorkerlessClient(monkeypatch, wait_seconds)
@@ -293,7 +296,11 @@ def test_waiting_for_workers_is_reported_every_minute_with_a_way_out(
 
 @pytest.mark.slow
 def test_a_sweep_waits_for_workers_that_come_late(machines, tmp_path, expected_tables):
-    """A worker is started when the sweep reports that there is none."""
+    """A sweep on a cluster without workers waits for the first one.
+
+    The test starts a worker (of `machines`) when the sweep reports that there is none. The
+    rows must be those of a sweep without a cluster.
+    """
     machines.start_scheduler()
     messages = []
 
@@ -364,12 +371,13 @@ def test_an_error_of_a_part_is_not_taken_for_a_lost_scheduler(error):
 def test_after_the_loss_of_all_workers_another_one_computes_the_parts(
     poll_seconds, machines, tmp_path, expected_tables
 ):
-    """Both workers are killed after the sweep has got the first part; a new one is started.
+    """A sweep whose workers are all killed goes on with a new worker.
 
-    The sweep asks every `poll_seconds` which parts are finished, and gets their results. A
-    worker needs 1 s for a part (`SLOW`). If the sweep asks every 4 s, both workers have
-    finished a part when it gets the first one. The result of the second part is then lost
-    with its worker, and is computed again.
+    Both workers are killed after the sweep has got the first part. The sweep asks every
+    `poll_seconds` which parts are finished, and gets their results. A worker needs 1 s for
+    a part (`SLOW`). If the sweep asks every 4 s, both workers have finished a part when it
+    gets the first one. The result of the second part is then lost with its worker, and is
+    computed again.
     """
     machines.start_scheduler()
     killed_workers = [machines.start_worker(SLOW), machines.start_worker(SLOW)]
@@ -406,9 +414,10 @@ def test_after_the_loss_of_all_workers_another_one_computes_the_parts(
 def test_a_lost_scheduler_ends_a_sweep_with_one_sentence(
     machines, tmp_path, expected_tables
 ):
-    """The scheduler is killed after the first of three parts; a message says how to go on.
+    """If the scheduler of a cluster is lost, the sweep ends and says how to go on.
 
-    The same sweep without a cluster then computes the other parts in this process.
+    The scheduler is killed after the first of three parts. The same sweep without a cluster
+    must then compute only the other parts.
     """
     part_count = 3
     scheduler = machines.start_scheduler()
@@ -473,7 +482,7 @@ def test_a_part_that_does_not_appear_in_the_folder_is_missed(
     """A part that was computed and is not in the folder of the sweep is an error.
 
     A worker may have written it on another disk. `undisturbed` is a sweep of three parts,
-    whose part 2 is not in the folder here. It is missed in three ways:
+    and part 2 is not in the folder here. It is missed in three ways:
 
     - when the sweep takes the part of a worker that did not send its files. The sweep waits
       for `VISIBLE_SECONDS`, the longest time until a file on a network disk is seen;

@@ -273,17 +273,16 @@ Each death leaves a file in the folder `mark`, so that their number can be limit
 
 @pytest.fixture
 def end_processes(tmp_path, monkeypatch):
-    """Return a function that has worker processes end themselves.
+    """Return a function by which worker processes of a sweep end themselves.
 
     A sweep is divided into parts of some designs each, which worker processes compute. A
-    process ends itself when it is about to write a certain part. To this end a file
-    `sitecustomize.py` is written into a folder of the environment variable PYTHONPATH:
-    Python imports such a file whenever a process starts. It replaces the method that writes
-    a part (`ENDING`).
+    process ends itself when it is about to write a certain part. For this a file
+    `sitecustomize.py` is written, which Python imports whenever a process starts. It
+    replaces the method that writes a part (`ENDING`).
 
     The arguments of the function are how often a process ends ("once", "twice", "always"),
-    the number of the part, and the name of the signal. It returns the folder that has a
-    file for each process that ended.
+    the number of the part, and the name of the signal. It returns a folder with a file for
+    each process that ended.
     """
 
     def install(mode, number=0, signal_name="SIGKILL"):
@@ -314,11 +313,11 @@ def end_processes(tmp_path, monkeypatch):
 def test_a_part_whose_process_is_ended_is_computed_by_another(
     mode, number, signal_name, tmp_path, end_processes
 ):
-    """If the process of a part is ended, another process computes the part again.
+    """If the worker process of a part of a sweep is ended, another one computes the part.
 
-    The sweep has three parts of up to 16 designs, and the process of part `number` is ended
-    once or twice. Each time is reported, and the rows are equal bit by bit to those of an
-    undisturbed sweep.
+    The sweep has three parts of up to 16 designs. `end_processes` has the process of part
+    `number` ended once or twice by a signal. Each time is reported. The rows must be equal
+    bit by bit to those of an undisturbed sweep.
     """
     # A folder with a file for each process that ended.
     mark = end_processes(mode, number, signal_name)
@@ -345,10 +344,11 @@ def test_a_part_whose_process_is_ended_is_computed_by_another(
 def test_a_part_that_ends_every_process_ends_the_sweep_with_a_message(
     tmp_path, end_processes
 ):
-    """If three processes of one part are ended, the sweep ends with a message.
+    """If three processes of the same part of a sweep are ended, the sweep ends.
 
-    The other two of its three parts are written. When processes are no longer ended, the
-    same command only computes the missing part.
+    `end_processes` has each process of part 1 ended. A message says so, and the other two
+    parts are written. When processes are no longer ended, the same command only computes
+    the missing part.
     """
     # A folder with a file for each process that ended.
     mark = end_processes("always", number=1)
@@ -371,8 +371,8 @@ def test_a_part_that_ends_every_process_ends_the_sweep_with_a_message(
 def test_killing_worker_processes_from_outside_does_not_change_a_sweep(tmp_path):
     """A sweep has all its rows although four of its processes are killed, one per second.
 
-    A system that is short of memory kills processes in this way. All child processes of the
-    sweep may be killed, one after another.
+    A system that is short of memory kills processes in this way. The test reads from /proc
+    which child processes the sweep has, and may kill any of them.
     """
     command = [sys.executable, "-m", "spherekit", "sweep", "four_bar", "-a", "poles"]
     command += ["--tables", "--vary", "links.2.arc=10:40:160", "--samples", "91"]

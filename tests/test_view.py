@@ -53,7 +53,9 @@ NO_CRANK = (np.pi / 3, np.radians(50), np.radians(38), np.radians(50))
 
 @cache
 def collect_scenes(arcs):
-    """Run a four-bar with these arcs (4,) in rad; return what it sends to a recorder.
+    """Run a four-bar with these arcs (4,) in rad; return what the run sends to a recorder.
+
+    A scene is a drawing of primitives such as lines and arrows.
 
     Returns
     -------
@@ -105,12 +107,16 @@ def select_rows(scene, rows):
 
 
 def record_both_modes(path, blocks=1, arcs=FOUR_BAR_ARCS, **destinations):
-    """Record both modes of a four-bar, in blocks of samples; return the path.
+    """Record both assembly modes of a four-bar, in blocks of samples; return the path.
 
     Parameters
     ----------
+    path
+        Path of the recording, a file of the viewer Rerun.
     blocks
         Number of equal blocks, or the samples at which a new block begins.
+    arcs
+        Arcs (4,) of the four-bar in rad.
     destinations
         Further arguments of `RerunRecorder`, such as the `url` of a viewer.
     """
@@ -162,10 +168,11 @@ def test_a_recorded_series_has_every_digit_of_its_plot(recording, mode):
 
 
 def test_recorded_poles_and_links_agree_with_closed_forms(recording):
-    """The arrow of the pole 31 has its direction, and link 3 the rotation of its frame.
+    """In a recording, a pole arrow and a link have the directions of closed forms.
 
-    Both are compared with the closed forms of Di Gregorio (2024). Arrows of poles are drawn
-    1.25 radii of the sphere long. Numbers are stored in float32, hence 1e-6.
+    `recording` is the four-bar of Di Gregorio (2024), whose closed forms are compared. The
+    pole 31 is the axis of the relative rotation of links 3 and 1. Arrows of poles are drawn
+    1.25 radii of the sphere long. The file has float32 numbers, hence 1e-6.
     """
     columns = read_recording_columns(recording)
     arrows = columns["/four_bar/assembly_mode_1/pole/3_1", "Arrows3D:vectors"]
@@ -181,10 +188,11 @@ def test_recorded_poles_and_links_agree_with_closed_forms(recording):
 
 
 def test_shapes_at_rest_are_logged_once(partial_recording):
-    """The shapes of links and the paths of poles are in the file once.
+    """The shapes of links and the paths of poles are in a recording only once.
 
-    The samples were recorded in several blocks. A recording consists of chunks: columns of
-    an entity such as "LineStrips3D:strips", with a column of row identifiers.
+    `partial_recording` was written in several blocks of samples. A recording consists of
+    chunks: columns of an entity such as "LineStrips3D:strips", with a column of row
+    identifiers. A chunk that is static does not change in time.
     """
     logged = []
     for chunk in RrdReader(partial_recording).stream():
@@ -234,7 +242,7 @@ def test_file_size_grows_linearly_with_the_number_of_modes(tmp_path):
 
 @pytest.mark.slow
 def test_curves_of_a_chart_have_the_colours_of_its_legend(tmp_path):
-    """The curves of a chart and its legend have the same two colours, in the same order.
+    """The curves of a recorded chart have the colours of its legend, in the same order.
 
     Each of two assembly modes has a chart of two velocity coefficients. Both modes are also
     compared in a chart of acceleration coefficients (1/rad), with one curve for each mode.
@@ -272,11 +280,12 @@ def test_many_modes_are_compared_in_one_chart_only(tmp_path):
 
 
 def test_failed_samples_show_only_their_status(partial_recording):
-    """Arrows, labels and links vanish where the four-bar does not close.
+    """Arrows, labels and links are hidden at samples where the four-bar does not close.
 
-    `NO_CRANK` are the arcs of a four-bar whose input link cannot turn fully. Links, and
-    the great circles by which poles are constructed, are hidden by a scale below 1e-3. A
-    text with the status takes their place.
+    `partial_recording` is a four-bar with the arcs `NO_CRANK`, whose input link cannot turn
+    fully. The closed form says where it does not close. Links, and the great circles by
+    which poles are constructed, are hidden by a scale below 1e-3. A text with the status
+    takes their place.
     """
     columns = read_recording_columns(partial_recording)
     is_failed = np.isnan(four_bar_angles(INPUTS, NO_CRANK, 0))
@@ -304,10 +313,11 @@ def test_failed_samples_show_only_their_status(partial_recording):
 
 
 def test_arrows_that_cover_each_other_share_a_label(tmp_path):
-    """Two arrows half a degree apart get one label with both names.
+    """In a recording, two arrows half a degree apart get one label with both names.
 
-    Sample 0: all arrows apart. Sample 1: P14 and P25 together. Sample 2: P25 is missing.
-    The arrow "pair" is marked as the axis of a pair, which has no label of this kind.
+    Sample 0: all arrows are apart. Sample 1: P14 and P25 together. Sample 2: P25 is
+    missing. The arrow "pair" is marked as the axis of a pair, which has no label of this
+    kind.
     """
     x, y, z = np.eye(3)
     beside_x = Rotation.from_rotvec([0.0, 0.0, np.radians(0.5)]).apply(x)
@@ -342,9 +352,10 @@ def test_arrows_that_cover_each_other_share_a_label(tmp_path):
 
 
 def test_input_timeline_uses_the_coarsest_exact_unit():
-    """Timelines count integers: degrees, or tenths to thousandths of a degree.
+    """The timeline of a recording counts the input in the coarsest unit that is exact.
 
-    Where thousandths do not suffice, as for 1/3 degree, the timeline is inexact.
+    Timelines count integers: degrees, or tenths to thousandths of a degree. Where
+    thousandths do not suffice, as for 1/3 degree, the timeline is inexact.
     """
     for degrees, name, is_exact in [
         ([0.0, 90.0, 360.0], "input_deg", True),
@@ -364,9 +375,10 @@ def test_input_timeline_uses_the_coarsest_exact_unit():
 
 
 def test_a_path_on_the_sphere_is_divided_at_gaps_and_jumps():
-    """Ten points 10 degrees apart, with a gap at point 4 and a jump at point 7.
+    """A path on the sphere is drawn in pieces, divided at gaps and jumps.
 
-    The three pieces are refined to chords below 3.1 degrees and stay on the unit sphere.
+    Ten points are 10 degrees apart, with a gap at point 4 and a jump at point 7. The three
+    pieces must be refined to chords below 3.1 degrees and stay on the unit sphere.
     """
     angle = np.radians(np.arange(0.0, 100.0, 10.0))
     points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
@@ -424,7 +436,11 @@ def test_a_full_disk_keeps_the_old_file(room_in_bytes, tmp_path):
 
 
 def test_an_interrupted_run_keeps_what_it_recorded(tmp_path):
-    """Fifty samples are in a file `*.part`, whose name the interrupt carries as a note."""
+    """If a recording is interrupted, what was recorded so far remains in a file.
+
+    The file is called `*.part`, and a note of the interrupt names it. It has the fifty
+    samples that were recorded.
+    """
     path = tmp_path / "a.rrd"
     with (
         pytest.raises(KeyboardInterrupt) as interrupt,
@@ -527,9 +543,11 @@ def take_screenshot(recording, path, **options):
 
 @pytest.mark.viewer
 def test_a_screenshot_shows_links_and_poles(recording, tmp_path):
-    """All colours of links and poles appear; 60 degrees and sample 60 look alike.
+    """A screenshot of a recording shows all colours of links and poles.
 
-    Compared is the left half, the view in space, without the bar of time at its bottom.
+    The time is chosen by the input (60 degrees) and by the sample (60), which must look
+    alike. Compared is the left half, the view in space, without the bar of time at its
+    bottom.
     """
     by_input = take_screenshot(
         recording, tmp_path / "a.png", input_deg=60.0, size=(1200, 800)
@@ -555,11 +573,11 @@ COLOURS = ((86, 180, 233), (238, 108, 52), (32, 190, 142), (255, 196, 0))
 @pytest.mark.slow
 @pytest.mark.viewer
 def test_a_screenshot_shows_the_first_sample_that_closes(tmp_path):
-    """The first samples have no configuration, because the four-bar does not close there.
+    """By default a screenshot shows the first sample at which the mechanism closes.
 
-    The input link cannot turn fully, and the four-bar does not close at 180 degrees. The
-    poses at inputs from 180 degrees on are recorded under the sample numbers 0, 1, ... and
-    the inputs from 0 on. Only the poses are shifted.
+    The arcs are those of a four-bar that does not close at 180 degrees. Its poses at inputs
+    from 180 degrees on are recorded under the sample numbers 0, 1, ..., so that the first
+    samples have no configuration.
     """
     path = tmp_path / "a.rrd"
     samples_from_180 = np.roll(SAMPLES, -180)
@@ -588,11 +606,11 @@ def test_picture_without_graphics_names_the_package(recording, tmp_path, monkeyp
 
 
 def test_names_of_links_do_not_cover_each_other():
-    """Names are placed once each, and their boxes do not overlap in the default view.
+    """Names of links and pairs in the default view are placed once, without overlap.
 
-    The box of a name is estimated by the test: its half width is 0.016 for each letter and
-    one more, its half height 0.045, in units of the sphere's radius. Names are those of
-    links, such as "2", and of pairs, such as "87"; pairs on one axis share a label.
+    The test estimates the box of a name: its half width is 0.016 for each letter and one
+    more, its half height 0.045, in units of the sphere's radius. Pairs on one axis, such as
+    "32" and "9_2", share a label.
     """
     motion = PositionAnalysis(sk.load("two_dof_spm"), samples=1).motion()
     bodies = link_bodies(motion.mechanism, motion.rotations[:1])
@@ -617,7 +635,10 @@ def test_names_of_links_do_not_cover_each_other():
 
 @pytest.mark.slow
 def test_graphs_have_the_same_layout_in_every_process():
-    """The order of sets of texts depends on the hash seed; the layout must not."""
+    """The layout of a graph of links is the same in every process.
+
+    The order of sets of texts depends on the hash seed of Python; the layout must not.
+    """
     code = (
         "import spherekit as sk; from spherekit.mechanism.graph import layout_graph; "
         "print(layout_graph(sk.load('three_rrr')).tolist())"

@@ -82,8 +82,8 @@ def five_bar_with_driving_four_bar():
     """Return a five-bar of seven links, one crank of which is driven through a four-bar.
 
     The sizes of a link are its axes, the arcs between consecutive axes and the angles
-    between consecutive arcs, in degrees. The last argument gives angles (rad) at which
-    pairs read zero.
+    between consecutive arcs, in degrees. The output is a direction (pointer) in the second
+    coupler. The last argument states angles (rad) at which pairs read zero.
     """
     return mechanism_from_sizes(
         {
@@ -113,16 +113,17 @@ def five_bar_with_driving_four_bar():
 
 @pytest.mark.parametrize("least_angle_deg", [0, 10])
 def test_area_of_the_five_bar_is_that_of_intersected_caps(least_angle_deg):
-    """The area of each working mode lies within the error that the analysis states.
+    """The reachable area of each working mode of a five-bar is right.
 
-    Each dyad of this five-bar spans at most 150 degrees, so a direction is reachable if it
-    is at most 150 degrees from both driven axes (x and y). With a least angle it also has
-    to be at least that angle from them. The exact area of these intersected caps is
-    computed by quadrature over parallels.
+    A working mode is a choice of one way to bend each leg. Each leg spans at most 150
+    degrees, so a direction is reachable if it is at most 150 degrees from both driven axes
+    (x and y). With a least angle it must also be at least that angle from them.
+    `common_area` computes the area of these intersected caps by quadrature. The area may be
+    off by the stated error.
 
-    The parts of the sphere that cannot be reached are two caps of 30 degrees about -x and
-    -y, and with a least angle two more about x and y. One of them counts as the outside of
-    the workspace, the others as holes.
+    The parts that cannot be reached are two caps of 30 degrees about -x and -y, and with a
+    least angle two more about x and y. One of them counts as the outside of the workspace,
+    the others as holes.
     """
     # Caps about x and y: inside of 150 degrees, and outside of the least angle.
     cap_centres = np.eye(3)[[0, 1, 0, 1]]
@@ -168,11 +169,11 @@ def angle_between_21_and_43(directions):
 
 
 def test_samples_of_the_five_bar_agree_with_its_kinematics(five_bar_result):
-    """A sample is inside where inverse kinematics and the least angle allow it.
+    """A sample of a workspace is inside where inverse kinematics and limits allow it.
 
-    The workspace is that of working mode +- (signs 1 and -1 of the two legs), in which the
-    axes of the pairs 21 and 43 have to be at least 10 degrees apart. The forward kinematics
-    of the inputs of a sample leads back to its direction. The measures `type_1` (of each
+    `five_bar_result` is the workspace of the working mode +- (signs 1 and -1 of the two
+    legs), in which the axes of the pairs 21 and 43 must be 10 degrees apart. Forward
+    kinematics of the inputs of a sample must lead back to its direction. `type_1` (of each
     input) and `type_2` are sines of the angle to a singularity. The table has the least
     `type_1`.
     """
@@ -212,13 +213,15 @@ def test_points_of_the_five_bar_border_lie_on_their_limit(five_bar_result):
 
 
 def test_area_of_the_mid_plane_mechanism_is_that_of_the_paper(mid_plane_kinematics):
-    """The workspace of a mechanism of Chen et al. (2021) has two equal largest parts.
+    """The workspace of a mechanism of Chen et al.
+
+    (2021) has two equal largest parts.
 
     By the rule of the paper, two pairs of axes stay at least 10 degrees apart. With the
     reach of the legs there are five limits (`bounds`). The exact area of one of the two
-    parts is a double integral over the mid-plane. There are smaller parts, beyond folds of
-    the legs. The eight working modes have the same workspace, so seven are reported to be
-    the same as the first (`same_as`).
+    parts is a double integral (`mid_plane_area`). All eight working modes (ways to bend the
+    legs) have the same workspace, so seven are reported to be the same as the first
+    (`same_as`).
     """
     exact_area_sr = mid_plane_area()
     bounds = bounds_of(mid_plane_kinematics, interference_limits_of_the_paper())
@@ -280,13 +283,13 @@ def seven_link_case():
 def test_limits_of_a_five_bar_with_an_inner_loop_agree_with_brute_force(
     seven_link_case, signs
 ):
-    """Whether a direction is inside follows from rotation matrices of a position solver.
+    """Whether a direction is in a workspace agrees with rotation matrices of all links.
 
-    One crank of this five-bar is driven through a four-bar. The limits (rad), which the
-    fixture has as `bounds`, are: angle of f2 from -2 to 1, axes b1 and b2 at least 0.3
-    apart, e2 and c at most 1.9 apart, singularities at least 6 degrees away. `signs` is the
-    working mode: the sign of each dyad. The measures `type_1` (of each input) and `type_2`
-    are sines of the angle to a singularity.
+    One crank of this five-bar is driven through a four-bar. `seven_link_case` has the
+    mechanism, its kinematics and limits (rad): angle of f2 from -2 to 1, axes b1 and b2 at
+    least 0.3 apart, e2 and c at most 1.9 apart, singularities at least 6 degrees away.
+    `signs` is the working mode, a sign for each dyad (two links joined by a pair). `type_1`
+    (of each input) and `type_2` are sines of the angle to a singularity.
     """
     mechanism, kinematics, bounds = seven_link_case
     inverse = InverseKinematics(mechanism)
@@ -347,12 +350,12 @@ def test_orientations_away_from_singularities_have_a_volume():
 
 @pytest.mark.slow
 def test_a_direction_outside_gets_the_nearest_reachable_one():
-    """No sampled direction inside is nearer than the one that the search returns.
+    """For a direction outside of a workspace, the nearest reachable direction is found.
 
-    The five-bar has a limit at the driven pair 21 (0.7 to 2.4 rad). Its working mode is ++,
-    with the signs (1, 1) of the legs. The function `judge` tells which directions are
-    inside the workspace. The area of the workspace (sr) is computed to a relative error of
-    1e-3, and agrees with the share of sampled directions inside.
+    No sampled direction inside may be nearer. The five-bar has a limit at the driven pair
+    21 (0.7 to 2.4 rad), and bends both legs to the same side (signs 1, 1). `judge` tells
+    which directions are inside. The area of the workspace (sr) must agree with the share of
+    sampled directions inside.
     """
     kinematics = closed_kinematics(FIVE_BAR)
     bounds = bounds_of(kinematics, Constraints(limits=(JointLimit("21", 0.7, 2.4),)))
@@ -446,15 +449,13 @@ def unlike_legs():
 
 @pytest.mark.slow
 def test_volume_of_a_platform_with_unlike_legs_is_the_share_that_closes(unlike_legs):
-    """The volume agrees with the share of random orientations whose loops close.
+    """The volume of reachable orientations is the share of random ones whose loops close.
 
-    The legs of this platform differ. `judge` returns for each orientation whether the legs
-    reach it. A position solver, which uses only the graph of the mechanism, must agree. All
-    orientations together have the volume 8 pi^2.
-
-    A workspace belongs to a working mode, which is named by the signs of its legs. If the
-    second mode has the same workspace as the first, its `same_as` has the signs of the
-    first. Otherwise `same_as` is None.
+    `unlike_legs` has a platform with different legs. `judge` says for each orientation
+    whether the legs reach it. A position solver, which uses only the graph of the
+    mechanism, must agree. All orientations together have the volume 8 pi^2. A workspace
+    belongs to a working mode (a way to bend each leg). If the second mode has the workspace
+    of the first, `same_as` has the signs of the first, otherwise None.
     """
     kinematics, bounds, samples, (workspace, second_workspace) = unlike_legs
     signs = kinematics.modes[0]
@@ -507,13 +508,13 @@ def test_orientations_are_written_as_unit_quaternions():
 
 
 def test_pages_of_a_workspace_show_map_border_mark_and_text():
-    """Both pages of the analysis have a coloured map, borders, a mark and a text.
+    """Both pages of a workspace have a coloured map, borders, a mark and a text.
 
-    The map of the page "Workspace" has the margin of each direction, the angle (rad) that
-    is left to the nearest limit. The map of the page "Singularity" has the angle to the
-    nearest singularity. The option `near=15` excludes directions with less than 15 degrees.
-    Each limit on the border has its own colour (`tone`). The mark is at the direction with
-    the largest margin. The text states the limits on the border.
+    The map of the page "Workspace" shows the angle (rad) that is left to the nearest limit
+    (margin), the map of "Singularity" the angle to the nearest singularity. `near=15`
+    excludes directions with less than 15 degrees. Each limit on the border has its own
+    colour (`tone`). The mark is at the direction with the largest margin. `SceneListener`
+    collects what is drawn.
     """
     listener = SceneListener()
     workspace = "workspace:near=15,working_mode=++"

@@ -23,7 +23,10 @@ AT_REST = ("NO_POLE", "ILL_CONDITIONED")
 
 
 def _register_default_command(analysis):
-    """Register a check that runs one analysis without options and judges its results."""
+    """Register a check that runs one analysis without options and judges its results.
+
+    The check is later applied to many mechanisms. `analysis` is the name of the analysis.
+    """
 
     @check(
         f"{analysis} by default",
@@ -37,8 +40,8 @@ def _register_default_command(analysis):
         Parameters
         ----------
         evidence, notes
-            `Evidence`, which has the mechanism and runs its analyses when their results are
-            first used; and `Notes`, which collect the findings.
+            `Evidence`, which has the mechanism and the results of its analyses; and
+            `Notes`, which collect contradictions.
         """
         # A mechanism may be refused with a message. Then there are no tables.
         run = evidence.run_analysis(analysis)
@@ -65,8 +68,8 @@ def has_answered(result, analysis, notes):
 def judge_rows(evidence, name, frame, notes):
     """Note rows outside the range, and columns that disagree with the status of a row.
 
-    Columns of `FINITE` must hold a number in every row that is OK. Columns of `EMPTY` must
-    be empty in every other row, except at rest (`AT_REST`).
+    Columns of `FINITE` must have a number in every row that is OK. Columns of `EMPTY` must
+    be empty in every other row, except for poles of links at rest (`AT_REST`).
 
     Parameters
     ----------
@@ -103,17 +106,17 @@ def judge_rows(evidence, name, frame, notes):
 
 
 def _note_rows_out_of_range(evidence, name, frame, notes):
-    """Note rows outside the ranges of the inputs that are not marked as such.
+    """Note rows outside the ranges of the inputs that do not say so.
 
     Tables with a column `inside` may have such rows if the column has the text "no" there.
-    Tables of given poses (workspace, inverse kinematics, equivalent rotation) have no range
-    of inputs.
+    Tables of wanted poses (workspace, inverse kinematics, equivalent rotation) have no
+    range of inputs.
 
     Parameters
     ----------
     evidence, notes
-        `Evidence`, which has the mechanism and runs its analyses when their results are
-        first used; and `Notes`, which collect the findings.
+        `Evidence`, which has the mechanism and the results of its analyses; and `Notes`,
+        which collect contradictions.
     name, frame
         Name of a table, and its rows as a data frame.
     """
@@ -147,10 +150,10 @@ def _note_rows_out_of_range(evidence, name, frame, notes):
 
 
 def judge_main_table(result, analysis, notes):
-    """Note a missing main table, or an empty one without a message that explains it.
+    """Note a missing main table of an analysis, or an empty one that nothing explains.
 
-    The main table of an analysis has the name of the analysis. A message explains an empty
-    table if a printed line about the analysis has one of the words `NOTHING`.
+    The main table has the name of the analysis. A printed line about the analysis with one
+    of the words `NOTHING` explains an empty table.
     """
     frame = result.tables.get(analysis)
     notes.count_comparisons()
@@ -167,10 +170,10 @@ def judge_main_table(result, analysis, notes):
 
 
 def judge_counts(run, notes):
-    """Note counts in the summary that differ from the tables of the same run.
+    """Note counts in the summary of a run that differ from its tables.
 
-    Compared are the statuses of each assembly mode, and the kinds of singularities inside
-    the range.
+    Compared are the statuses of each assembly mode (way to assemble the links), and the
+    kinds of singularities inside the range. `notes` collects contradictions.
     """
     motion = run.tables.get("motion")
     if motion is not None:

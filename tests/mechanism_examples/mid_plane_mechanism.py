@@ -11,10 +11,10 @@ from spherekit.mechanism.pair_frames import link_axes
 def mid_plane_mechanism(alphas):
     """Return the shipped two-degree-of-freedom mechanism with other arcs.
 
-    Source: Z. Chen et al. (2021), Fig. 2; base and end effector mirror each other in a
-    mid-plane. Three legs join the base (link 1) to the end effector (link 4). Their links
-    are 2 and 3, 6 and 5, 8 and 7, from the base. The output is the direction of axis 74, on
-    which links 7 and 4 turn.
+    Base and end effector mirror each other in a mid-plane (Z. Chen et al., 2021, Fig. 2).
+    Three legs join the base (link 1) to the end effector (link 4). Their links are 2 and 3,
+    6 and 5, 8 and 7, from the base. The output is the direction of axis 74, about which
+    links 7 and 4 turn.
 
     Parameters
     ----------

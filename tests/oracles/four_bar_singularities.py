@@ -33,12 +33,12 @@ def axes_at_configuration(made, values):
 
 
 def count_configuration_curves(arcs):
-    """Return the number of closed configuration curves of a four-bar.
+    """Return the number of closed configuration curves of a four-bar, in closed form.
 
     The diagonal between the axes 32 and 41 must lie in the range that links 1 and 2 allow,
     and in the range that links 3 and 4 allow. If one end of the first range is out of reach
-    of links 3 and 4, the two modes meet there and form one curve. If both ends or none are
-    out of reach, there are two curves.
+    of links 3 and 4, the two assembly modes meet there and form one curve. If both ends or
+    none are out of reach, there are two curves.
 
     Parameters
     ----------
