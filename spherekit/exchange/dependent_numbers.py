@@ -132,23 +132,22 @@ def express_dependent_numbers(
 
 
 def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
-    """Raise `DesignError` unless a dependent number is a linear function of the variables.
+    """Raise `DesignError` unless a number depends linearly on the variables.
 
-    A dependent number of the formulas, such as a component of an inertia tensor, follows
-    from numbers of the mechanism file, the variables. Formulas can only contain it as a
-    linear function, whose slopes are the same at all designs.
+    The variables are numbers of the mechanism file that vary, such as a radius. Numbers in
+    the formulas, such as a component of an inertia tensor, depend on them. The formulas can
+    only express a linear dependence, with the same slopes at all values of the variables.
 
     Parameters
     ----------
     varied_mechanism
         The mechanism, and the numbers of its file that vary.
     slopes
-        (variables, designs) slopes of the dependent number by each variable. The first
-        design is that of the file. In each further design all variables have other values.
+        (variables, designs) slopes of the dependent number by each variable. A design is a
+        set of values of the variables; the first one has the values of the file.
     """
     differences = np.abs(slopes - slopes[:, :1])
-    # The tolerance is relative to the slope. `ZERO_SLOPE` is added because a slope that
-    # should be zero consists of rounding errors.
+    # A relative tolerance would be too strict for zero slopes, which have rounding errors.
     tolerance = CONSTANT_SLOPE_TOLERANCE * np.abs(slopes) + ZERO_SLOPE
     is_nonlinear = ~np.all(differences <= tolerance, axis=1)
     if np.any(is_nonlinear):

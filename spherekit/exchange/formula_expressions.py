@@ -31,7 +31,10 @@ FormulaFunction = Callable[[Floats, Floats, Floats], Floats]
 
 
 class Argument(NamedTuple):
-    """An argument of the formulas: an element of the motion or of the sizes.
+    """An argument of the formulas of a mechanism in generated source code.
+
+    It is an element of the motion (inputs, rates and so on) or of the sizes (numbers of the
+    mechanism file that may vary).
 
     Attributes
     ----------
@@ -60,13 +63,13 @@ class Mode(NamedTuple):
     number, name
         Number and title of the mode in the mechanism.
     at
-        The inputs (rad) at which one configuration of the mode is known.
+        The inputs (rad) of one known configuration of the mode.
     values
-        The values that select the mode in the formulas. In closed form they are the signs
-        of the dyads (groups of two links). Otherwise they are the variables (rad) of all
-        pairs in that configuration, from which Newton's method starts. Signs are constant
-        in a mode, except where it follows a smooth curve through a crossing with another
-        curve of configurations (`SmoothModes`).
+        The numbers that select the mode in the formulas. In closed form they are the signs
+        of the dyads (groups of two links). Otherwise they are the pair variables (joint
+        angles, rad) of the known configuration, from which Newton's method starts. A mode
+        that follows a smooth curve of configurations through a crossing with another curve
+        has other values there, see `SmoothModes`.
     """
 
     number: int
@@ -76,9 +79,10 @@ class Mode(NamedTuple):
 
 
 class ModePiece(NamedTuple):
-    """A part of the range of the only input in which the values of a mode are constant.
+    """A part of the input's range in which the numbers that select a mode are constant.
 
-    It ends where the next part begins, the last one at the end of the range.
+    A mode is one way to assemble the mechanism, which has a single input. The part ends
+    where the next part begins, the last part at the end of the range.
 
     Attributes
     ----------
@@ -88,7 +92,8 @@ class ModePiece(NamedTuple):
         Input (rad) of a known configuration of the mode in this part.
     mode_values
         (values,) the numbers that select the mode in the formulas: the signs of its dyads
-        (groups of two links), or the variables (rad) from which Newton's method starts.
+        (groups of two links), or the pair variables (joint angles, rad) from which Newton's
+        method starts.
     """
 
     start: float
@@ -140,7 +145,9 @@ class SmoothModes(NamedTuple):
     inputs: Floats
 
     def pieces(self, mode: int) -> list[ModePiece]:
-        """Return the parts of the input's range in which the values of a mode are constant.
+        """Return the parts of the input's range in which a mode's values are constant.
+
+        A mode is one way to assemble the mechanism. Its values select it in the formulas.
 
         Parameters
         ----------
@@ -149,8 +156,8 @@ class SmoothModes(NamedTuple):
 
         Returns
         -------
-        The parts in rising order of the input. An interval in which no configuration of the
-        mode is known (NaN) belongs to the part before it.
+        The parts in rising order of the input. Intervals without a known configuration of
+        the mode (NaN) belong to the part before them.
         """
         pieces: list[ModePiece] = []
         # In each interval the mode has one input and one row of values.
@@ -159,8 +166,7 @@ class SmoothModes(NamedTuple):
         ):
             if np.isnan(known_input) or np.any(np.isnan(values)):
                 continue
-            # An interval with the same values as the last part belongs to that part, even
-            # if intervals without a configuration are between them.
+            # An interval with the values of the last part extends that part.
             if not pieces or not np.array_equal(pieces[-1].mode_values, values):
                 # The first interval begins at -inf, but the range begins at `low`.
                 start_in_range = max(start, self.low)
@@ -169,14 +175,14 @@ class SmoothModes(NamedTuple):
 
 
 class LeftOutMode(NamedTuple):
-    """An assembly mode that has no formulas.
+    """An assembly mode (way to assemble the mechanism) that the generated code leaves out.
 
     Attributes
     ----------
     number, title
         Its number, and its signs or its name in the file.
     reason
-        Why it has no formulas.
+        The reason for which it has no formulas.
     """
 
     number: int
@@ -186,8 +192,8 @@ class LeftOutMode(NamedTuple):
     @property
     def name(self) -> str:
         """The mode in messages, such as ``1 (p0)``, or ``1`` if it has no signs."""
-        # The title has "+" or "-" for each dyad, and "~" for each other group of links,
-        # whose modes have no sign. A title of "~" alone says nothing on the mode.
+        # The title has "+" or "-" for each dyad (group of two links), and "~" for each
+        # larger group, which has no sign. A title of "~" alone does not tell modes apart.
         if all(character == "~" for character in self.title):
             return f"{self.number}"
         return f"{self.number} ({self.title})"
@@ -207,16 +213,16 @@ class ModeTable(NamedTuple):
         The other assembly modes.
     undetermined
         Numbers of the modes that are left out because the chosen velocity equations do not
-        determine them. Such a mode can be exported alone: other equations are then chosen.
+        determine them. Such a mode can be exported alone, with other equations.
     compared
         Number of inputs at which each mode was compared. If it differs between modes, it is
         the smallest. It is 0 if no mode was compared.
     largest_difference
-        Largest difference (rad) of a pair variable between the formulas and the mechanism.
+        Largest difference (rad) of a joint angle between the formulas and the mechanism.
     smooth
-        How the modes continue smoothly where curves of configurations cross. Their mode
-        values then change with the input. (In closed form, mode values are the signs of the
-        dyads, the groups of two links.) None if each mode keeps its values.
+        How the modes continue smoothly where curves of configurations cross. The numbers
+        that select a mode then change with the input. None if they are constant in each
+        mode.
     """
 
     modes: tuple[Mode, ...]
@@ -235,9 +241,10 @@ class ModeTable(NamedTuple):
 
 
 class SeriesTable(NamedTuple):
-    """Functions of one variable that are stored as piecewise Chebyshev series.
+    """Functions of one variable that formulas use and that are stored as Chebyshev series.
 
-    Examples are the coordinates of a contact profile as functions of its arc length.
+    Examples are the coordinates of a contact profile as functions of its arc length. The
+    range of the variable is divided into cells, each with its own series.
 
     Attributes
     ----------
@@ -374,11 +381,12 @@ class Formulas:
             Parameters
             ----------
             motion
-                (arguments, n) inputs (rad), and their rates, accelerations, and loads if
-                the expressions depend on them. One column applies to all configurations.
+                (arguments, n) inputs (rad), and their rates, accelerations and loads if the
+                expressions depend on them. A single column applies to all configurations.
             mode_values
-                (values, n) or (values, 1) signs of the dyads (groups of two links), or
-                approximate variables (rad) of all pairs. They select the assembly mode.
+                (values, n) or (values, 1) the numbers that select the assembly mode (way to
+                assemble the links): signs of dyads (groups of two links), or approximate
+                pair variables (joint angles, rad).
             sizes
                 (sizes, n) or (sizes, 1) numbers of the mechanism file that may vary.
             """

@@ -221,10 +221,11 @@ def formulas(
 def _find_configuration_of_mode(
     mechanism: Mechanism, assembly_mode: int | str | None, crossings: Crossings
 ) -> Floats | None:
-    """Return a configuration at which the equations of the formulas are chosen.
+    """Return a configuration at which independent equations for the formulas are chosen.
 
-    Constraints can be redundant. Then some velocity equations repeat others, and equations
-    that are independent in one assembly mode can be dependent in another one.
+    If constraints are redundant, some velocity equations repeat others. Which equations are
+    independent can differ between assembly modes (ways to assemble the mechanism). The
+    configuration belongs to the mode that the formulas are for.
 
     Parameters
     ----------
@@ -237,9 +238,9 @@ def _find_configuration_of_mode(
 
     Returns
     -------
-    The variables (variables,) in rad of the configuration of the mode that is farthest from
-    a singular one. None if no single mode is requested or constraints are not redundant:
-    equations are then chosen at any configuration, or not at all.
+    The pair variables (variables,) in rad of the configuration of the mode that is farthest
+    from a singular one. None if no single mode is requested, or if constraints are not
+    redundant.
     """
     if assembly_mode is None:
         return None
@@ -260,20 +261,19 @@ def _is_link_size(variable: DesignVariable) -> bool:
 
 
 def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
-    """Raise an error if arguments of generated source code shall be sizes of links.
+    """Raise an error if sizes of links are to be arguments of code that passes crossings.
 
-    The configurations of an assembly mode form a curve over the input. At some inputs the
-    curves of two modes can cross. The generated code contains these inputs as fixed
-    numbers, if modes shall continue smoothly there (option "pass" of crossings). This
-    function is called in that case. With other sizes of links the curves would cross at
-    other inputs or nowhere, so the numbers would be wrong.
+    The configurations of an assembly mode (way to assemble the mechanism) form a curve over
+    the input. The curves of two modes can cross. If modes continue smoothly through
+    crossings (option "pass"), the generated code contains the inputs of all crossings as
+    fixed numbers. These would be wrong for other sizes of links.
 
     Parameters
     ----------
     mechanism
         The mechanism, whose file has the numbers.
     vary
-        Keys in the file of the numbers that shall be arguments.
+        Keys in the file of the numbers that are to be arguments.
 
     Raises
     ------
@@ -295,13 +295,15 @@ def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
 def _list_quantities(
     mechanism: Mechanism, inputs: Names, quantities: Sequence[str] | None
 ) -> list[str]:
-    """Return the names of the requested quantities.
+    """Return the names of the quantities of which formulas are requested.
 
-    A requested name that no quantity has is returned too. An error with the nearest name is
-    raised later, when the quantity is to be expressed.
+    A requested name without a quantity is also returned. An error with the nearest name is
+    raised later, when its expression is requested.
 
     Parameters
     ----------
+    mechanism
+        The mechanism.
     inputs
         Names of the driven pairs.
     quantities
@@ -340,11 +342,11 @@ def _find_results(
 ) -> dict[str, Expr]:
     """Return quantities as expressions, by their names.
 
-    Most expressions are those of `design_expressions`. The quantity "closure_2" belongs to
-    the second dyad, which is two links with three R pairs. The axes of the pairs are the
-    corners of a spherical triangle with known arcs. The quantity is the square of the
-    triple product of the axes, computed from these arcs. It is negative if no triangle has
-    such arcs, so that the dyad cannot be assembled.
+    Most expressions are those of `design_expressions`. A quantity such as "closure_2" tells
+    whether the second dyad (two links with three revolute joints) can be assembled. The
+    three axes are the corners of a spherical triangle with known arcs. The quantity is the
+    square of the triple product of the axes, computed from the arcs. It is negative if no
+    triangle has such arcs.
 
     Parameters
     ----------
@@ -353,7 +355,7 @@ def _find_results(
     names
         Names of the quantities.
     can_omit
-        Whether quantities that cannot be expressed are left out. Otherwise they raise an
+        Whether quantities without an expression are left out. Otherwise they raise an
         error.
     """
     closure_by_name = {
@@ -410,12 +412,12 @@ def _express_revolutions(
     results: Sequence[Expr],
     replacements: Mapping[ExpressionNode, Expr],
 ) -> dict[ExpressionNode, Expr]:
-    """Return expressions for the whole revolutions (rad) of pairs that cannot turn fully.
+    """Return expressions for the whole revolutions (rad) of pairs that can't turn fully.
 
-    The formulas give angles in (-pi, pi], and loads such as springs see angles with whole
-    revolutions. If a pair swings over less than a turn, its angle is the one nearest to the
-    middle of its swing, which determines the revolutions. A pair that turns fully has no
-    such middle. Its revolutions stay an argument of the formulas, and it is left out here.
+    The formulas compute angles in (-pi, pi]. Loads such as springs depend on the angle with
+    all whole revolutions. If a pair (joint) swings over less than a turn, the right angle
+    is the one nearest to the middle of its swing. This gives its revolutions. Pairs that
+    turn fully are left out; their revolutions remain an argument of the formulas.
 
     Parameters
     ----------
@@ -427,9 +429,13 @@ def _express_revolutions(
         The results. Some of them may depend on revolutions.
     replacements
         Replacements of other symbols, which are applied to the expressions.
+
+    Returns
+    -------
+    The revolutions by their symbol.
     """
     used_symbols = _list_symbols(results)
-    # Contacts have arc lengths, which do not count revolutions. `angles` has the R pairs.
+    # `angles` has the R pairs (revolute joints). Contacts do not have revolutions.
     pairs = [
         pair
         for pair, symbol in design_expressions.revolution_symbols.items()
@@ -452,13 +458,13 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
 
     Returns
     -------
-    All variables after the step, and then the closure residual: how far (rad) the loops
-    were open before the step. Variables that the inputs determine through toothed wheels
-    are linear functions of the inputs, so they need no step.
+    All pair variables (joint angles) after the step, and then the closure residual: how far
+    (rad) the loops were open before the step. Variables that the inputs determine through
+    toothed wheels are linear functions of the inputs, so they need no step.
     """
     coordinate_rates = design_expressions.coordinate_rates
     # The changes of the variables that close the loops to first order. A residual is the
-    # rotation that is still missing at the closing pair, so the changes are added.
+    # rotation that is missing at the pair that closes a loop, so the changes are added.
     changes = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
     variables_after_step: list[Expr] = []
     for symbol, variable, change in zip(
@@ -467,7 +473,8 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
         changes,
         strict=True,
     ):
-        # A variable that is no function of the inputs is represented by its own symbol.
+        # An unknown variable is its own symbol. Other variables are functions of the
+        # inputs.
         is_unknown = variable is symbol
         variables_after_step.append(symbol + change if is_unknown else variable)
     closure_residual = function("sqrt", coordinate_rates.closure_residual_square)
@@ -477,16 +484,17 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
 def _find_motion_arguments(
     design_expressions: DesignExpressions, outputs: Sequence[Expr]
 ) -> MotionArguments:
-    """Return the arguments that describe a motion.
+    """Return the arguments of the generated functions that describe a motion.
 
     The angles of the inputs are always arguments. The following are arguments only if the
     results contain them:
 
     - rates and accelerations of the inputs, and the time;
-    - for each passive pair whose angle a load depends on, its whole revolutions as an
-      angle (rad), a multiple of 2 pi. Configurations contain its angle from -pi to pi only,
-      but the torque of a spring, for example, depends on the revolutions too;
-    - torques that tables give.
+    - the whole revolutions (rad, a multiple of 2 pi) of each passive pair (joint that is
+    not
+      driven) with a load that depends on its angle, such as a spring. The formulas compute
+      its angle from -pi to pi only;
+    - torques from tables over time.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ class Coupling(NamedTuple):
 
 
 class ImportedPair(NamedTuple):
-    """An R pair of an imported mechanism.
+    """An R pair (revolute joint) of an imported mechanism.
 
     Attributes
     ----------
@@ -67,10 +67,10 @@ class ImportedPair(NamedTuple):
     axis
         (3,) unit vector in world axes about which the second link turns.
     value
-        Variable (rad) in the pose of the model.
+        Variable (joint angle, rad) in the pose of the model.
     joint
-        Number of its joint in the model, or -1 if the pair is no joint: it closes a loop,
-        or carries an added wheel.
+        Number of its joint in the model. It is -1 for a pair that closes a loop or carries
+        an added wheel.
     """
 
     name: str
@@ -81,12 +81,12 @@ class ImportedPair(NamedTuple):
 
 
 class PitchCircle(NamedTuple):
-    """The pitch circle of a bevel gear on the unit sphere.
+    """The pitch circle of a bevel gear, where its pitch cone meets the unit sphere.
 
     Attributes
     ----------
     radius
-        Angle (rad) from the centre to the circle.
+        Angle (rad) from the axis of the gear to the circle.
     link
         Number of the link that is the gear.
     centre
@@ -117,11 +117,11 @@ class BevelGears:
 
 @dataclass(frozen=True)
 class IdlerWheel:
-    """A wheel that is added to a mechanism between two coaxial gears.
+    """A wheel that is added to an imported mechanism between two gears with the same axis.
 
-    An imported model can state a ratio of two links that turn about one axis. Two gears
-    with the same axis do not touch each other. A third wheel, whose axis is at right angles
-    to theirs, rolls on both of them and gives them this ratio.
+    A model can state a ratio of two links that turn about one axis. Gears with the same
+    axis do not touch each other. A third wheel with its axis at right angles to theirs
+    rolls on both of them and gives them this ratio.
 
     Attributes
     ----------
@@ -178,16 +178,15 @@ class LinkPath(NamedTuple):
 
 
 class CoaxialHinges(NamedTuple):
-    """Hinges that follow each other on a path and turn about one axis.
+    """Successive hinges on a path from link to link that turn about one axis.
 
     Attributes
     ----------
     axis
         (3,) unit vector of the axis.
     hinges
-        The hinges. A positive rate of a hinge turns the end of the path relative to its
-        beginning. The sense of the hinge is 1.0 if this rotation is positive about `axis`,
-        and -1.0 if it is negative.
+        The hinges. The sense of each is the sign of the rotation of the path's end relative
+        to its beginning, about `axis`, if the hinge has a positive rate: 1.0 or -1.0.
     """
 
     axis: Floats
@@ -198,9 +197,10 @@ class CoaxialHinges(NamedTuple):
 class BevelEquation:
     """The equation u x + v y = 0 of two links that turn about crossing axes of a carrier.
 
-    Here x is the angular velocity (rad/s) of the carrier relative to the first link, about
-    the first axis. The angular velocity of the second link relative to the carrier, about
-    the second axis, is y. Both are sums of rates of hinges (R pairs).
+    Two bevel gears can have this equation. x is the angular velocity (rad/s) of the carrier
+    relative to the first link, about the first axis. y is that of the second link relative
+    to the carrier, about the second axis. Both are sums of rates of hinges (revolute
+    joints).
 
     Attributes
     ----------
@@ -230,9 +230,9 @@ class CoaxialEquation:
     """The equation u x + v y = 0 of two links that turn about one axis of a carrier.
 
     Here x and y are the angular velocities (rad/s) of the first and the second link
-    relative to the carrier. Both are rates of hinges (R pairs), up to the sign. Two gears
-    with one axis do not touch. An idler wheel whose axis is at right angles to theirs rolls
-    on both.
+    relative to the carrier. Each is the rate of a hinge (revolute joint), up to the sign.
+    Two gears with one axis do not touch. An idler wheel with its axis at right angles to
+    theirs rolls on both, and gives them this equation.
 
     Attributes
     ----------
@@ -261,11 +261,12 @@ class CoaxialEquation:
     def construct_gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
         """Return the gears of first link and idler, and the gears of idler and second link.
 
+        The idler is a wheel between the two links, which turn about one axis of a carrier.
         Let x, z and y be the angular velocities of the first link, the idler and the second
-        link relative to the carrier. The equation u x + v y = 0 gives the ratio y / x. It
-        is the product of the ratios z / x and y / z of the two meshes. These two ratios get
-        the same magnitude, sqrt(abs(y / x)), so that no wheel is very small. The ratio
-        z / x is chosen negative: the idler turns in the opposite sense to the first link.
+        link relative to the carrier. The equation u x + v y = 0 determines the ratio y / x.
+        It is the product of the ratios z / x and y / z of the two meshes. Both ratios get
+        the same magnitude, sqrt(abs(y / x)), so that no wheel is very small. The ratio z /
+        x is chosen negative: the idler turns in the opposite sense to the first link.
 
         Parameters
         ----------
@@ -366,14 +367,17 @@ def find_gears(
 def _write_equations(
     hinges: Sequence[ImportedPair], couplings: Sequence[Coupling]
 ) -> Floats:
-    """Return the couplings as equations between the rates of hinges.
+    """Return the couplings of an imported model as equations between the rates of hinges.
+
+    A coupling is a linear equation between the rates of joints. It becomes a row of a
+    matrix, with a column for each hinge (revolute joint).
 
     Parameters
     ----------
     hinges
         All hinges of the model.
     couplings
-        Equations between the rates of joints. Joints that are no hinges are ignored.
+        The couplings. Joints of other kinds than hinges are ignored.
 
     Returns
     -------
@@ -403,50 +407,50 @@ def _write_equations(
 def construct_gears_with_ratio(
     links: tuple[int, int], axes: tuple[Floats, Floats], ratio: float
 ) -> BevelGears:
-    """Return the pitch circles of two gears with a ratio of their angular velocities.
+    """Return the pitch circles of two bevel gears with a ratio of their angular velocities.
 
     Parameters
     ----------
     links
         Numbers of the two links that are the gears.
     axes
-        (3,) unit vectors of the axes of the gears, about which angular velocities relative
-        to the carrier are counted.
+        (3,) unit vectors of the axes of the gears. Angular velocities are counted about
+        these.
     ratio
         Angular velocity of the second gear, divided by that of the first gear. Both are
-        relative to the carrier.
+        relative to the carrier of the gears.
     """
-    # With the velocities p and y of the gears the equation is ratio p - y = 0. The first
-    # velocity in `construct_bevel_gears` is x = -p, that of the carrier relative to the
-    # first gear. This gives -ratio x - y = 0.
+    # With the angular velocities p and y of the gears the equation is ratio p - y = 0.
+    # `construct_bevel_gears` has x = -p instead of p (the carrier relative to the first
+    # gear), so -ratio x - y = 0.
     return construct_bevel_gears(links, axes, factors=(-ratio, -1.0))
 
 
 def construct_bevel_gears(
     links: tuple[int, int], axes: tuple[Floats, Floats], factors: tuple[float, float]
 ) -> BevelGears:
-    """Return the pitch circles of two gears with the equation u x + v y = 0.
+    """Return the pitch circles of two bevel gears with the equation u x + v y = 0.
 
     Parameters
     ----------
     links
-        Numbers of the two links.
+        Numbers of the two links that are the gears.
     axes
-        Unit vectors A and B (3,), which are fixed in the carrier. The carrier turns at the
-        rate x about A relative to the first link. The second link turns at the rate y about
-        B relative to the carrier.
+        Unit vectors A and B (3,), which are fixed in the carrier of the gears. The carrier
+        turns at the rate x about A relative to the first link. The second link turns at the
+        rate y about B relative to the carrier.
     factors
         The factors u and v. Neither is zero.
 
     Returns
     -------
     The circles, in the order of the links if they touch from outside. Otherwise the smaller
-    one, which rolls inside the larger one, comes first.
+    circle, which rolls inside the larger one, comes first.
     """
     u, v = factors
-    # Pitch cones roll about the line along which they touch. It has the direction of the
-    # relative angular velocity of the links, x A + y B. The rates x = v, y = -u satisfy the
-    # equation, and all others are multiples of them.
+    # Pitch cones roll on each other about the line along which they touch, so this line has
+    # the direction of the relative angular velocity x A + y B of the links. The rates x =
+    # v, y = -u satisfy the equation.
     contact_line = unit_rows(v * axes[0] - u * axes[1])
     first = _construct_pitch_circle(links[0], axes[0], contact_line)
     second = _construct_pitch_circle(links[1], axes[1], contact_line)
@@ -458,10 +462,10 @@ def construct_bevel_gears(
 
 
 def _construct_pitch_circle(link: int, axis: Floats, contact_line: Floats) -> PitchCircle:
-    """Return the circle on the unit sphere about the axis of a gear, through a point.
+    """Return the pitch circle of a gear: about its axis on the sphere, through a point.
 
-    A circle has two centres on the sphere, opposite to each other on its axis. The centre
-    nearer to the point is used, so that the radius is at most a quarter turn.
+    Such a circle has two centres on the sphere, at both ends of its axis. The centre nearer
+    to the point is used, so that the radius is at most a quarter turn.
 
     Parameters
     ----------
@@ -470,7 +474,7 @@ def _construct_pitch_circle(link: int, axis: Floats, contact_line: Floats) -> Pi
     axis
         (3,) unit vector of its axis.
     contact_line
-        (3,) unit vector to the point of the circle at which it touches another one.
+        (3,) unit vector to the point, at which the circle touches that of another gear.
     """
     centre = axis if axis @ contact_line >= 0.0 else -axis
     return PitchCircle(float(arc(centre, contact_line)), link, centre)
@@ -479,9 +483,9 @@ def _construct_pitch_circle(link: int, axis: Floats, contact_line: Floats) -> Pi
 def _is_line_between(line: Floats, first_centre: Floats, second_centre: Floats) -> bool:
     """Return whether two centres are on opposite sides of a line through the origin.
 
-    The two planes from the line to the centres have the normals centre x line. These are
-    opposite to each other if the line is between the centres. Two circles that touch at the
-    line then touch from outside.
+    Two pitch circles with these centres that touch at the line then touch from outside.
+    The planes from the line to the centres have the normals centre x line. The normals are
+    opposite to each other if the line is between the centres.
 
     Parameters
     ----------
@@ -501,21 +505,20 @@ def _find_bevel_equations(
     """Yield the equations of bevel gears that follow from the couplings of joints.
 
     A coupling is a linear equation between the rates of joints. Two bevel gears turn about
-    two different axes on one link, their carrier. With their rates x and y relative to the
-    carrier, their equation is u x + v y = 0.
+    two different axes on one link, their carrier. Their equation is u x + v y = 0, with the
+    rates x and y of rotations about both axes.
 
-    Each two links are tried as gears. Hinges lead from the first link over other links to
-    the second one. The first hinges have to be about one axis, and all others about a
-    second axis. The link between these is the carrier. If the couplings imply an equation
-    u x + v y = 0 of the rotations about both axes, bevel gears on the two links have it
-    too.
+    All couples of links are tried as gears. A path of hinges (revolute joints) leads from
+    the first link to the second. Its first hinges must have one common axis, and all others
+    a second common axis. The link in between is the carrier. The two links are gears if the
+    couplings imply such an equation.
 
     Parameters
     ----------
     hinges
         All hinges.
     equations
-        (couplings, hinges) equations between their rates.
+        (couplings, hinges) the couplings as factors of the rates of hinges.
     """
     for path in _link_paths(hinges):
         # Successive hinges about one axis are one group.
@@ -537,9 +540,8 @@ def _find_bevel_equations(
             axes=(axes[0].axis, axes[1].axis),
             factors=(factors[0], factors[1]),
         )
-        # A gear whose pitch circle is a point cannot roll. The radius (rad) is the angle
-        # between the axis of the gear and the line of contact. If it is so small that both
-        # count as one axis, the circle counts as a point.
+        # A gear with a pitch circle of zero radius can't roll. The radius is the angle
+        # (rad) between the axis of the gear and the line of contact.
         circles = bevel_equation.construct_gears().circles
         if min(circle.radius for circle in circles) > SAME_WHEEL_AXIS_SINE:
             yield bevel_equation
@@ -550,18 +552,18 @@ def _find_coaxial_equations(
 ) -> Iterator[CoaxialEquation]:
     """Yield the equations of coaxial gears that follow from the couplings of joints.
 
-    Such gears are on two links that are hinged to a third one, the carrier, about the same
-    axis. The equation is u x + v y = 0, where x and y are the angular velocities of the
-    first and the second link relative to the carrier, about this axis. It has to be a
-    linear combination of the couplings. Since coaxial gears do not touch, an idler wheel on
-    the carrier transmits the motion from one to the other.
+    A coupling is a linear equation between the rates of joints. Coaxial gears are two links
+    that are hinged to a third link, the carrier, about the same axis. Their equation is
+    u x + v y = 0, with the angular velocities x and y of the first and the second link
+    relative to the carrier. It must be a linear combination of the couplings. Coaxial gears
+    do not touch, so an idler wheel on the carrier transmits the motion.
 
     Parameters
     ----------
     hinges
-        All hinges.
+        All hinges (revolute joints).
     equations
-        (couplings, hinges) equations between their rates.
+        (couplings, hinges) the couplings as factors of the rates of hinges.
     """
     for path in _link_paths(hinges):
         if len(path.hinges) != 2:
@@ -570,8 +572,8 @@ def _find_coaxial_equations(
         if len(axes) != 1:
             continue
         axis = axes[0].axis
-        # The path leads from the first link to the carrier, and on to the second link. Each
-        # hinge on it gives the rotation of its far end relative to its near end.
+        # The path leads from the first link over the carrier to the second link. A hinge on
+        # the path turns its far end relative to its near end.
         to_carrier, from_carrier = axes[0].hinges
         rotations = np.zeros((2, len(hinges)))
         # x: of the first link relative to the carrier, so against the path.
@@ -611,9 +613,9 @@ def _find_perpendicular(axis: Floats) -> Floats:
 def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None:
     """Return the factors u, v of an equation of two rotations that the couplings imply.
 
-    The couplings imply the equation u x + v y = 0 if the rates x and y of the two rotations
-    satisfy it in every motion that the couplings allow. Each motion gives a point (x, y) of
-    a plane, and there are three cases:
+    The equation is u x + v y = 0 with the rates x and y of the rotations. The couplings
+    imply it if x and y satisfy it in every motion that they allow. Each motion gives a
+    point (x, y) of a plane. There are three cases:
 
     - The points fill the plane: x and y are independent, so there is no equation.
     - The points are on a line through the origin: (u, v) is the normal of this line. If one
@@ -625,18 +627,18 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
     Parameters
     ----------
     rotations
-        (2, hinges) the rates x and y as sums of the rates of hinges.
+        (2, hinges) the rates x and y as sums of the rates of hinges (revolute joints).
     equations
-        (couplings, hinges) equations between the rates.
+        (couplings, hinges) the couplings as factors of the rates of hinges.
 
     Returns
     -------
-    The factors (2,), or None if the two links are no gears.
+    The factors (2,), or None if the two links can't be gears.
     """
-    # Columns are the points (x, y) of motions that span all others.
+    # Each column is the point (x, y) of a motion. All motions are combinations of these.
     points = rotations @ _find_allowed_motions(equations).T
-    # The columns of `directions` are the direction in which the points extend farthest from
-    # the origin, and the one at right angles to it.
+    # Columns of `directions`: the direction in which the points extend farthest from the
+    # origin, then the direction at right angles to it.
     directions, extents, _ = np.linalg.svd(points)
     farthest_direction_extent, normal_extent = _pad_with_zeros(extents, 2)
     if normal_extent > COUPLING_TOLERANCE:
@@ -650,19 +652,20 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
 
 
 def _find_allowed_motions(equations: Floats) -> Floats:
-    """Return motions that satisfy equations, and of which all others are combinations.
+    """Return a basis of the motions that satisfy the couplings.
 
     Parameters
     ----------
     equations
-        (couplings, hinges) equations between the rates of hinges.
+        (couplings, hinges) the couplings as factors of the rates of hinges (revolute
+        joints), in sums that are zero.
 
     Returns
     -------
     (motions, hinges) rates of the hinges in each motion. Rows are orthonormal.
     """
-    # These motions are the null space of `equations`. The right singular vectors (rows)
-    # without a singular value, or with a zero one, are a basis of it.
+    # These motions are the null space of `equations`: the right singular vectors (rows)
+    # after those with nonzero singular values.
     _, singular_values, right_vectors = np.linalg.svd(equations)
     rank = int(np.sum(singular_values > COUPLING_TOLERANCE))
     return right_vectors[rank:]
@@ -690,14 +693,16 @@ def _group_by_axis(hinges: Sequence[ImportedPair], path: LinkPath) -> list[Coaxi
 
 
 def _link_paths(hinges: Sequence[ImportedPair]) -> Iterator[LinkPath]:
-    """Yield the path between any two links of the tree of hinges, each path once.
+    """Yield the path of hinges between any two links, each path once.
 
-    A path leads from the link with the smaller number to the other one.
+    The links and hinges (revolute joints) form a tree, so there is only one path. It leads
+    from the link with the smaller number to the other one.
     """
     ends = [hinge.links for hinge in hinges]
     links = sorted({link for links in ends for link in links})
     for first_link in links:
         path_by_link: dict[int, list[HingeOnPath]] = {first_link: []}
+        # Each link is reached from its parent by one more hinge.
         for hinge, parent, child in find_spanning_tree(ends, [first_link]):
             sense = 1.0 if ends[hinge][0] == parent else -1.0
             path_by_link[child] = [*path_by_link[parent], HingeOnPath(hinge, sense)]

@@ -38,14 +38,14 @@ _C_MACROS = re.compile(
 
 @dataclass(frozen=True)
 class NameRules:
-    """The rules of a language for the names of functions.
+    """The rules of a programming language for names of functions in generated source code.
 
     Attributes
     ----------
     words
-        Names that cannot be used: keywords, functions and macros of the language.
+        Names that can't be used: keywords, functions and macros of the language.
     families
-        Pattern of further names that cannot be used. By default it matches none.
+        Pattern of further names that can't be used. By default it matches none.
     underscores
         Whether a name may begin with an underscore and have two in a row.
     """
@@ -107,7 +107,7 @@ CASADI_NAME_RULES = NameRules(
 
 
 def unique_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return different names: a name that occurred before gets a number.
+    """Return a list of names in which equal names are made different by numbers.
 
     The first of equal names stays as it is. The others end in ``_2``, ``_3`` and so on. The
     names keep their order.
@@ -117,7 +117,7 @@ def unique_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     names
         Names, some of which may be equal.
     taken
-        Names that none may have.
+        Names that the result must not contain.
     """
     requested_names = list(names)
     used_names = set(taken)

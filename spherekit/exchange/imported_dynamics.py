@@ -67,10 +67,9 @@ class ImportedDynamics:
         inertia tensor about the centre of the sphere. It also has mass and centre of mass
         if the model states them.
 
-        The inertia of a link is the sum over its bodies. MuJoCo can add a moment of inertia
-        about a hinge (its armature), such as that of a motor's rotor. It is added to the
-        tensor of the link that turns in this hinge. If no body of the link has mass, it is
-        the whole tensor.
+        The tensor of a link is the sum over its bodies, and over rotors. MuJoCo can add a
+        moment of inertia about a hinge (its armature), such as that of a motor's rotor. The
+        link that turns in this hinge gets it.
         """
         tables: dict[str, Table] = {}
         # (3, 3) tensor of the rotor, by number of the link that has one.
@@ -80,7 +79,7 @@ class ImportedDynamics:
             if bodies:
                 table = self._add_up_bodies(link, bodies, rotors.get(link))
                 tables[self._linkage.link_name(link)] = table
-            elif link in rotors:
+            elif link in rotors:  # the rotor is the only inertia of the link
                 tensor_rows = _tensor_rows(rotors[link])
                 tables[self._linkage.link_name(link)] = {"tensor": tensor_rows}
         return tables
@@ -96,10 +95,10 @@ class ImportedDynamics:
         ]
 
     def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
-        """Return the table of the mass of a link: the sum of the masses of its bodies.
+        """Return the table of the inertia of a link: the sum over its bodies.
 
         The table has the inertia tensor about the centre of the sphere, the mass and the
-        centre of mass. The last two are omitted if the model has no real masses.
+        centre of mass. The last two are omitted if the masses of the model are not real.
 
         Parameters
         ----------
@@ -119,8 +118,8 @@ class ImportedDynamics:
             return table
         total_mass = np.sum(self._mj_model.body_mass[bodies])
         centre = self._find_centre_of_weight(bodies)
-        # Digits are removed that are only rounding errors of the second argument. For
-        # coordinates this is a length of the body, since the centre itself can be zero.
+        # Digits below the rounding error of the second argument are removed. For
+        # coordinates this is the radius of gyration, since the centre itself can be zero.
         gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
         table["mass"] = round_to_short_decimal(total_mass, scale=total_mass)
         table["centre"] = [round_to_short_decimal(x, gyration_radius) for x in centre]
@@ -147,11 +146,11 @@ class ImportedDynamics:
         return bool(np.all(self._is_weightless(bodies))) and not has_gravity
 
     def _sum_tensors(self, bodies: list[int]) -> Floats:
-        """Return the inertia tensor (3, 3) of bodies about the centre of the sphere.
+        """Return the inertia tensor (3, 3) of some bodies about the centre of the sphere.
 
-        MuJoCo gives the principal moments of inertia of a body about its centre of mass,
-        and the rotation R whose columns are its principal axes. The tensor of the body
-        about its centre of mass is R diag(moments) R^T.
+        MuJoCo has the principal moments of inertia of a body about its centre of mass, and
+        the rotation R with its principal axes as columns. The tensor of the body about its
+        centre of mass is R diag(moments) R^T.
         """
         rotations = self._mj_data.ximat[bodies].reshape(-1, 3, 3)
         principal_moments = self._mj_model.body_inertia[bodies]
@@ -175,10 +174,11 @@ class ImportedDynamics:
     def _find_centre_of_weight(self, bodies: list[int]) -> Floats:
         """Return the point (3,) of a link at which its whole mass has the right weight.
 
-        A mechanism file computes the moment of the weight of a link from its mass and
-        centre of mass. A weightless body exerts no such moment. It is therefore placed at
-        the centre of the sphere, where its weight has no arm. Without weightless bodies the
-        result is the centre of mass. The inertia tensor is not computed from it.
+        A mechanism file has one mass and one centre of mass for a link. The moment of the
+        weight follows from these. In MuJoCo, a body of the link can be weightless. It is
+        placed at the centre of the sphere here, where its weight has no arm. Without
+        weightless bodies the result is the centre of mass. The inertia tensor does not
+        depend on the result.
 
         Returns
         -------
@@ -190,17 +190,18 @@ class ImportedDynamics:
         return centre
 
     def _find_rotors(self) -> dict[int, Floats]:
-        """Return inertia tensors (3, 3) for the armatures of hinges on the ground, by link.
+        """Return inertia tensors (3, 3) for links that turn with a rotor, by link number.
 
-        An armature is a moment of inertia that MuJoCo adds about the axis of a hinge, such
-        as that of a rotor. A link on the ground turns about this axis alone, so a thin disc
-        with this moment (its other moments are half as large) has the same effect. If the
-        hinge is on a moving link, no rigid body has the effect of an armature, so it is
-        left out with a note.
+        MuJoCo can add a moment of inertia (armature) about the axis of a hinge, such as
+        that of a motor's rotor. If the hinge is on the ground, a thin disc that turns with
+        the link has the same effect. Its moments about the other two axes are half as
+        large. If the hinge is on a moving link, no rigid body has this effect, so the
+        armature is left out with a note.
         """
         rotors: dict[int, Floats] = {}
         for pair in self._linkage.pairs:
-            # A pair that is no joint of the model, but closes a loop, has the number -1.
+            # A pair that only closes a loop is not a joint of the model and has the number
+            # -1.
             is_joint = pair.joint >= 0
             armature = self._mj_model.dof_armature[pair.joint] if is_joint else 0.0
             first_link, second_link = pair.links
@@ -233,7 +234,7 @@ class ImportedDynamics:
         """Yield the name and table of each load; `load_tables` makes the names unique.
 
         Loads are gravity, springs, friction and dampers at joints, and actuators without
-        control. Parts that a mechanism file cannot have are left out with a note.
+        control. Parts that a mechanism file can't have are left out with a note.
 
         Parameters
         ----------
@@ -242,16 +243,18 @@ class ImportedDynamics:
         """
         gravity = self._linkage.foreign_model.gravity
         if gravity is not None and has_masses:
-            # 9.810000000000002 becomes 9.81. A component as small as the rounding error of
-            # 1 m/s^2 becomes 0.
+            # Digits below the rounding error of 1 m/s^2 are removed, so that
+            # 9.810000000000002 becomes 9.81.
             acceleration = [round_to_short_decimal(component, 1.0) for component in gravity]
             yield "gravity", {"kind": "gravity", "acceleration": acceleration}
         for pair in self._linkage.pairs:
-            # A pair that is no joint of the model, but closes a loop, has the number -1.
+            # A pair that only closes a loop is not a joint of the model and has the number
+            # -1.
             if pair.joint >= 0:
                 yield from self._list_joint_loads(pair)
         yield from self._list_actuator_loads()
-        # All joints of the model are hinges, so joint and velocity (dof) numbers are equal.
+        # All joints of the model are hinges, so a joint and its velocity (dof) have the
+        # same number. Terms of higher order than linear can't be imported.
         for joint, joint_name in enumerate(self._linkage.foreign_model.joint_names):
             has_nonlinear_spring = np.any(self._mj_model.jnt_stiffnesspoly[joint])
             has_nonlinear_damper = np.any(self._mj_model.dof_dampingpoly[joint])
@@ -263,9 +266,9 @@ class ImportedDynamics:
     def _list_joint_loads(self, pair: ImportedPair) -> Iterator[tuple[str, Table]]:
         """Yield the name and table of each load at the joint of a pair.
 
-        Loads are a spring, dry friction and a damper. If there is dry friction, damping is
-        written as the viscous part of the same load. Numbers are written as short decimals,
-        without the digits that are only rounding errors.
+        Loads are a spring, dry friction and a damper. Dry friction and damping together
+        become one load, with damping as its viscous part. Numbers are written as short
+        decimals, without the digits that are only rounding errors.
         """
         mj_model = self._mj_model
         # All joints of the model are hinges. Joints, velocities (dof) and coordinates
@@ -337,12 +340,12 @@ class ImportedDynamics:
         return bool(np.any(self._mj_model.actuator_gainprm[actuator]))
 
     def _note_lost_control(self, actuator: int, name: str, is_at_joint: bool) -> None:
-        """Add a note on what an input of the mechanism does not keep of an actuator.
+        """Add a note on what is lost when an actuator with control becomes an input.
 
         An actuator at a hinge becomes an input. Its feedback, a force that depends on the
-        angle or rate of the hinge, is lost. If spherekit has exported the model with
-        invented masses, it has added the feedback itself, so there is no note. An actuator
-        elsewhere is lost as a whole.
+        angle or rate of the hinge, is lost. There is no note if spherekit itself added the
+        feedback when it exported a mechanism without masses. An actuator elsewhere is lost
+        as a whole.
 
         Parameters
         ----------
@@ -354,18 +357,19 @@ class ImportedDynamics:
         if not is_at_joint:
             self._linkage.notes.append(f"actuator {name} left out: it drives no hinge")
             return
-        # The feedback is bias[0] + bias[1] * length + bias[2] * rate.
+        # In MuJoCo, the feedback is bias[0] + bias[1] * length + bias[2] * rate, where the
+        # length of the actuator is proportional to the angle of the hinge.
         has_feedback = np.any(self._mj_model.actuator_biasprm[actuator][:3])
         is_added_by_export = self._linkage.foreign_model.has_made_up_masses
         if has_feedback and not is_added_by_export:
             self._linkage.notes.append(f"feedback of actuator {name} left out")
 
     def _write_pair_torque(self, actuator: int) -> Table:
-        """Return the table of a torque that is affine in the angle of a pair and its rate.
+        """Return the table of an actuator's torque, linear in a pair angle and its rate.
 
-        A MuJoCo actuator acts like a cable of the length L = g theta, with the gear ratio g
-        and the angle theta of the pair. Without control, its force is b0 + b1 L + b2 dL/dt.
-        The torque at the pair is g times the force:
+        In MuJoCo, an actuator at a hinge acts like a cable of the length L = g theta, with
+        the gear ratio g and the angle theta of the pair (joint). Without control, its force
+        is b0 + b1 L + b2 dL/dt. The torque at the pair is g times the force:
 
             g b0 + g^2 b1 theta + g^2 b2 dtheta.
 
@@ -392,14 +396,13 @@ class ImportedDynamics:
     def _is_constant_wrench(self, actuator: int) -> bool:
         """Return whether an actuator at a site is a constant force or moment.
 
-        A load must be constant in the axes of its own link or in those of the ground. A
-        site is a frame on a body. An actuator without a reference site acts along axes of
-        its own link. With a reference site it acts along the axes of that site, which has
-        to be fixed to the world. The actuator has no control.
+        A mechanism file can only have such loads, constant in the axes of their link or of
+        the ground. A site is a frame on a body, here that of an actuator without control.
+        The actuator acts along axes of its own site, or of a reference site if it has one.
+        The reference site must be fixed to the world.
         """
         mj_model = self._mj_model
-        # Without control the force is bias[0] + bias[1] * length + bias[2] * rate of the
-        # length.
+        # Without control the force is bias[0] + bias[1] * length + bias[2] * its rate.
         bias = mj_model.actuator_biasprm[actuator]
         has_feedback = np.any(bias[1:3])
         if has_feedback:
@@ -415,8 +418,8 @@ class ImportedDynamics:
     def _write_wrench(self, actuator: int) -> Iterator[Table]:
         """Yield the tables of the constant force and moment of an actuator at a site.
 
-        A force or moment of zero is left out. Both are in the axes of the link, or of the
-        ground if the actuator has a reference site.
+        A site is a frame on a body. A force or moment of zero is left out. Both are in the
+        axes of the link, or of the ground if the actuator has a reference site.
 
         Parameters
         ----------
@@ -424,14 +427,12 @@ class ImportedDynamics:
             Number of an actuator without control, see `_is_constant_wrench`.
         """
         mj_model = self._mj_model
-        # Sites are frames on bodies. The actuator acts at `site`; a `reference_site` of -1
-        # means that there is none.
+        # The actuator acts at `site`. A `reference_site` of -1 means that there is none.
         site, reference_site = mj_model.actuator_trnid[actuator]
         is_in_link_axes = reference_site < 0
         axes_site = site if is_in_link_axes else reference_site
-        # From axes of the site to world axes, in the pose of the model. The imported file
-        # describes the mechanism in this pose, in which all link axes coincide with the
-        # ground axes. Components in link axes and in ground axes are therefore equal.
+        # From axes of the site to world axes. In the pose of the model, the axes of all
+        # imported links coincide with the ground axes, so the components are the same.
         rotation = self._mj_data.site_xmat[axes_site].reshape(3, 3)
         link = self._linkage.link_by_body[mj_model.site_bodyid[site]]
         magnitude = mj_model.actuator_biasprm[actuator][0]

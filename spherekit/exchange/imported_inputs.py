@@ -92,9 +92,10 @@ def _find_half_width(
 ) -> float:
     """Return how far (rad) inputs without limits may move each way, at most half a turn.
 
-    Without loops, all pairs move in proportion to the inputs, as in gears. The limits of
-    the other pairs then bound the inputs. The result is so small that no limit is exceeded
-    even if all unlimited inputs move this far at once. With loops it is half a turn.
+    Without loops, all pairs (joints) move in proportion to the inputs, as gears do. The
+    limits of other pairs then limit the inputs. The result is so small that no limit is
+    exceeded even if all unlimited inputs move this far at once. With loops it is half a
+    turn.
 
     Parameters
     ----------
@@ -109,22 +110,22 @@ def _find_half_width(
         return float(np.pi)
     pairs = linkage.pairs
     # The rates of all pairs while each input in turn has the rate 1 and the others rest.
-    # Couplings may repeat each other, so there can be more equations than rates. They do
-    # not contradict each other, and the least-squares solution satisfies all.
+    # Couplings (linear equations between rates) may be redundant, so the equations are
+    # solved by least squares. They are consistent, so all are satisfied.
     equations = np.vstack([_velocity_equations(linkage), np.eye(len(pairs))[inputs]])
     right_sides = np.zeros((len(equations), len(inputs)))
     right_sides[-len(inputs) :] = np.eye(len(inputs))
     rates = np.linalg.lstsq(equations, right_sides, rcond=None)[0]  # (pairs, inputs)
     half_width = float(np.pi)
     for pair, pair_rates in zip(pairs, np.abs(rates), strict=True):
-        # The fastest that the pair moves if all unlimited inputs have rates of 1 or -1. It
-        # is zero up to rounding if the pair does not follow them.
+        # Largest rate of the pair if all unlimited inputs have rates of 1 or -1. It is zero
+        # up to rounding if the pair does not depend on them.
         total_rate = sum(pair_rates[inputs.index(k)] for k in unlimited_inputs)
         if pair.joint in linkage.joint_limits and total_rate > LEAST_RATE_RATIO:
             low, high = linkage.joint_limits[pair.joint]
             distance_to_limit = min(high - pair.value, pair.value - low)
-            # In the pose of the model a pair may be at a limit or beyond it. The inputs
-            # would then have no range at all, so this limit is not used.
+            # A pair that is at its limit or beyond it in the pose of the model would leave
+            # no range at all, so its limit is ignored.
             if distance_to_limit > 0.0:
                 half_width = min(half_width, distance_to_limit / total_rate)
     return half_width
@@ -133,13 +134,13 @@ def _find_half_width(
 def _velocity_equations(linkage: ImportedLinkage) -> Floats:
     """Return the factors (m, pairs) of the pair rates in the m velocity equations.
 
-    Each equation is a sum of factors times rates that is zero. There are three for each
-    closed loop (the relative angular velocities around it add up to zero), and one for each
-    coupling.
+    A pair is a joint. Each equation says that a sum of factors times rates is zero. There
+    are three equations for each closed loop (the relative angular velocities around the
+    loop add up to zero), and one for each coupling of joints, such as gears.
     """
     pairs = linkage.pairs
-    # `LoopTree` needs links that are numbered without gaps. It calls such a number a body:
-    # the position of the link in `linkage.links`.
+    # `LoopTree` needs links numbered without gaps (bodies): here by their positions in
+    # `linkage.links`.
     body_by_link = {link: body for body, link in enumerate(linkage.links)}
     ends = tuple(
         (body_by_link[first], body_by_link[second])
@@ -162,8 +163,8 @@ def _find_rank(equations: Floats) -> int:
 def find_outputs(linkage: ImportedLinkage) -> Table:
     """Return the outputs of an imported mechanism, as tables by their names.
 
-    Outputs are the links that sensors of the model observe. If there are no such sensors,
-    they are the last links: those at the ends of chains, such as the hand of a robot.
+    Outputs are the links that sensors of the model observe. Without such sensors, they are
+    the links at the ends of chains, such as the hand of a robot.
 
     Parameters
     ----------
@@ -174,8 +175,8 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
     for observed_link in linkage.foreign_model.observed_links:
         link = linkage.link_by_body[observed_link.body]
         reference = linkage.link_by_body[observed_link.reference]
-        # A link without pairs is no part of the mechanism, and is not in `linkage.links`. A
-        # link does not move relative to itself.
+        # Skip links without pairs, which are not part of the mechanism, and links that are
+        # observed relative to themselves.
         if link not in linkage.links or link == reference:
             continue
         table: Table = {"link": linkage.link_name(link)}
@@ -197,9 +198,10 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
 def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     """Return the numbers of the links at the ends of chains, which become outputs.
 
-    - If there are links with a single pair, they are returned. Links at a joint that gears
-      turn, such as the wheel of a motor, are left out, unless they are the farthest of all
-      these links from the ground.
+    - If there are links with a single pair (joint), they are returned. Links at a joint
+    that
+      gears turn, such as the wheel of a motor, are left out, except for those that are
+      farthest from the ground.
     - Otherwise all chains are closed. The links farthest from the ground are returned.
     """
     ends = [pair.links for pair in linkage.pairs]

@@ -34,12 +34,12 @@ LISTED_DISTANCE_RATIO = 1e-3
 
 
 class AxisLine(NamedTuple):
-    """An axis of the model as a line, which has to pass the centre of the sphere.
+    """An axis of the imported model as a line, which has to pass the centre of the sphere.
 
     Attributes
     ----------
     name
-        Name of the joint or loop, for messages.
+        Name of the joint or loop that has this axis, for messages.
     point
         (3,) a point of the line (m, world axes).
     direction
@@ -96,9 +96,11 @@ class ImportedLinkage:
     def __init__(
         self, where: str, foreign_model: ForeignModel, max_distance: float | None
     ) -> None:
-        """Merge bodies into links, find the centre of the sphere, and make the pairs.
+        """Merge bodies into links, find the centre of the sphere, and list the pairs.
 
-        The axes of all pairs of a spherical mechanism meet in the centre of the sphere.
+        A link is one or more bodies of the model that do not move relative to each other.
+        Pairs (joints) become R pairs of a spherical mechanism: their axes meet in the
+        centre of the sphere.
 
         Parameters
         ----------
@@ -117,7 +119,7 @@ class ImportedLinkage:
         self.notes: list[str] = []
         self.pair_comments: dict[str, str] = {}
         self._name_by_link: dict[int, str] = {}
-        # Constraints of the file keep some joints at a constant angle (locked joints).
+        # Constraints of the file can lock a joint at a constant angle.
         self._turning_joints = [
             joint
             for joint in range(self._mj_model.njnt)
@@ -133,8 +135,8 @@ class ImportedLinkage:
         # The centre (3,), and the largest distance (m) of an axis from it.
         self.centre, self.centre_distance = self._find_centre(max_distance)
         # The reader of the file has replaced each ball joint by three hinges. They are left
-        # out if other pairs connect the two links. All links turn about the centre, so that
-        # a ball joint there adds no constraint.
+        # out if other pairs connect the two links: all links turn about the centre, so the
+        # ball joint does not constrain them.
         self._removed_hinges = self._find_redundant_ball_hinges()
         self.pairs: list[ImportedPair] = []
         self._add_joint_pairs()
@@ -149,15 +151,14 @@ class ImportedLinkage:
     def link_name(self, link: int) -> str:
         """Return the name of a link in the mechanism file: the name of its body.
 
-        The ground has the name of the body that is fixed to the world, if there is exactly
-        one. Otherwise it is called ground.
+        The ground has the name of the only body that is fixed to the world. If there are
+        none or several, it is called ground.
         """
-        if link not in self._name_by_link:  # names are chosen at the first call and kept
+        if link not in self._name_by_link:  # names are chosen at the first call
             # The number of a link is that of one of its bodies.
             text = self.foreign_model.body_names[link]
             if link == 0:
-                # Bodies whose parent is the world (body 0), and which belong to the ground.
-                # Bodies that are fixed to these belong to it too, but do not count here.
+                # Bodies that belong to the ground and have the world (body 0) as parent.
                 ground_bodies = [
                     name
                     for body, name in enumerate(self.foreign_model.body_names)
@@ -172,10 +173,10 @@ class ImportedLinkage:
         return self._name_by_link[link]
 
     def make_unique_name(self, text: str, used_names: Iterable[str]) -> str:
-        """Return a name for the mechanism file that is made from a text and not in use.
+        """Return a name for the mechanism file, made from a text, that is not in use yet.
 
-        Characters that names cannot have become underscores, and a number is added if the
-        name is in use. If the name then differs from the text, a note says so.
+        Characters that names can't have become underscores. A number is added if the name
+        is in use. If the result differs from the text, a note says so.
         """
         name = re.sub(r"[^A-Za-z0-9_]", "_", text)[:MAX_NAME_LENGTH] or "unnamed"
         used = set(used_names)
@@ -191,15 +192,15 @@ class ImportedLinkage:
     # Bodies that are one link
 
     def _merge_bodies(self) -> list[int]:
-        """Return the number of the link of each body.
+        """Return the number of the link of each body of the model.
 
-        Two bodies are one link if they are welded, or if no joint between them can turn.
-        The number of the link is the number of one of its bodies; the ground is 0. A note
-        is added for each joint that cannot turn.
+        Bodies are one link if they are welded, or if no joint between them can turn. The
+        number of the link is the number of one of its bodies; the ground is 0. A note is
+        added for each locked joint.
         """
         mj_model = self._mj_model
-        # Each body except the world (0) is joined to its parent. Its joints, if it has any,
-        # are those between both.
+        # In MuJoCo, each body except the world (0) has a parent body. The joints of a body
+        # are between the body and its parent. Without a turning joint, both are rigid.
         turning_bodies = {0, *mj_model.jnt_bodyid[self._turning_joints].tolist()}
         fixed_couples = [
             (mj_model.body_parentid[body], body)
@@ -208,8 +209,7 @@ class ImportedLinkage:
         ]
         link_by_body = [*range(mj_model.nbody)]
         for couple in [*fixed_couples, *self.foreign_model.welded_bodies]:
-            # Bodies of the link `merged` are given the number of the link `remaining`. This
-            # changes nothing if both are the same link already.
+            # All bodies of the link `merged` get the number of the link `remaining`.
             remaining, merged = (link_by_body[body] for body in couple)
             if merged == 0:  # The ground keeps its number.
                 remaining, merged = merged, remaining
@@ -224,8 +224,9 @@ class ImportedLinkage:
     def _group_loop_points(self) -> dict[tuple[int, int], list[LoopPoint]]:
         """Return the points at which two links are held together, by the two links.
 
-        The numbers of two links occur in one order only, the order of their first point. A
-        point within one link is left out.
+        Such points close the loops of the model. The two links are in the order of their
+        first point, also for points that name them in the other order. A point between
+        bodies of one link is left out.
         """
         points_by_links: dict[tuple[int, int], list[LoopPoint]] = {}
         for loop_point in self.foreign_model.loop_points:
@@ -243,10 +244,9 @@ class ImportedLinkage:
     def _list_axis_lines(self) -> list[AxisLine]:
         """Return the axes that have to pass the centre of the sphere.
 
-        They are the axes of all joints that can turn. A loop of the model is closed at a
-        point at which two links are held together. If two links are held together at two
-        points, they can only turn about the line through these points. This line is then an
-        axis, too.
+        They are the axes of all joints that can turn. Loops of the model are closed at
+        points at which two links are held together. Two links with two such points can only
+        turn about the line through them. This line is then an axis, too.
         """
         # MuJoCo's xanchor is a point of the axis of a joint, xaxis its unit vector.
         lines = [
@@ -269,7 +269,7 @@ class ImportedLinkage:
         return lines
 
     def _find_centre(self, max_distance: float | None) -> tuple[Floats, float]:
-        """Find the point in which all axes meet: the centre of the sphere.
+        """Find the point in which all axes of the model meet: the centre of the sphere.
 
         Parameters
         ----------
@@ -278,7 +278,7 @@ class ImportedLinkage:
 
         Returns
         -------
-        The point (3,), and the largest distance (m) of an axis from it.
+        The point (3,) in world axes, and the largest distance (m) of an axis from it.
 
         Raises
         ------
@@ -344,19 +344,18 @@ class ImportedLinkage:
     def _find_redundant_ball_hinges(self) -> set[int]:
         """Return the numbers of the hinges of ball joints that are to be left out.
 
-        A ball joint at the centre of a spherical mechanism constrains nothing. But each
-        link of a mechanism must be connected to the others by pairs, directly or through
-        further links. A ball joint is therefore kept, as three hinges, only if its two
-        links would not be connected otherwise. Three hinges can reach an orientation of one
-        link relative to the other in two ways. Hinges that are not needed would thus double
-        the number of assembly modes.
+        A ball joint has been replaced by three hinges. At the centre of a spherical
+        mechanism it does not constrain anything. Its hinges would double the number of
+        assembly modes (ways to assemble the links), since three hinges reach each
+        orientation in two ways. But each link must be connected to the others by pairs
+        (joints), directly or through further links. A ball joint is therefore used only if
+        its links would not be connected without it.
 
         A note is added for each ball joint, whether it is left out or not.
         """
         removed_hinges: set[int] = set()
         connections = self._list_connections_without_balls()
-        # Numbers of links are smaller than the number of bodies: each link has the number
-        # of one of its bodies.
+        # Each link has the number of one of its bodies.
         max_link_count = self._mj_model.nbody
         for ball, hinges in self.foreign_model.hinges_by_ball.items():
             # All three hinges belong to the body that the ball joint joins to its parent.
@@ -375,10 +374,10 @@ class ImportedLinkage:
         return removed_hinges
 
     def _list_connections_without_balls(self) -> list[tuple[int, int]]:
-        """Return the couples of links that anything but a ball joint joins directly.
+        """Return the couples of links that are joined directly, other than by a ball joint.
 
-        These are the joints between a body and its parent in MuJoCo's tree of bodies, and
-        the loop points: common points at which the model holds two links together.
+        They are joined by joints between a body and its parent in MuJoCo's tree of bodies,
+        or by loop points: common points at which the model holds two links together.
         """
         mj_model = self._mj_model
         bodies_on_balls = {
@@ -393,8 +392,9 @@ class ImportedLinkage:
         ]
         for links, loop_points in self.loop_points.items():
             radii = [np.linalg.norm(point.point - self.centre) for point in loop_points]
-            # A common point at the centre constrains nothing. The centre is known with the
-            # error `centre_distance`: axes of the model miss it by up to this distance (m).
+            # A common point at the centre does not constrain the links. Axes of the model
+            # miss the centre by up to `centre_distance` (m), which is the error of its
+            # position.
             if max(radii) > self.centre_distance:
                 connections.append(links)
         return connections
@@ -412,31 +412,31 @@ class ImportedLinkage:
         value: float,
         joint: int = -1,
     ) -> str:
-        """Add an R pair to the list of pairs, and return its name.
+        """Add an R pair (revolute joint) to the list of pairs, and return its name.
 
         Parameters
         ----------
         text
             The name of the pair. It is changed if another pair has it, or if it has
-            characters that names in a mechanism file cannot have.
+            characters that names in a mechanism file can't have.
         links
             Numbers of the first and the second link.
         axis
             (3,) unit vector in world axes about which the second link turns.
         value
-            Variable (rad) in the pose of the model.
+            Variable (joint angle, rad) in the pose of the model.
         joint
-            Number of the joint of the model from which the pair is made. -1 if it is made
-            from none: it closes a loop, or carries an added wheel.
+            Number of the joint of the model. It is -1 for a pair that closes a loop or
+            carries an added wheel.
         """
         name = self.make_unique_name(text, (pair.name for pair in self.pairs))
         self.pairs.append(ImportedPair(name, links, axis, value, joint))
         return name
 
     def _add_joint_pairs(self) -> None:
-        """Add the hinges of all bodies as pairs.
+        """Add the hinges of all bodies as pairs (joints) of the mechanism.
 
-        A body may be joined to its parent by several hinges. They are a chain of pairs,
+        A body may be joined to its parent by several hinges. They become a chain of pairs,
         with a new link between each hinge and the next.
         """
         hinges = [
@@ -473,19 +473,19 @@ class ImportedLinkage:
         return link
 
     def _add_loop_pairs(self) -> None:
-        """Add a pair for each two links that are held together at points.
+        """Add a pair (joint) for each two links that are held together at points.
 
-        Both links turn about the centre of the sphere. If they have a point in common, they
-        are therefore joined by an R pair, whose axis leads from the centre to the point. If
-        there are several points, the farthest one is used, because its direction is the
-        most accurate.
+        Such points close the loops of the model. Both links turn about the centre of the
+        sphere, so a common point joins them like an R pair (revolute joint) with its axis
+        from the centre to the point. Of several points, the farthest one gives the most
+        accurate direction.
         """
         for links, points in self.loop_points.items():
             arms = np.array([point.point for point in points]) - self.centre
             radii = np.linalg.norm(arms, axis=1)
             farthest = np.argmax(radii)
-            # Axes of the model miss the centre by up to `centre_distance`. A point as near
-            # to it as that has no direction from the centre.
+            # `centre_distance` is the error of the centre. A point that is nearer to the
+            # centre has no reliable direction.
             if radii[farthest] <= self.centre_distance:
                 self.notes.append(
                     f"loop {points[farthest].name} left out: it holds the centre, which "
@@ -493,7 +493,7 @@ class ImportedLinkage:
                 )
                 continue
             # The pair has the name of the first constraint that holds the two links. The
-            # file may state its variable (rad) by this name.
+            # file may state the pair variable (rad) under this name.
             loop_name = points[0].name
             value = self.foreign_model.loop_values.get(loop_name, 0.0)
             axis = arms[farthest] / radii[farthest]
@@ -509,7 +509,7 @@ class ImportedLinkage:
             )
         links_of_pairs = [pair.links for pair in self.pairs]
         part_of_link = component_labels(len(self.link_by_body), links_of_pairs)
-        # The part of the ground has the number 0.
+        # Connected links are in one part. The part of the ground has the number 0.
         separate_links = {
             link for links in links_of_pairs for link in links if part_of_link[link]
         }

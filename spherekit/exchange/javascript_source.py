@@ -126,15 +126,15 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
 
     - The function of the formulas writes to the array ``result`` and returns it.
     - If positions have no closed form, another function makes one step of Newton's method.
-      Its argument ``variables`` has approximate variables of all pairs, which are replaced
-      by the variables after the step. The function returns the closure residual: how far
-      the loops were open before the step. Only this function has an attribute
-      `closure_residual`, the name of this number in its lines.
+      Its argument ``variables`` has approximate pair variables (joint angles), which the
+      step improves in place. The function returns the closure residual: how far the loops
+      were open before the step. Only this function has a `closure_residual` (the name of
+      this number in its lines).
     """
     parameters = ", ".join(source.arguments)
     if function.closure_residual:  # the step of Newton's method
-        # The name of the argument that chooses the assembly mode. Without a closed form,
-        # approximate variables choose it, and the name is ``variables``.
+        # The array of the numbers that select the assembly mode (way to assemble the
+        # links). Without a closed form, these are the pair variables.
         target = source.mode_argument
     else:
         target = "result"

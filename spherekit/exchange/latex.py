@@ -142,17 +142,17 @@ def latex(
 def _select_expressions(
     latex_formulas: LatexFormulas, names: Sequence[str] | None
 ) -> list[Expr]:
-    """Return the expressions of quantities that are to be printed.
+    """Return the expressions of the quantities that are to be printed.
 
     Parameters
     ----------
     latex_formulas
         The formulas of the mechanism.
     names
-        Names of quantities, or patterns such as ``theta_*``. A name may end in a component
-        of a vector, ``_x``; the vector is then printed whole. By default the angles of
-        pairs (``theta_``), poles, torques, and the velocity and acceleration coefficients
-        of links relative to the ground.
+        Names of quantities, or patterns such as ``theta_*``. The name of a component of a
+        vector, such as ``..._x``, stands for the whole vector. By default the angles of
+        pairs (``theta_``), poles (axes of relative rotation of two links), torques, and
+        the velocity and acceleration coefficients of links relative to the ground.
 
     Raises
     ------
@@ -273,9 +273,9 @@ def _format_right_side(rows: Sequence[Expr]) -> str:
 
 
 def _break_sum(text: str) -> str:
-    """Return a sum in LaTeX as rows of ``align`` that are not too long.
+    """Break a long sum in LaTeX into rows of the environment ``align``.
 
-    A row may end only before a plus or minus sign outside all brackets and braces. It ends
+    A row can end only before a plus or minus sign outside all brackets and braces. It ends
     there if the next summand would make it longer than `MAX_ROW_CHARACTERS`.
     """
     rows = [""]
@@ -299,10 +299,14 @@ def _format_table(rows: Iterable[Sequence[str]]) -> str:
 
 
 def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str]:
-    """Find the numbers of a mechanism file that stay symbols in the formulas.
+    """Find the numbers of a mechanism file that remain symbols in the printed formulas.
+
+    Other numbers can be inserted as values. Only some kinds of numbers can be symbols.
 
     Parameters
     ----------
+    mechanism
+        The mechanism.
     keys
         Keys of the mechanism file, such as ``links.2.arc`` or ``mass.3.mass``.
 
@@ -319,11 +323,11 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
         # The kind and owner of an angle of a link, pair or output, or None.
         size: tuple[str, Any] | None = variable.geometric_angle
         if table == "mass" and not mechanism.loads:
-            # All numbers of a mass table (mass, centre, tensor) determine one symbol, the
-            # inertia tensor, so they share one item here.
+            # Mass, centre and tensor of a link all belong to one symbol, the inertia
+            # tensor.
             size = ("mass", name)
-        # Masses are refused if there are loads (size is then None). A load such as gravity
-        # depends on the mass, which has no symbol of its own.
+        # If there are loads, masses are refused (size is then None). A load such as gravity
+        # depends on the mass, which does not have a symbol.
         if size is None or size[0] not in ("mass", "arcs", "angles", "zeros"):
             raise EngineError(
                 f"{mechanism.name}: {key} is a number in LaTeX, not a symbol; vary "
@@ -335,19 +339,19 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
 
 
 def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
-    """Return a mechanism given by the sizes of its links, and the axes of its ground.
+    """Return a mechanism described by the sizes of its links, and the axes of its ground.
 
-    A mechanism may be given by sizes (arcs and angles of each link) or by the axes of its
-    pairs in one reference pose. Printed formulas need sizes.
+    A mechanism file states either sizes (arcs and angles of each link) or the axes of the
+    pairs (joints) in one reference pose. Printed formulas need sizes.
 
     Returns
     -------
     mechanism
-        The mechanism itself if it is given by sizes. Otherwise each link has new axes: the
-        first axis of the link is z, and the second is in the half-plane x = 0, y > 0.
+        The mechanism itself if its file states sizes. Otherwise each link has new axes: the
+        first pair axis of the link is z, and the second is in the half-plane x = 0, y > 0.
     ground_axes
-        (3, 3) matrix whose columns are the axes i, j, k of the ground in the axes of the
-        file. The identity if the mechanism is given by sizes.
+        (3, 3) matrix with the axes i, j, k of the ground in its columns, in the axes of the
+        file. The identity if the file states sizes.
     """
     if not isinstance(mechanism.geometry, PoseGeometry):
         return mechanism, np.eye(3)
@@ -382,7 +386,7 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
 
 
 def _find_new_frame(axes: Mapping[str, Floats]) -> Floats:
-    """Return the frame of a link whose z axis is its first pair axis.
+    """Return the frame of a link with its first pair axis (joint axis) as z axis.
 
     Its second pair axis is in the half-plane x = 0, y > 0.
 
@@ -393,7 +397,7 @@ def _find_new_frame(axes: Mapping[str, Floats]) -> Floats:
 
     Returns
     -------
-    (3, 3) matrix whose rows are the x, y and z axes of the frame. It rotates vectors to
+    (3, 3) matrix with the x, y and z axes of the frame in its rows. It rotates vectors to
     this frame.
     """
     first_name = next(iter(axes))
@@ -404,17 +408,18 @@ def _find_new_frame(axes: Mapping[str, Floats]) -> Floats:
 
 
 def _measure_link_sizes(axes: Mapping[str, Floats], rotation: Floats) -> LinkSizes:
-    """Return the arcs and angles of a link from its pair axes.
+    """Return the sizes of a link: arcs and angles between its pair axes (joint axes).
 
     Parameters
     ----------
     axes
         (3,) unit vector of each pair axis of the link, in the order of the file.
     rotation
-        (3, 3) rotation to the frame of `_find_new_frame`.
+        (3, 3) rotation to the frame with the first pair axis as z, and the second in the
+        half-plane x = 0, y > 0.
     """
-    # Polar coordinates in the frame: the arc from the first axis, z, and the angle about z.
-    # It is counted from y, the side of the second axis, towards -x.
+    # Polar coordinates of each axis: the arc from the first axis, z, and the angle about z.
+    # The angle is counted from y, the side of the second axis, towards -x.
     x, y, z = rotation @ np.transpose([*axes.values()])
     arcs = np.arctan2(np.hypot(x, y), z)
     angles = np.arctan2(-x, y)

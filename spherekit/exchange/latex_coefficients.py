@@ -76,10 +76,12 @@ class CoefficientFormulas:
         pole_plans: Sequence[Plan],
         input_suffixes: Sequence[str],
     ) -> None:
-        """Add all formulas of velocities to the document, section by section.
+        """Add all formulas of velocities to a LaTeX document, section by section.
 
-        There are formulas for each input, which moves while the others are locked. A pole
-        is the axis about which one link rotates relative to another.
+        There are formulas for each input, which moves while the others are locked. They are
+        of poles (axes about which one link rotates relative to another), and of the
+        velocity and acceleration coefficients (angular velocity about the pole per unit
+        rate of the input, and its derivative).
 
         Parameters
         ----------
@@ -99,11 +101,11 @@ class CoefficientFormulas:
         self._pole_plans = pole_plans
         self._input_suffixes = input_suffixes
 
-        # All lists have one item for each input. While one input moves and the others are
-        # locked, some links cannot move relative to each other. They form one body.
+        # All lists have one item for each input. A body consists of links that can't move
+        # relative to each other while only this input moves.
         input_indices = range(len(pole_plans))
-        # New formulas are added to the section `formula_list.section` of the document. The
-        # poles have several sections, which `_write_poles` sets.
+        # `formula_list.section` is the section of the document that gets new formulas. For
+        # the poles, `_write_poles` sets it.
         self._poles = [self._write_poles(index) for index in input_indices]
         formula_list.section = "Velocity coefficients"
         # The velocity coefficient and the angular velocity of each body, relative to the
@@ -113,8 +115,8 @@ class CoefficientFormulas:
         for index in input_indices:
             self._write_velocities(index)
         formula_list.section = "Acceleration coefficients"
-        # The formulas that are differentiated. They are listed now, because their
-        # derivatives are added to `formula_list.formulas` and must not be differentiated.
+        # The formulas to differentiate. The list is copied now, because the derivatives are
+        # appended to `formula_list.formulas` and are not differentiated again.
         earlier_formulas = list(formula_list.formulas.items())
         # The derivative of each symbol (term) of these formulas with respect to the input.
         self._derivatives_by_term = [
@@ -283,21 +285,24 @@ class CoefficientFormulas:
     ) -> Mapping[ExpressionNode, Expr]:
         """Write the derivatives of axes, poles and coefficients with respect to an input.
 
+        A pole is the axis of relative rotation of two links. The formulas are
+        differentiated one after the other.
+
         Parameters
         ----------
         input_index
             The input that moves.
         earlier_formulas
             Symbols and formulas up to the velocity coefficients. Formulas of positions are
-            not differentiated. Instead the axes of pairs move with their links: the
+            not differentiated. Instead, axes of pairs (joints) move with their links: the
             derivative of an axis is the cross product of the angular velocity and the axis.
 
         Returns
         -------
         The derivative of each symbol.
         """
-        # Formulas are in such an order that each contains only symbols of earlier ones.
-        # Their derivatives are therefore known when they are needed.
+        # Each formula contains only symbols of earlier formulas, so the derivatives that it
+        # needs are already known.
         derivative_by_term = self._write_axis_derivatives(input_index)
         for term, formula in earlier_formulas:
             if formula.section == "Positions":
@@ -313,10 +318,10 @@ class CoefficientFormulas:
         return derivative_by_term
 
     def _write_axis_derivatives(self, input_index: int) -> dict[ExpressionNode, Expr]:
-        """Write the derivatives of the axes of all pairs with respect to an input.
+        """Write the derivatives of the axes of all pairs (joints) with respect to an input.
 
-        An axis is fixed in the links of its pair. Its derivative is the cross product of
-        the angular velocity (per unit rate of the input) and the axis.
+        An axis is fixed in both links of its pair. Its derivative is the cross product of
+        the angular velocity of a link (per unit rate of the input) and the axis.
 
         Returns
         -------
@@ -335,8 +340,9 @@ class CoefficientFormulas:
     def _find_simpler_velocity(self, input_index: int, pair: int) -> Expr:
         """Return the angular velocity of one link of a pair, for the shorter formula.
 
-        Both links move the axis of the pair in the same way. A link at rest is preferred,
-        and then an angular velocity without a minus sign.
+        The axis of the pair is fixed in both links, so either angular velocity can be used
+        to differentiate it. A link at rest is preferred, then an angular velocity without a
+        minus sign.
         """
         first_link, second_link = self._mechanism.ends[pair]
         first_velocity = self.angular_velocity(input_index, first_link)
@@ -421,10 +427,10 @@ def _differentiate_right_side(
     right_side: Expr,
     derivative_by_term: Mapping[ExpressionNode, Expr],
 ) -> Expr:
-    """Return the derivative of the right-hand side of a formula.
+    """Return the derivative of the right-hand side of a formula, as short as possible.
 
     The derivative of a quotient contains the quotient: (a / b)' = (a' - (a / b) b') / b. If
-    the right-hand side is a quotient, its symbol is written there, which is shorter.
+    the right-hand side is a quotient, its symbol replaces it there.
 
     Parameters
     ----------

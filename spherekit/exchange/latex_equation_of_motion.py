@@ -75,7 +75,7 @@ class LatexEquationOfMotion:
         input_suffixes: Sequence[str],
         free_sizes: Collection[Any],
     ) -> None:
-        """Write all formulas: the generalized forces first, then inertia and torques.
+        """Write all formulas: generalized forces first, then inertia and torques.
 
         Parameters
         ----------
@@ -84,7 +84,8 @@ class LatexEquationOfMotion:
         mechanism
             A mechanism with masses or loads.
         positions, coefficients
-            Formulas of its positions, poles and coefficients, which are in the list.
+            Formulas of its positions, poles (axes of relative rotation of links) and
+            coefficients (rates per unit rate of an input), which are in the list.
         input_suffixes
             For each input the end of the names of quantities while it moves, such as
             ``_by_41``.
@@ -182,9 +183,9 @@ class LatexEquationOfMotion:
     def _declare_tensor(self, mass: Mass) -> ExpressionNode:
         """Declare the symbol of the inertia tensor of a link, and return it.
 
-        The list of symbols shows its numbers as a matrix. A tensor is free if users want to
-        insert other numbers for it. Its symbol is also stored in `free_symbols`, so that it
-        can be checked that formulas contain it.
+        The printed list of symbols shows its numbers as a matrix. A tensor is free if users
+        want to insert other numbers for it. The symbol of a free tensor is also stored in
+        `free_symbols`. A later check makes sure that formulas contain it.
         """
         link_label = self._formula_list.link_labels[self._mechanism.link_number[mass.link]]
         is_free = ("mass", mass.link) in self._free_sizes
@@ -204,13 +205,13 @@ class LatexEquationOfMotion:
     def _write_link_torque(
         self, link: int, tensor: ExpressionNode, velocities: Sequence[Expr]
     ) -> Expr:
-        """Return the torque I z + y x (I y) that a link needs at constant input rates.
+        """Return the torque h that a link needs at constant rates of the inputs.
 
-        In ground axes the angular velocity of the link is W = sum_k rate_k w_k, with the
-        angular velocity w_k per unit rate of input k. Its angular acceleration at constant
-        rates is A = sum_ki rate_k rate_i dw_k/dq_i. The vectors y and z are W and A by
-        their components along the axes of the link, and h is the symbol of the torque. Each
-        method `write...` and `_resolve_in_link` adds a formula and returns its symbol.
+        h = I z + y x (I y), with the inertia tensor I of the link. y and z are the angular
+        velocity W and the angular acceleration A of the link, in its own axes. In ground
+        axes, W = sum_k rate_k w_k, with the angular velocity w_k per unit rate of input k,
+        and A = sum_ki rate_k rate_i dw_k/dq_i. Formulas of W, y, A, z and h are added to
+        the list; each `write...` returns the symbol of its formula.
 
         Parameters
         ----------
@@ -219,7 +220,7 @@ class LatexEquationOfMotion:
         tensor
             Its inertia tensor in link axes.
         velocities
-            Its angular velocity in ground axes per unit rate of each input.
+            Its angular velocity w_k in ground axes per unit rate of each input.
 
         Returns
         -------
@@ -244,8 +245,8 @@ class LatexEquationOfMotion:
     def _name_inertia(self, inertia: dict[tuple[int, int], Expr]) -> None:
         """Write the elements of the inertia matrix B as formulas.
 
-        In `inertia`, which maps (row, column) to an element, each element is replaced by
-        its symbol. The symbol of row k and column i is B_ki. Users ask for it by the name
+        The mapping `inertia` has each element by (row, column). Each is replaced by its
+        symbol B_ki, for row k and column i. Users ask for an element by the name
         ``B_NAME_by_INPUT``: the name of input k, and the suffix of input i that moves. With
         one input the matrix has one element, the equivalent inertia ``B``.
         """
@@ -258,7 +259,7 @@ class LatexEquationOfMotion:
                 symbol_name = f"B_{{{k + 1},{i + 1}}}"
                 quantity = f"B_{names[k]}{self._input_suffixes[i]}"
             inertia[k, i] = formula_list.write(make_symbol(symbol_name), inertia[k, i])
-            # The list has the components of a quantity; this one is a number.
+            # A quantity is a list of its components. A number has a single component.
             formula_list.quantities[quantity] = [inertia[k, i]]
 
     def _resolve_in_link(
@@ -266,8 +267,7 @@ class LatexEquationOfMotion:
     ) -> Expr:
         """Write a vector by its components along axes of a link, and return their symbol.
 
-        The equation of motion is a list of formulas, to which this adds one: a symbol and
-        the three components.
+        It adds one formula to the list of formulas: a symbol and the three components.
 
         Parameters
         ----------
@@ -276,7 +276,8 @@ class LatexEquationOfMotion:
         link
             Number of the link.
         vector
-            The vector in ground axes; 0.0 is the zero vector and is returned unchanged.
+            The vector in ground axes. 0.0 stands for the zero vector and is returned
+            unchanged.
         mark
             Text after the index of the symbol.
         """
@@ -299,11 +300,11 @@ class LatexEquationOfMotion:
     # Loads
 
     def _write_generalized_forces(self) -> list[Expr]:
-        """Return the generalized force of each input (N m).
+        """Write the generalized force of each input (N m), and return the forces.
 
         The generalized force of an input is the power of all loads per unit rate of this
         input. A load has components, each with a magnitude. Friction in bearings depends on
-        reactions, which no formula gives, so loads with such friction are omitted.
+        reactions, of which there are no formulas. Loads with such friction are omitted.
         """
         formula_list = self._formula_list
         totals: list[Expr] = [0.0] * formula_list.input_count
@@ -319,7 +320,7 @@ class LatexEquationOfMotion:
                 continue
             for component in components:
                 component_count += 1
-                # The magnitude (N m or N) times the power of a magnitude 1.
+                # The magnitude (N m or N), times the power of a component of magnitude 1.
                 label = str(component_count)
                 magnitude = self._write_magnitude(component, load.name, label)
                 for k in self._input_indices:
@@ -334,8 +335,8 @@ class LatexEquationOfMotion:
     ) -> Expr:
         """Return the magnitude of a component of a load, in N m or N.
 
-        It is an expression in the mechanism file, or a table of torques over time. A table
-        has no formula, so the torque is printed as a symbol.
+        It is an expression of the mechanism file. A table of torques over time has no
+        formula, so its torque is printed as a symbol.
 
         Parameters
         ----------
@@ -353,9 +354,9 @@ class LatexEquationOfMotion:
                 f"T_{{{label}}}", f"torque of {latex_text(load_name)} at the time (N m)"
             )
         expression = require_expression(law)
-        # `convert_to_graph` takes two terms for each name. The second one replaces it in
-        # sines and cosines, where a program reduces angles by whole turns to lose fewer
-        # digits. A printed formula needs no reduction, so both terms are the same.
+        # `convert_to_graph` takes two terms for each name. The second term is for sines and
+        # cosines, where programs reduce angles by whole turns. Printed formulas do not, so
+        # both terms are the same.
         terms_by_name: dict[str, tuple[Expr, Expr]] = {}
         for name in expression.names:
             term = self._write_load_name(name)
@@ -367,8 +368,8 @@ class LatexEquationOfMotion:
     def _write_power(self, component: LoadComponent, input_index: int, label: str) -> Expr:
         """Return the power of a load component of magnitude 1, per unit rate of an input.
 
-        A torque at a pair has the power torque times rate of the pair. A moment M on a link
-        has the power M . w with the angular velocity w of the link.
+        A torque at a pair (joint) has the power torque times rate of the pair. A moment M
+        on a link has the power M . w with the angular velocity w of the link.
 
         Parameters
         ----------

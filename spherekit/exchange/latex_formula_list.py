@@ -122,9 +122,10 @@ class FormulaList:
         return make_symbol(name)
 
     def write(self, term: ExpressionNode, *rows: Expr, always: bool = False) -> Expr:
-        """Add the formula of a symbol, unless its right-hand side is as short as a symbol.
+        """Add the formula of a symbol, unless the symbol would not save space.
 
-        A number, a symbol or the negative of a symbol is inserted into further formulas.
+        A right-hand side that is a number, a symbol or the negative of a symbol is inserted
+        into further formulas instead.
 
         Parameters
         ----------
@@ -184,11 +185,11 @@ class FormulaList:
         """Return the formulas that some expressions need, in the order of printing.
 
         A formula is needed if an expression, or another needed formula, contains its
-        symbol. Symbols that no needed formula contains are removed from `symbol_meanings`.
+        symbol. The meanings of symbols that no needed formula contains are removed from
+        `symbol_meanings`, so that they are not printed.
         """
         required = {*iterate_nodes(expressions)}
-        # A formula uses only symbols of earlier formulas, so one pass backwards finds all
-        # that are required.
+        # A formula uses only symbols of earlier formulas, so one pass backwards is enough.
         for term, formula in reversed(self.formulas.items()):
             if term in required:
                 required.update(iterate_nodes(formula.rows))

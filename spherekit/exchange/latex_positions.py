@@ -51,7 +51,7 @@ class AngleExpression(NamedTuple):
     sine: Expr = 0.0
 
     def subtract(self, subtrahend: "AngleExpression") -> "AngleExpression":
-        """Return this angle less another one."""
+        """Return this angle minus another angle."""
         if subtrahend.angle == 0.0:
             return self
         difference = self.angle - subtrahend.angle
@@ -248,15 +248,15 @@ class PositionFormulas:
         """Declare the symbol of a size (an angle), and return the size as an expression.
 
         If the angle is a multiple of 90 degrees, its sine and cosine become numbers, which
-        makes formulas shorter. A free size is an exception: its sine and cosine remain
-        symbols, since users insert other values of it in the formulas.
+        makes formulas shorter. A free size is an exception: users insert other values for
+        it, so its sine and cosine remain symbols.
 
         Parameters
         ----------
         size
             Kind and owner of the size, as in `free_sizes`: ("arcs", (link, pair)) for an
             arc of a link, ("angles", (link, pair)) for an angle between two of its arcs, or
-            ("zeros", pair) for the angle of a pair at which its variable reads zero.
+            ("zeros", pair) for the angle at which the variable of a pair (joint) is zero.
         name, meaning
             LaTeX of its symbol, and its meaning.
         value
@@ -289,11 +289,11 @@ class PositionFormulas:
         return self._mechanism.geometry
 
     def _declare_link_axes(self, link: int) -> list[LinkAxis]:
-        """Declare the sizes of a link, and return its axes.
+        """Declare the symbols of the sizes of a link, and return its axes.
 
-        The first axis of a link has no sizes. Each other axis has an arc from the first
-        axis. From the third axis on it also has an angle about the first axis, measured
-        from the arc to the second axis.
+        The axes of a link are those of its pairs (joints). The first axis has no sizes.
+        Each other axis has an arc from the first axis. From the third axis on it also has
+        an angle about the first axis, measured from the arc to the second axis.
 
         Raises
         ------
@@ -358,9 +358,9 @@ class PositionFormulas:
         )
 
     def _declare_zero(self, pair: int) -> AngleExpression:
-        """Declare the angle at which a pair variable is zero, and return this angle.
+        """Declare the angle at which the variable of a pair (joint) is zero, and return it.
 
-        No symbol is declared if the angle is 0 and is not requested as a symbol.
+        No symbol is declared if the angle is 0, unless the user wants to have the symbol.
         """
         pair_name = self._mechanism.pairs[pair].name
         value = self._geometry.zeros.get(pair_name, 0.0)
@@ -377,17 +377,17 @@ class PositionFormulas:
     # Placing links
 
     def _place_ground(self, ground_axes: Floats) -> None:
-        """Add formulas of the axes of the pairs of the ground, whose frame is given.
+        """Add formulas of the axes of the pairs (joints) of the ground.
 
-        The formulas are LaTeX text, and are added to the list of all formulas. The axes i,
-        j and k of the frame become symbols with known components. As in every link, k is
-        the first axis of the ground, and j is the tangent at k of the arc from k to the
-        second axis. The other axes follow from them and the sizes of the ground.
+        The axes i, j and k of the ground's frame become symbols with known components. As
+        in every link, k is the first axis of the ground, and j is the tangent at k of the
+        arc from k to the second axis. The other axes follow from these and the sizes of the
+        ground.
 
         Parameters
         ----------
         ground_axes
-            (3, 3) matrix whose columns are the axes i, j, k of the ground.
+            (3, 3) matrix with the axes i, j, k of the ground in its columns.
         """
         i, j, k = (
             self._formula_list.declare_symbol(
@@ -401,7 +401,7 @@ class PositionFormulas:
         self._write_frame(0, first_vector=k, tangent=j, axis=second_axis, i=i)
 
     def _place_driven_links(self) -> None:
-        """Place the links that a chain of inputs joins to the ground.
+        """Write the frames of the links that a chain of inputs joins to the ground.
 
         Raises
         ------
@@ -425,10 +425,10 @@ class PositionFormulas:
     def _place_driven_link(self, pair: int, parent: int, child: int) -> None:
         """Write the frame of a link that an input joins to a link with a known frame.
 
-        In each of its links, the pair has a reference arc. It begins at the axis of the
-        pair and ends at another axis of the link: the first one that the file lists. The
-        tangent to the arc of the child, at the axis of the pair, follows from the frame of
-        the parent and the input angle. The axis and this tangent determine the frame.
+        At the axis of a pair (joint), each link has a reference arc. It leads to another
+        axis of the link: the first one that the file lists. The tangent to the reference
+        arc of the child follows from the frame of the parent and the input angle. The axis
+        and this tangent determine the frame of the child.
 
         Parameters
         ----------
@@ -460,10 +460,11 @@ class PositionFormulas:
     def _find_first_tangent(self, input_pair: int) -> Expr:
         """Return the tangent t1 to the reference arc of the first link of an input.
 
-        The second link has a known frame, and t2 is the tangent to its reference arc. Two
-        rotations about the axis of the pair lead from t1 to t2: first by the zero angle of
-        the pair, which gives the direction z, then by the input angle. They are undone in
-        reverse order.
+        The reference arc of a link leads from the axis of the pair to the first other axis
+        of the link. The second link has a known frame, and t2 is the tangent to its
+        reference arc. Two rotations about the axis of the pair lead from t1 to t2: first by
+        the zero angle of the pair, which gives the direction z, then by the input angle.
+        They are undone in reverse order.
         """
         input_rotation = self._make_input_rotation(input_pair)
         _, second_link = self._mechanism.ends[input_pair]
@@ -486,11 +487,11 @@ class PositionFormulas:
         )
 
     def _place_by_reference_arc(self, link: int, pair: int, tangent: Expr) -> None:
-        """Write the frame of a link whose axis and reference arc at a pair are known.
+        """Write the frame of a link from its axis and reference arc at a pair (joint).
 
         The frame follows from the first axis k of the link, and from the tangent at k of
-        the arc from k to any other axis. The reference arc joins the axis of the pair and
-        k, or, if the axis of the pair is k, k and the second axis.
+        the arc from k to any other axis. The reference arc leads from the axis of the pair
+        to k. If k itself is the axis of the pair, it leads from k to the second axis.
 
         Parameters
         ----------
@@ -587,12 +588,12 @@ class PositionFormulas:
     def _find_dyad_side(self, group: Group, outer: int, middle: int) -> DyadSide:
         """Return the link of a dyad between an outer pair and the middle pair.
 
-        A dyad has two links. The middle pair joins them to each other, and each outer pair
-        joins one of them to a link that is already placed.
+        A dyad has two links. The middle pair (joint) joins them to each other, and each
+        outer pair joins one of them to a link that is already placed.
 
-        The result has the link and its axes at the two pairs, in the order in which the
-        file lists the axes of the link. All arcs of a link are measured from the first axis
-        in the file. Formulas are therefore simpler if this axis comes first in the result.
+        The result has the link and its axes at both pairs. They are in the order in which
+        the file lists the axes of the link. All arcs of a link are measured from the first
+        axis in the file. Formulas are simpler if this axis comes first.
 
         Parameters
         ----------
@@ -601,9 +602,9 @@ class PositionFormulas:
         outer, middle
             Positions of the two pairs in `group.pairs`.
         """
-        # `group.ends` has the two bodies that each pair joins. Body 0 is everything that is
+        # `group.ends` has the two bodies that each pair joins. Body 0 is all links that are
         # placed, bodies 1 and 2 are the links of the dyad. The outer pair joins body 0 to
-        # one of these, which has the larger number.
+        # body 1 or 2.
         body = max(group.ends[outer])
         link = group.bodies[body][0]  # a body is a tuple of links, here of one
         axes = [
@@ -615,15 +616,14 @@ class PositionFormulas:
     def _write_arc_cosine(self, side: DyadSide) -> Expr:
         """Return the cosine of the arc between the two axes of a link of a dyad.
 
-        The file gives the arcs a and b from the first axis of the link to these two axes,
-        and the angle c between the arcs. By the spherical law of cosines, the arc d between
-        the two axes has
+        A dyad is two links that close a loop. The file states the arcs a and b from the
+        first axis of the link to these two axes, and the angle c between the arcs. By the
+        spherical law of cosines, the arc d between the two axes has
 
             cos d = cos a cos b + sin a sin b cos c.
 
-        The first axis of the link in the file may be one of the two axes. Then it comes
-        first in `side`, a is 0, and the result is cos b. Otherwise the expression gets a
-        symbol.
+        If the first axis of the link is one of the two axes, then it comes first in `side`,
+        a is 0, and the result is cos b. Otherwise the expression gets a symbol.
         """
         first_axis = side.first_axis
         second_axis = side.second_axis
@@ -640,10 +640,11 @@ class PositionFormulas:
         )
 
     def _place_by_two_axes(self, side: DyadSide) -> None:
-        """Write the frame of a link of a dyad from its known axes at two pairs.
+        """Write the frame of a link of a dyad from its known axes at two pairs (joints).
 
-        The frame of a link is defined by its first axis k in the mechanism file, and by the
-        tangent at k of the arc from k to another axis.
+        A dyad is two links that close a loop. The frame of a link is defined by its first
+        axis k in the mechanism file, and by the tangent at k of the arc from k to another
+        axis.
 
         Raises
         ------
@@ -753,14 +754,15 @@ class PositionFormulas:
     ) -> Expr:
         """Write the axis j of a link: the tangent of the arc from k to its second axis.
 
-        j is another tangent at k, rotated about k by minus its azimuth b:
+        k is the first axis of the link. j is another tangent at k, rotated about k by minus
+        its azimuth b:
 
             j = cos(b) tangent + sin(b) tangent x k.
 
         Parameters
         ----------
         link
-            Number of the link, whose first axis is k.
+            Number of the link.
         tangent
             The unit tangent at k of the arc to any other axis of the link.
         azimuth
@@ -793,10 +795,10 @@ class PositionFormulas:
         return make_symbol(rf"\mathbf{{t}}^{{{link_label}}}_{{{self._pair_labels[pair]}}}")
 
     def _write_tangent(self, link: int, pair: int) -> Expr:
-        """Write the unit tangent to the reference arc of a placed link at a pair.
+        """Write the unit tangent to the reference arc of a placed link at a pair (joint).
 
         This arc leads from the axis of the pair to the first other axis of the link. The
-        expression of the tangent in further formulas is returned.
+        result is the expression to use for the tangent in further formulas.
 
         Raises
         ------
@@ -808,8 +810,8 @@ class PositionFormulas:
         _, j, k = self.link_frames[link]
         tangent: Expr = j
         if axis.vector is not k:
-            # The first other axis is k, so the reference arc leads from the axis to k. It
-            # is the arc from k to the axis, in the opposite direction.
+            # The reference arc leads from the axis of the pair to k. It is the arc from k
+            # to this axis, in the opposite direction.
             if axis.arc.sine == 0.0:
                 raise self._refuse_link(link)
             tangent_at_k = self._tangent_at_first_axis(link, axis)
@@ -817,13 +819,13 @@ class PositionFormulas:
         return self._formula_list.write(self._tangent_symbol(link, pair), tangent)
 
     def _write_zero_direction(self, pair: int) -> Expr:
-        """Write the direction from which the variable of a pair is counted (z).
+        """Write the direction z from which the variable of a pair (joint) is counted.
 
         The variable is the angle about the axis of the pair from z to a direction on the
-        second link. z is fixed on the first link: it is the unit tangent to its reference
-        arc, which leads from the axis of the pair to the first other axis of the link,
-        rotated by a constant angle. This angle, the zero of the pair, is a size in the
-        file, or 0. The symbol or expression of z is returned.
+        second link. z is fixed on the first link. On that link, an arc leads from the axis
+        of the pair to the first other axis. z is the unit tangent to this arc, rotated
+        about the pair by a constant angle. This angle, the zero of the pair, is a size in
+        the file, or 0. The symbol or expression of z is returned.
         """
         first_link, _ = self._mechanism.ends[pair]
         first_tangent = self._write_tangent(first_link, pair)
@@ -846,10 +848,11 @@ class PositionFormulas:
     def _write_pair_angles(self) -> None:
         """Write the variables of passive pairs, and name the variables of all pairs.
 
-        Let u be the axis of a pair. An arc leads from u to the first other axis of the
-        second link, and t is the tangent of this arc at u. The zero direction z is the
-        value of t at which the pair variable is zero. The variable is the angle about u
-        from z to t. It is computed from the tangent of its half:
+        Variables of pairs are joint angles; passive pairs are not driven. Let u be the axis
+        of a pair. An arc leads from u to the first other axis of the second link, and t is
+        its tangent at u. The zero direction z is the value of t at which the variable is
+        zero. The variable theta is the angle about u from z to t. It is computed from the
+        tangent of its half:
 
             theta = 2 atan((u x z) . t / (1 + z . t)).
         """

@@ -63,7 +63,7 @@ _RANK_BY_MARK = (
 
 
 class LatexText(NamedTuple):
-    """An expression as LaTeX, and how it joins with others.
+    """An expression as LaTeX, with what is needed to insert it into a larger expression.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class LatexText(NamedTuple):
     is_negative
         Whether the text begins with a minus sign.
     is_spaced_product
-        Whether it is a product whose factors are separated by thin spaces.
+        Whether it is a product with factors separated by thin spaces.
     """
 
     text: str
@@ -125,9 +125,9 @@ def _print_number(value: float) -> LatexText:
 
 
 def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
-    """Return a node of an expression as LaTeX.
+    """Return a node of an expression (a variable, operation or function) as LaTeX.
 
-    The result has two properties by which larger expressions are printed. The binding tells
+    The result has two properties for its use in larger expressions. The binding tells
     whether brackets are necessary: a sum needs them as a factor of a product, for example,
     and a symbol never needs them. The rank is the position among the factors of a product:
     scalars come before vectors.
@@ -135,15 +135,15 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
     Parameters
     ----------
     node
-        A variable, an operation or a function.
+        The node.
     arguments
         Its arguments as LaTeX; empty for a variable.
     """
     operation = node.operation
     if operation == "variable":
         return _print_symbol(node.arguments[0])
-    # Fractions, roots, absolute values and the like enclose their arguments, which need no
-    # brackets therefore.
+    # Fractions, roots, absolute values and the like enclose their arguments, so these need
+    # no brackets.
     if operation in _TEMPLATE_BY_OPERATION:
         # A vector divided by a number remains a vector; all other results are scalars.
         rank = arguments[0].rank if operation == "/" else FactorRank.SCALAR
@@ -151,7 +151,7 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
         text = template.format(*(argument.text for argument in arguments))
         return LatexText(text, Binding.SYMBOL, rank, has_exponent=operation == "**")
     if operation in _SIGN_BY_VECTOR_PRODUCT:
-        # All factors but symbols get brackets.
+        # Factors other than symbols get brackets.
         a, b = (argument.bracketed_beyond(Binding.SYMBOL) for argument in arguments)
         rank = FactorRank.VECTOR if operation == "cross" else FactorRank.SCALAR
         text = f"{a} {_SIGN_BY_VECTOR_PRODUCT[operation]} {b}"
@@ -210,7 +210,7 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
         negative = "-" + second_text.bracketed_beyond(Binding.PRODUCT)
         return LatexText(negative, Binding.SUM, second_text.rank, is_negative=True)
     if first_argument is second_argument:
-        # The exponent of anything but a variable would seem to belong to its last part.
+        # Without brackets, the exponent would seem to belong to the last part of the base.
         base = first_text.text
         if not first_text.is_variable or first_text.has_exponent:
             base = rf"\left({base}\right)"
@@ -219,16 +219,15 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
     factors = sorted(arguments, key=lambda factor: factor.rank)
     factor_texts: list[str] = []
     for factor in factors:
-        # A factor can be a product itself. Such a product needs no brackets if its factors
-        # are separated by thin spaces. A vector product, such as "a \times b", needs them.
-        # So do sums and all factors with a minus sign, which have the binding of a sum.
+        # A factor that is a product with thin spaces needs no brackets. A vector product,
+        # such as "a \times b", needs them. So do sums and factors with a minus sign.
         loosest = Binding.PRODUCT if factor.is_spaced_product else Binding.SYMBOL
         factor_texts.append(factor.bracketed_beyond(loosest))
     if isinstance(first_argument, float):
-        # A number has the smallest rank and is therefore still the first factor. Even a
-        # negative one needs no brackets there, as in "-2 x".
+        # A number has the smallest rank, so it is the first factor. Even a negative number
+        # needs no brackets there, as in "-2 x".
         factor_texts[0] = factors[0].text
-    # Any other factor with a minus sign is in brackets, so the product has none in front.
+    # Other factors with a minus sign are in brackets, so only a number matters here.
     is_negative = isinstance(first_argument, float) and factors[0].is_negative
     # The product has the rank of its last factor: a scalar times a vector is a vector.
     return LatexText(

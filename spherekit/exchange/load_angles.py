@@ -34,11 +34,12 @@ swing, between samples, could be taken for one at the other end.
 def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[str, float]:
     """Return the middle (rad) of the swing of pairs that cannot turn fully, by name.
 
-    The swing is the range of the angle in all assembly modes together, over a whole turn of
-    the input. Loads such as springs depend on the angle including whole turns, but formulas
-    give it only up to whole turns. If the swing is less than a turn, the right angle is the
-    one nearest to the middle of the swing. The swing has to be less than a turn by
-    `LEAST_GAP_RAD`, so that samples cannot miss that the pair turns fully.
+    Loads such as springs depend on the angle with all whole turns, but formulas compute
+    angles only up to whole turns. If a pair (joint) swings over less than a turn, the right
+    angle is the one nearest to the middle of the swing. The swing is the range of the angle
+    in all assembly modes (ways to assemble the mechanism) together, over a whole turn of
+    the input. It must be less than a turn by `LEAST_GAP_RAD`, because it is known at
+    samples only.
 
     The result is empty with several inputs, because angles then depend on the path, and
     with contacts, because wheels may return only after several turns.
@@ -48,20 +49,20 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     mechanism
         The mechanism, driven at its inputs.
     pairs
-        Names of passive R pairs.
+        Names of R pairs (revolute joints) that are not driven.
     """
     inputs = mechanism.input_pairs
     if len(inputs) != 1 or mechanism.has_contacts or not pairs:
         return {}
-    # The result shall hold for every range of the input, so a whole turn is computed.
-    # Positions do not depend on masses and loads, which `kinematics_only` removes.
+    # A whole turn covers every possible range of the input. `kinematics_only` removes
+    # masses and loads, which positions do not depend on.
     one_turn = mechanism.with_inputs(
         *inputs, ranges={inputs[0]: (0.0, TURN)}, angle_unit="rad"
     )
     position_analysis = PositionAnalysis(kinematics_only(one_turn), samples=SWING_SAMPLES)
     motion = position_analysis.motion()
-    # (n,) angles of each pair without jumps of whole turns. The empty mapping says that no
-    # block of samples precedes this one.
+    # (n,) angles of each pair without jumps of whole turns. The last argument has the
+    # angles of samples before these; there are none.
     angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, {})
     middles: dict[str, float] = {}
     for pair in pairs:
@@ -76,8 +77,8 @@ def revolutions_about(angle: Expr, middle: float) -> ExpressionNode:
     """Return the whole turns (rad) to add to an angle so that it is nearest to a middle.
 
     With the difference d = angle - middle, atan2(sin d, cos d) is d reduced to (-pi, pi].
-    The angle nearest to the middle is middle + atan2(sin d, cos d), and the whole turns are
-    this angle less the given one.
+    The angle nearest to the middle is middle + atan2(sin d, cos d). Minus the original
+    angle, this gives the whole turns.
 
     Parameters
     ----------

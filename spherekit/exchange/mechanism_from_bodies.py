@@ -65,8 +65,8 @@ class ImportedFile:
         foreign_model
             The model.
         max_distance
-            Distance (m) by which axes may miss the centre of the sphere, None for the
-            default. The centre is the point nearest to all axes.
+            Distance (m) by which axes may miss the centre of the sphere (the point nearest
+            to all axes), None for the default.
         """
         self._where = where
         self._foreign_model = foreign_model
@@ -91,26 +91,25 @@ class ImportedFile:
         )
 
     def _make_tables(self) -> dict[str, Table]:
-        """Return all tables of the file, by their names; some may be empty.
+        """Return all tables of the mechanism file, by their names; some may be empty.
 
-        Most steps add notes to the linkage, so the order of the statements is the order of
-        the notes.
+        Most steps append notes on what was left out. The order of the statements is
+        therefore the order of the notes.
         """
         linkage = self._linkage
-        # The model has couplings: fixed ratios of the angles of two hinges. Inputs are
-        # chosen so that loops and couplings determine the rates of all other hinges.
-        # Couplings become gears, some of which need an added link, an idler wheel. The
-        # couplings do not determine its angle. It is therefore added after the inputs are
-        # chosen, which would otherwise include its hinge.
+        # Inputs are chosen so that loops and couplings (linear equations between the rates
+        # of hinges) determine the rates of all other hinges. Couplings become gears, some
+        # of which need an added link, an idler wheel. No coupling contains its hinge, which
+        # would therefore be chosen as an input. So idler wheels are added after that.
         inputs = choose_inputs(linkage)
         gear_train = self._find_gears()
         linkage.add_idler_wheels(gear_train.idlers)
         contacts = self._contact_tables(gear_train.gears)
         masses: dict[str, Table] = {}
         links: Table = {linkage.link_name(link): {} for link in linkage.links}
-        # MuJoCo moves no body without mass. When spherekit exports a mechanism without
-        # masses, it invents masses and adds servos at the inputs. Such a model is imported
-        # without both.
+        # MuJoCo does not move bodies without mass. When spherekit exports a mechanism
+        # without masses, it adds invented masses, and servos at the inputs. Both are left
+        # out here.
         if self._foreign_model.has_made_up_masses:
             linkage.notes.append(
                 "the masses, which are not real according to the file, and its servos "
@@ -136,16 +135,15 @@ class ImportedFile:
         }
 
     def _find_gears(self) -> CoupledGears:
-        """Return gears that have the same equations as the couplings of hinges.
+        """Return bevel gears that have the same equations as the couplings of hinges.
 
-        A coupling is a linear equation between the rates of joints. A mechanism file has
-        bevel gears in its place.
+        A coupling is a linear equation between the rates of joints of the model. A
+        mechanism file can't have couplings, but it can have gears.
         """
-        # Pairs that close a loop are no joint of the model and have the number -1.
+        # A pair that only closes a loop is not a joint of the model and has the number -1.
         hinges = [pair for pair in self._linkage.pairs if pair.joint >= 0]
         couplings = self._foreign_model.couplings
-        # A link has the number of one of its bodies. Gears may need wheels as new links,
-        # whose numbers follow those of all bodies.
+        # Links have numbers of bodies. New links, for wheels, have numbers after these.
         first_new_link = len(self._linkage.link_by_body)
         try:
             return find_gears(hinges, couplings, first_new_link)
@@ -160,13 +158,15 @@ class ImportedFile:
     def _contact_tables(self, gears: Mapping[str, BevelGears]) -> dict[str, Table]:
         """Return the tables of the rolling contacts of gears, by the names of the pairs.
 
-        Two gears are a pair of the type ``"Cr"``: their pitch circles roll on each other. A
-        comment in the file says that the pair comes from joints at a constant ratio.
+        Two gears are a pair (joint) of the type ``"Cr"``: their pitch circles roll on each
+        other. A comment in the file says that the pair comes from joints at a constant
+        ratio.
 
         Parameters
         ----------
         gears
-            The pitch circles of two gears, by the name of the coupling that they replace.
+            The pitch circles of two gears, by the name of the coupling (equation between
+            the rates of joints) that they replace.
         """
         linkage = self._linkage
         pair_names = [pair.name for pair in linkage.pairs]
