@@ -251,8 +251,8 @@ class MidPlaneArchitecture:
         -------
         (n, k, 2) derivatives of phi and of gamma by these variables.
         """
-        # (n, k, 3). The direction p of the output changes at the rate w x p.
         velocities = np.swapaxes(angular_velocities, 1, 2)  # (n, k, 3)
+        # The direction p of the output changes at the rate w x p.
         direction_rates = cross(velocities, directions[:, None])
         normals, normal_rates = self._normal_rates(
             directions @ self.frame, direction_rates @ self.frame

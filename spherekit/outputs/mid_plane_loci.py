@@ -343,8 +343,8 @@ class _MidPlaneCurveSearch:
         (n,) measures. They are NaN where another leg does not reach the mid-plane, because
         there is no configuration.
         """
-        # (n, legs) measures of all legs. They are also the squares of the triple products n
-        # . (base axis x elbow) with the normal n.
+        # (n, legs) measures of all legs. They are also the squares of the triple products
+        # of normal, base axis and elbow.
         measures = self.form.plane.elbow_feet(normals).triple_product_square
         others_reach = np.all(np.delete(measures, leg, axis=1) >= 0.0, axis=1)
         return np.where(others_reach, measures[:, leg], np.nan)

@@ -484,7 +484,7 @@ class NearestPoseSearch:
         margins = values[0]  # (bounds,)
         margin_gradients = gradients[0]  # (bounds, d)
         # Steps inside have lengths of at most the last `INWARD_STEPS`. Margins above 1000
-        # times this length stay positive in such a step, so they are ignored.
+        # times this length are ignored, since such a step hardly makes them negative.
         has_gradient = np.linalg.norm(margin_gradients, axis=1) > 0.0
         is_active = (margins < 1e3 * INWARD_STEPS[-1]) & has_gradient
         normals = unit_rows(margin_gradients[is_active])
@@ -687,7 +687,7 @@ def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Flo
     if zero_satisfies_all:
         return np.zeros(d), np.zeros(len(offsets))
     # The columns of `system` are the inequalities. Each is divided by the length of its
-    # normal, which improves the conditioning.
+    # normal, so that this length has no influence.
     normal_lengths = np.linalg.norm(normals, axis=1)
     system = np.vstack([normals.T, offsets]) / normal_lengths
     target = np.append(np.zeros(d), 1.0)

@@ -261,8 +261,9 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         or depends on the other inputs, or if a part of the mechanism is rigid.
     """
     inputs = driven_pairs(mechanism)
-    # Check the mobility. The pebble game is an algorithm that counts the degrees of freedom
-    # of all parts of a graph. It is None if redundant constraints make the count useless.
+    # Check the mobility: with all inputs but the first locked, the first must still move.
+    # The pebble game is an algorithm that counts the degrees of freedom of all parts of a
+    # graph. It is None if redundant constraints make the count useless.
     _, pebble_game = check_mobility(
         mechanism, driven=inputs, locked=inputs[1:], by_rank=by_rank
     )

@@ -199,7 +199,8 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     ancestors: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
-        # The poles of an irreducible part need primary poles only.
+        # The poles of an irreducible part need primary poles only, so each is its only
+        # ancestor.
         if isinstance(step, BlockPoles):
             primary_poles = [pole_of(*whole_plan.ends[pair]) for pair in step.pairs]
             for pole in step.poles:

@@ -56,7 +56,8 @@ class InputGrid:
         + 1 the previous one. At a border of the grid the index is -1.
         """
         # Numbers of the samples in the shape of the grid, with a border of -1. Shifted by
-        # one along an axis, this array has the neighbour of each sample.
+        # one along an axis, this array has the neighbour of each sample. The border is then
+        # removed.
         padded = np.pad(np.arange(len(self)).reshape(self.shape), 1, constant_values=-1)
         interior = (slice(1, -1),) * len(self.shape)
         rows = []
