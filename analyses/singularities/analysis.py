@@ -130,7 +130,7 @@ class SingularityAnalysis(AbstractAnalysis):
 
         1. Those of the parameter `output`.
         2. Those that the mechanism declares. If it has one input, the motion of the input
-        pair (joint) itself is left out.
+           pair (joint) itself is left out.
         3. Motions, relative to the ground, of links that a pair joins to the ground.
         4. Motions, relative to the ground, of all links.
 

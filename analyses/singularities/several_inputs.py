@@ -406,8 +406,8 @@ class SeveralInputs:
         """Return the columns of the relation of an output and one input that moves alone.
 
         The input moves at the rate q' while the others are locked. The output turns about
-        its pole axis (axis of relative rotation) u at the angular velocity w, with c w = d
-        q'. At singularities of type II c is 0, at those of type I d is 0.
+        its pole axis (axis of relative rotation) u at the angular velocity w, with
+        c w = d q'. At singularities of type II c is 0, at those of type I d is 0.
 
         Parameters
         ----------

@@ -33,8 +33,8 @@ def differentiate(
         item have the derivative zero.
     """
     # If a known node is -1 * x, the derivative of x is needed, too. The reason is that
-    # minus signs are moved outwards: (-1 * x) * y is stored as -1 * (x * y), which has x
-    # alone.
+    # minus signs are moved outwards: (-1 * x) * y is stored as -1 * (x * y),
+    # which has x alone.
     known_rates: dict[Any, Expr] = {}
     for node, rate in rates.items():
         negated_node = negated_operand(node)  # None if the node is not -1 * x

@@ -125,8 +125,8 @@ def _frames_from_pose(
     )
     # R are the orientations of the links, and Z(v) is the rotation about z by the variable
     # v. Then R_second second_frame = R_first first_frame Z(v). In the reference pose both R
-    # are the unit matrix. So second_frame = first_frame Z(value), with the value of v
-    # there.
+    # are the unit matrix. So second_frame = first_frame Z(value),
+    # with the value of v there.
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     return first_frame, second_frame @ about_z(value)
 

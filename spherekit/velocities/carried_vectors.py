@@ -377,10 +377,10 @@ def _vector_along_curve(
 ) -> CarriedVector:
     """Return the vector of a contact that moves along a profile, per unit of arc length.
 
-    The vector is the angular velocity of the second link relative to the first. It is n + k
-    p, with the normal n, point p and curvature k of the profile at the contact. Let t be
-    the tangent, and primes derivatives by the arc length, as seen from the link. Because n'
-    = -k t and p' = t,
+    The vector is the angular velocity of the second link relative to the first. It is
+    n + k p, with the normal n, point p and curvature k of the profile at the contact. Let t
+    be the tangent, and primes derivatives by the arc length, as seen from the link. Because
+    n' = -k t and p' = t,
 
         first derivative:  k' p
         second derivative: k' t + k'' p

@@ -633,8 +633,8 @@ class DesignExpressions:
         if self._rest_together(link_name, other_name, moving):
             return 0.0
         # The relative angular velocity is the coefficient c times a unit vector u, so its
-        # derivative is c' u + c u'. Because u' is perpendicular to u, the component along u
-        # is c'.
+        # derivative is c' u + c u'. Because u' is perpendicular to u,
+        # the component along u is c'.
         dw = self._link_velocity_derivatives[moving]
         direction = self._relative_direction(link_name, other_name, moving)
         return dot(dw[link] - dw[other], direction)
@@ -748,9 +748,9 @@ class DesignExpressions:
 
         The motion is linearised about the present sample. Let M be the inertia matrix, a
         the accelerations of the inputs, and T the torques that the motion needs. Small
-        changes of the applied torques or of the motion change the accelerations by da =
-        M^-1 (dT_applied - dT). Here dT is the change of T at constant accelerations. The
-        loops stay closed.
+        changes of the applied torques or of the motion change the accelerations by
+        da = M^-1 (dT_applied - dT). Here dT is the change of T at constant accelerations.
+        The loops stay closed.
 
         Parameters
         ----------

@@ -534,10 +534,10 @@ def _solve_private_rates(
 def _solve_private_rates_of_dyad(loop: LoopVectorEquation, third: int) -> dict[int, Expr]:
     """Return the rates of the private variables of a dyad, times its determinant D.
 
-    A dyad (two links joined by a pair) has one loop with three unknown rates x, y and z: x
-    a + y b + z d + c = 0. Here a, b and d are the vectors of the variables, and c is known.
-    The private variables, with x and y, were eliminated first. The component along a x b
-    gives z and the determinant D = (a x b) . d. By Cramer's rule
+    A dyad (two links joined by a pair) has one loop with three unknown rates x, y and z:
+    x a + y b + z d + c = 0. Here a, b and d are the vectors of the variables, and c is
+    known. The private variables, with x and y, were eliminated first. The component along
+    a x b gives z and the determinant D = (a x b) . d. By Cramer's rule
 
         D x = b . (c x d),   D y = -a . (c x d).
 

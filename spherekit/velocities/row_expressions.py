@@ -258,8 +258,8 @@ class RowExpressions(VelocityEquations):
 
         - Velocities: an input moves with the angular velocity w. On the right-hand side
           this is the offset e = -w of its pair.
-        - Accelerations: the pairs have accelerations b that depend on velocities. With e =
-          -b, the results are the accelerations of the variables.
+        - Accelerations: the pairs have accelerations b that depend on velocities. With
+          e = -b, the results are the accelerations of the variables.
         - Closing loops: loops are open by small rotations. With these as offsets, the
           results are a step of Newton's method that closes the loops.
 

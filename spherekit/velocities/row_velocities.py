@@ -666,8 +666,8 @@ class RowVelocities:
         - of u: error(v) / |v|,
         - of the velocity coefficient v . u = |v|: error(v),
         - of the acceleration coefficient dv . u: error(dv) + error(u) |dv|,
-        - of the derivative of u, (dv - (dv . u) u) / |v|: (error(dv) + 2 error(u) |dv|) /
-          |v|. One error(u) comes from u, the other from |v|.
+        - of the derivative of u, (dv - (dv . u) u) / |v|:
+          (error(dv) + 2 error(u) |dv|) / |v|. One error(u) is for u, the other for |v|.
 
         Parameters
         ----------
