@@ -137,28 +137,28 @@ def exact_rows(
 ) -> ExactRows:
     """Return reference values of some rows of a motion, computed with many digits.
 
-    One input moves at unit rate while the others are locked. Values are balls, which are
-    numbers with an error bound. The inputs, arcs, angles, radii and coefficients count as
-    exact float64 numbers. The float64 components of an axis or centre make no exact unit
-    vector. They are therefore divided by the length of the vector in many digits.
+    They serve to check results of normal precision. A row is one configuration. One input
+    moves at unit rate while the others are locked. Values are balls (numbers with a bound
+    of their error). All sizes and inputs count as exact float64 numbers. The components of
+    an axis are not exactly a unit vector, so they are divided by the length in many digits.
 
     Parameters
     ----------
     motion
-        Any motion. Newton's method closes the loops from its variables. Its inputs keep
-        their values.
+        Any motion. Newton's method closes the loops from its configurations, at constant
+        inputs.
     rows
         (n,) which rows of the motion are computed.
     driven
-        Number of the input pair that moves. The others are locked.
+        Number of the input pair (joint) that moves.
     arithmetic
         The number of decimal digits. By default 20, four more than float64 has.
     order
-        1 for the angular velocities w of the links alone, 2 for their derivative dw by the
-        input as well, 3 for the second derivative ddw as well.
+        1 for the angular velocities w of the links, 2 for their derivatives dw by the input
+        as well, 3 for the second derivatives ddw as well.
     inputs
-        (computed rows, inputs) balls (rad), if the exact inputs are known in more digits
-        than the motion has. By default the float64 inputs of the motion are exact.
+        (computed rows, inputs) exact inputs (rad) as balls, if they have more digits than
+        float64. By default the float64 inputs of the motion are exact.
 
     Raises
     ------
@@ -272,16 +272,15 @@ def _nan_unless(is_good: Bools, balls: Array) -> Array:
 
 
 def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
-    """Return the status (n,) of reference rows, OK or the reason why they have no solution.
+    """Return the status (n,) of reference rows: OK, or why there is no solution.
 
-    Newton's method computes a solution in many digits from each row of the motion. The
-    status of a row is the first one of these that applies:
+    Newton's method computes a solution in many digits from each row (configuration) of the
+    motion. The first of these that applies is the status:
 
-    1. If the row of the motion had failed, it keeps the status with the reason. A row that
-       is OK but has values that are not finite is NOT_CONVERGED: it gives Newton's method
-       no start.
-    2. MODE_LOST: the solution may be in another assembly mode than the row. It is too far
-       from the row, or another solution may be as near to the row.
+    1. If the row of the motion has failed, its own status. A row that is OK, but not
+       finite, is NOT_CONVERGED, since Newton's method cannot start from it.
+    2. MODE_LOST: the solution may be in another assembly mode (way to assemble the
+       mechanism). It is too far from the row, or another solution may be as near.
     3. NOT_CLOSED: the loops of the solution are open.
     4. The status of Newton's method.
 
@@ -300,7 +299,7 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     is_too_far = closure.distance > _largest_distance_from_row(motion)
     may_be_other_mode = closure.is_ambiguous | is_too_far
     is_open = closure.residual > CLOSURE_TOLERANCE
-    # The first condition that is true decides.
+    # The first true condition decides.
     status = np.select(
         [had_failed, is_converged & may_be_other_mode, is_converged & is_open],
         [reason_of_failure, Status.MODE_LOST, Status.NOT_CLOSED],
@@ -323,16 +322,16 @@ def _largest_distance_from_row(motion: Motion) -> Floats:
 def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
     """Return some rows of a motion, with configurations replaced by reference values.
 
-    Reference values were computed with many digits. The configurations are rounded to
-    float64 here, which opens the loops by about 1e-16 rad. The stored closure residual is
-    that before rounding: it tells how well the solution was computed.
+    A row is one configuration. Reference values have many digits, and are rounded to
+    float64 here. This opens the loops by about 1e-16 rad. The stored closure residual is
+    still that before the rounding: it says how well the solution was computed.
 
     Parameters
     ----------
     motion
         The motion.
     rows
-        (n,) which rows of the motion the reference values belong to.
+        (n,) the rows of the motion to which the reference values belong.
     reference
         The reference values of these rows.
     """
@@ -346,36 +345,36 @@ def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
 
 
 def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
-    """Return the direction of a pole in reference rows.
+    """Return the direction of a pole in reference rows (configurations in many digits).
 
-    The pole of two links is the axis of their relative rotation while one input moves. It
-    is the axis or contact point of the pair that joins both links. Without a pair it is the
-    direction of the relative angular velocity, or of its derivative by the input if the
-    links are at relative rest.
+    The pole of two links is the axis of their relative rotation while one input moves. If a
+    pair (joint) joins both links, it is the axis or contact point of the pair. Otherwise it
+    is the direction of the relative angular velocity. If the links are at relative rest,
+    the derivative of this velocity by the input replaces it.
 
     Parameters
     ----------
     reference
-        The reference rows, computed with derivatives of the angular velocities (order 2 or
-        3).
+        The reference rows. They need derivatives of the angular velocities (order 2 or 3).
     pole
         Numbers of the two links.
     toward
-        (n, 3) vectors (ground axes). The direction is oriented to their side.
+        (n, 3) vectors in ground axes. Of two opposite directions, the one on their side is
+        returned.
 
     Returns
     -------
     (n, 3) unit vectors in ground axes, as balls (numbers with a bound of their error). NaN
-    where `toward` or the reference is NaN, and where rounding could rotate the direction by
+    where `toward` or the reference is NaN, and where rounding could turn the direction by
     1e-6 rad.
 
     Raises
     ------
     ValueError
-        If the rows were computed with order 1, without derivatives.
+        If the rows have no derivatives (order 1).
     """
     with reference.arithmetic.within(), np.errstate(all="ignore"):
-        # Rows without derivatives are refused for all poles alike.
+        # Reading `slopes` raises the ValueError, also for poles that do not need it.
         derivatives = reference.slopes
         joining_pair = reference.mechanism.pole_pairs.get(pole)
         if joining_pair is not None:
@@ -406,12 +405,12 @@ def _vector_of_relative_motion(
     """Return a vector along the axis about which two links rotate relative to each other.
 
     It is the relative angular velocity. At relative rest it is the derivative of this
-    velocity by the input: the axis about which the links start to rotate.
+    velocity by the input, the axis about which the links start to rotate.
 
     Parameters
     ----------
     reference
-        The reference rows.
+        The reference rows (configurations with velocities in many digits).
     derivatives
         (n, links, 3) derivatives of the angular velocities by the input.
     pole
@@ -419,8 +418,8 @@ def _vector_of_relative_motion(
 
     Returns
     -------
-    (n, 3) vectors of any length in ground axes, as balls. NaN where rounding could rotate
-    the direction by 1e-6 rad.
+    (n, 3) vectors of any length in ground axes, as balls (numbers with a bound of their
+    error). NaN where rounding could turn the direction by 1e-6 rad.
     """
     velocity = _relative_vector(reference.w, pole)
     derivative = _relative_vector(derivatives, pole)
@@ -472,15 +471,15 @@ def _derivative_rounding(reference: ExactRows) -> Floats:
 class _RelativeMotion:
     """In which rows two links move relative to each other, and in which they rest.
 
-    Where both are false, neither is known: the relative velocity exceeds its rounding
-    error, but not by enough.
+    A row is one configuration with velocities. Where both are false, rounding leaves open
+    whether the links move.
 
     Attributes
     ----------
     moves
-        (n,) whether the links move, about an axis that rounding cannot rotate by 1e-6 rad.
+        (n,) whether the links move, about an axis that rounding cannot turn by 1e-6 rad.
     rests
-        (n,) whether the links rest, as far as rounding lets one tell.
+        (n,) whether the relative velocity is zero up to rounding.
     """
 
     moves: Bools
@@ -490,9 +489,10 @@ class _RelativeMotion:
 def _find_relative_motion(reference: ExactRows, pole: Pole) -> _RelativeMotion:
     """Return in which rows two links move relative to each other, and in which they rest.
 
-    The relative angular velocity is compared with its rounding error. The links move if it
-    is more than `DIRECTION_ROUNDING_RATIO` times as large, and rest if it is at most
-    `ROUNDING_STEP_RATIO` times as large.
+    A row is one configuration with velocities in many digits. The relative angular velocity
+    is compared with its rounding error. The links move if the velocity is above
+    `DIRECTION_ROUNDING_RATIO` times the error. They rest if it is at most
+    `ROUNDING_STEP_RATIO` times the error. Between these limits neither is certain.
 
     Parameters
     ----------
@@ -505,29 +505,29 @@ def _find_relative_motion(reference: ExactRows, pole: Pole) -> _RelativeMotion:
     speed = _relative_size(velocity, reference.w, pole)
     rounding = _velocity_rounding(reference)
     exceeds_rounding = speed > ROUNDING_STEP_RATIO * rounding
-    # Rows without a velocity (NaN) count as at rest. All their results are NaN anyway.
+    # In rows without velocity (NaN) the links count as at rest; all results are NaN anyway.
     return _RelativeMotion(moves=_has_direction(speed, rounding), rests=~exceeds_rounding)
 
 
 def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
     """Return the size of the difference of two links' vectors, relative to their own size.
 
-    A size is the largest magnitude of a component. The vectors are angular velocities per
-    unit rate of the input, or their derivatives. A size of less than 1, the rate of the
-    input, counts as 1.
+    The result shows whether the difference is more than rounding. The vectors are angular
+    velocities at unit rate of the input, or their derivatives. A size is the largest
+    magnitude of a component. Own sizes below 1, the rate of the input, count as 1.
 
     Parameters
     ----------
     relative
-        (n, 3) the relative vectors.
+        (n, 3) differences of the vectors of the two links.
     vectors
         (n, links, 3) the vectors of all links.
     pole
-        The two links.
+        Numbers of the two links.
 
     Returns
     -------
-    (n,) the ratio to the larger of 1 and the largest component of both links.
+    (n,) size of the difference, divided by the larger of 1 and the sizes of both vectors.
     """
     first_link, second_link = pole
     # (n, 6) the components of both vectors.
@@ -611,10 +611,12 @@ def _round_where_known(
 ) -> dict[Key, Floats]:
     """Round reference numbers to float64, with NaN where the values of a field are NaN.
 
+    A field has a quantity for several poles (axes of relative rotation) or links.
+
     Parameters
     ----------
     field_values
-        The values of the field, by pole or link.
+        The values of the field, by pole or by link.
     balls
         Reference numbers by the same keys, in many digits with a bound of their error.
     """
@@ -644,19 +646,19 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
 
     The pole of two links is the axis of their relative rotation. There are four cases:
 
-    - The pole is the axis of an R pair. It turns with either of both links.
+    - The pole is the axis of a revolute pair (joint). It turns with both links.
     - The links move relative to each other. u' follows from their relative velocity and its
       derivative.
-    - The links touch in a rolling contact and rest relative to each other. The contact
-      point does not move along their profiles, so it turns with either of both links.
-    - In all other rows u' is NaN: the links rest and are not joined by a pair, or rounding
-      errors leave open whether they rest.
+    - The links touch in a rolling contact, and rest relative to each other. The contact
+      point rests on both, so it turns with both.
+    - Otherwise u' is NaN: the links rest and no pair joins them, or rounding leaves open
+      whether they rest.
 
     Parameters
     ----------
     reference
-        Angular velocities of the links, and their derivatives by the input, in many digits.
-        They are balls: numbers with an error bound. The result has the centres only.
+        Angular velocities of the links, and their derivatives by the input, in balls
+        (numbers with a bound of their error). The result has no bounds.
     pole
         Numbers of the two links.
     direction
@@ -668,6 +670,7 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
         return _derivative_with_link(reference, joining_pair, direction)
     motion = _find_relative_motion(reference, pole)
     derivative = np.full((len(direction), 3), np.nan)
+    # For contacts, the derivative in rows in which the links rest.
     if joining_pair is not None:
         with_link = _derivative_with_link(reference, joining_pair, direction)
         derivative[motion.rests] = with_link[motion.rests]
@@ -679,19 +682,22 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
 def _derivative_with_link(reference: ExactRows, pair: int, direction: Array) -> Floats:
     """Return the derivative w x u (n, 3) of a direction u that is fixed in a link.
 
+    u is the direction of a pole (axis of the relative rotation of two links).
+
     Parameters
     ----------
     reference
-        Reference rows with the angular velocity w of the link, as balls.
+        Reference rows with the angular velocity w of the link, in balls (numbers with a
+        bound of their error).
     pair
-        Number of the pair. The first of its links is used.
+        Number of the pair (joint) with this direction. The first of its links is used.
     direction
         (n, 3) the direction u, as balls.
     """
     link = reference.mechanism.ends[pair][0]
-    # The product is computed in balls and rounded afterwards, so that it is zero if the
-    # axis rests. A product of rounded factors would leave a rounding error. It would exceed
-    # the error bound of the run, which can be 0 for an axis at rest.
+    # The product is rounded only at the end, so that it is exactly zero if the axis rests.
+    # Otherwise its rounding error could exceed the error bound of the motion, which can be
+    # 0.
     return centre_floats(np.cross(reference.w[:, link], direction))
 
 
@@ -700,14 +706,16 @@ def _derivative_by_relative_velocity(
 ) -> Floats:
     """Return the derivative u' (n, 3) of a pole direction u while the links move.
 
-    The relative angular velocity per unit rate of the input is v = k u. Its derivative is
-    v' = k' u + k u', and u' is at right angles to u. So u' is the part of v' at right
-    angles to u, divided by k.
+    The pole is the axis of the relative rotation of two links. At unit rate of the input,
+    their relative angular velocity is v = k u with a number k. Its derivative is v' = k' u
+    + k u', and u' is perpendicular to u. So u' is the part of v' perpendicular to u,
+    divided by k.
 
     Parameters
     ----------
     reference
-        Reference rows with the angular velocities and their derivatives, as balls.
+        Reference rows with the angular velocities and their derivatives, in balls (numbers
+        with a bound of their error).
     pole
         Numbers of the two links.
     direction
@@ -715,14 +723,14 @@ def _derivative_by_relative_velocity(
 
     Returns
     -------
-    The derivatives, without meaning where the links rest (k is 0).
+    The derivatives. They have no meaning where the links rest (k = 0).
     """
     v = _relative_vector(reference.w, pole)
     # `slopes` are the derivatives of w by the input.
     dv = _relative_vector(reference.slopes, pole)
     dv_along = np.sum(dv * direction, axis=1)[:, np.newaxis] * direction
     k = np.sum(v * direction, axis=1)
-    # The difference is computed in balls, as it may be small. The quotient is not.
+    # The difference may be small, so it is computed in balls. The quotient needs no balls.
     with np.errstate(all="ignore"):
         return centre_floats(dv - dv_along) / centre_floats(k)[:, np.newaxis]
 

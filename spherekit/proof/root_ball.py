@@ -64,17 +64,17 @@ Larger: more trials in vain. Smaller: real solutions that coincide nearly may be
 class CertifiedRoot:
     """A solution of the equations that is proven to exist and to be the only one nearby.
 
-    The unknowns are angles, which may be complex. A ball is a number with a bound of its
-    error.
+    The unknowns are angles, real or complex. A ball is a number with a bound of its error.
 
     Attributes
     ----------
     centre
-        Balls of radius 0: an approximation of each unknown angle (rad), real or complex.
+        Approximate unknown angles (rad), real or complex, as balls of radius 0.
     radius
-        Largest difference (rad) of the solution from the centre in an angle.
+        Bound (rad) of the difference between the solution and the centre, in each angle.
     unique
-        A radius (rad) about the centre, in each angle: no other solution is within it.
+        Radius (rad) about the centre, in each angle, within which there is no other
+        solution.
     real
         True if the solution is proven to be real, False if it is proven not to be.
     """
@@ -89,33 +89,33 @@ class CertifiedRoot:
         return [_widen_angle(angle, self.radius, self.real) for angle in self.centre]
 
     def differs_from(self, other: "CertifiedRoot") -> bool:
-        """Return whether two solutions are proven different, modulo turns."""
+        """Return whether two solutions are proven to differ by more than whole turns."""
         return any(
             not point.overlaps(other_point)
             for point, other_point in zip(self.points(), other.points(), strict=True)
         )
 
     def attracts(self, approximation: Sequence[complex]) -> bool:
-        """Return whether an approximation (rad) is within half of `unique`, modulo turns.
+        """Return whether an approximation (rad) is so near that Newton's method leads here.
 
-        Newton's method from there leads to this solution: within `unique` the derivatives
-        change so little that a step at least halves the distance from the solution.
+        This is certain within half of `unique`, up to whole turns: there the derivatives
+        change so little that each step at least halves the distance.
         """
         offset = np.array(approximation) - [complex(angle) for angle in self.centre]
         distance = np.abs(wrap(offset.real) + 1j * offset.imag)
         return bool(np.all(distance < 0.5 * self.unique))
 
     def points(self) -> list[Ball]:
-        """Return e^(i angle) of the unknown angles, as numbers with error bounds."""
+        """Return e^(i angle) of the unknown angles, as balls that contain the solution."""
         return [(complex_ball(1j) * angle).exp() for angle in self.balls()]
 
 
 def find_root(
     equations: ArcEquations, known_angles: Sequence[Ball], approximation: Sequence[complex]
 ) -> CertifiedRoot | None:
-    """Return the solution near an approximation, None if none is proven.
+    """Return the solution of the equations near an approximation, None if none is proven.
 
-    Newton's method improves the approximation. A ball about the result is then proven to
+    Newton's method improves the approximation. Then a ball about the result is proven to
     contain exactly one solution. A ball is a number, here a complex angle, with a bound of
     its error.
 
@@ -124,17 +124,17 @@ def find_root(
     equations
         The equations of the mechanism.
     known_angles
-        Balls (rad) of all variables that are not unknown.
+        The given variables (rad), such as inputs, in balls.
     approximation
-        The unknown angles (rad).
+        Approximate values of the unknown angles (rad).
     """
     start = np.array([complex_ball(angle) for angle in approximation])
-    # A division by a ball that contains 0 raises the error. Nothing is proven then.
+    # Dividing by a ball that contains 0 raises this error; then nothing is proven.
     try:
         x = _improve_root(equations, known_angles, start)
         if x is None:
             return None
-        # If all imaginary parts are nearly 0, a real solution is tried first.
+        # A solution that looks real is first proven as a real one.
         largest_imaginary = max(upper_magnitude(angle.imag) for angle in x)
         if largest_imaginary < REAL_TRIAL_IMAGINARY_RAD:
             real_parts = np.array([angle.real for angle in x])
@@ -151,23 +151,24 @@ def _improve_root(
 ) -> Array | None:
     """Return an approximate solution by Newton's method, None if it diverges.
 
-    It ends if a step is negligible, or after `MAX_ROOT_STEPS` steps.
+    The method stops at a negligible step, or after `MAX_ROOT_STEPS` steps. A ball is a
+    number with a bound of its error.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     known_angles
-        Balls (rad) of all variables that are not unknown.
+        The given variables (rad), such as inputs, in balls.
     start
-        (k,) balls of radius 0: the unknown angles (rad), complex.
+        (k,) approximate unknown angles (rad), complex, as balls of radius 0.
 
     Returns
     -------
-    (k,) balls of radius 0.
+    (k,) the unknown angles (rad), as balls of radius 0.
     """
-    # Newton's method doubles the correct digits. After a step smaller than this, all digits
-    # are correct.
+    # Each step doubles the number of correct digits. After a step below this, all are
+    # correct.
     last_step_rad = 2.0 ** (-precision_bits() / 2)
     x = start
     for _ in range(MAX_ROOT_STEPS):
@@ -199,23 +200,22 @@ def _certify_root(
 ) -> CertifiedRoot | None:
     """Return the solution near an approximation x, None if it is not proven.
 
-    A ball about x is chosen. The derivatives in the whole ball give a bound of the distance
-    of a solution from x. If it is less than the radius of the ball, the ball contains
-    exactly one solution (interval Newton method).
+    A ball about x is chosen (an interval for each angle). Derivatives in the whole ball
+    bound the distance of a solution from x. If this bound is less than the radius, the ball
+    contains exactly one solution (interval Newton method).
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     known_angles
-        Balls (rad) of all variables that are not unknown.
+        The given variables (rad), such as inputs, in balls.
     x
-        (k,) balls of radius 0: the approximation, real or complex.
+        (k,) the approximation (rad), real or complex, as balls of radius 0.
     real
-        Whether x is real. The solution is then real as well: its conjugate is a solution in
-        the same ball, which has one solution only. If x is not real, the result has to be
-        proven not to be real: some angle must have an imaginary part larger than the radius
-        of the solution.
+        Whether x is real. Then the solution is real, too: its conjugate is also a solution
+        in the ball, which has only one. If x is not real, the solution must be proven not
+        to be real: some imaginary part exceeds the radius of the solution.
     """
     values, slopes = _evaluate(equations, x, known_angles)
     unique = _choose_uniqueness_radius(equations, x, slopes)
@@ -224,8 +224,7 @@ def _certify_root(
     distance = bound_zero_distance(values, slopes_in_ball)
     if not distance < unique:
         return None
-    # The margin lets a checking program repeat the proof if its bounds are a little larger.
-    # The radius is at least 1e-300, not 0.
+    # The margin allows a checking program slightly larger bounds. The radius must not be 0.
     with_margin = max(SOLUTION_MARGIN * distance, 1e-300)
     radius = min(with_margin, unique)
     is_proven_complex = any(lower_magnitude(ball.imag) > radius for ball in x)
@@ -237,21 +236,22 @@ def _certify_root(
 def _choose_uniqueness_radius(equations: ArcEquations, x: Array, slopes: Array) -> float:
     """Return the radius (rad) of a ball about x in which F' should change little.
 
-    F are the equations, F' their derivatives by the unknown angles, and Y is near the
-    inverse of F' at x. Y F' should change by at most 1/5 in the ball of radius r:
+    F are the equations, F' their derivatives by the unknown angles, and Y approximates the
+    inverse of F' at x. In a ball of radius r, Y F' should change by at most 1/5:
 
         |Y (F'(z) - F'(x))| <= |Y| r (sum of all |F''|) <= 1/5.
 
-    No proof relies on this. A larger ball would make the following proof fail.
+    In a larger ball, the proof of a unique solution would fail. The proof itself does not
+    depend on how r was chosen.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     x
-        (k,) balls of radius 0: the centre, real or complex.
+        (k,) the centre (rad), real or complex, as balls of radius 0.
     slopes
-        (k, k) balls: F' at x.
+        (k, k) derivatives F' at x, in balls (numbers with a bound of their error).
     """
     second_derivatives = _bound_sum_of_second_derivatives(equations, x)
     inverse_size = np.vectorize(upper_magnitude)(_approximate_inverse(slopes))
@@ -262,10 +262,10 @@ def _choose_uniqueness_radius(equations: ArcEquations, x: Array, slopes: Array) 
 def _bound_sum_of_second_derivatives(equations: ArcEquations, x: Array) -> Floats:
     """Return for each equation a bound (k,) of the sum of its second derivatives at x.
 
-    An equation is a trigonometric polynomial with a degree in each angle. At real angles
-    its second derivative by the angles i and j is at most C d_i d_j, with the degrees d and
-    the constant C (`derivative_bound`). The sum over all i and j is C (sum of d)^2.
-    Imaginary parts of the angles y increase it by the factor exp(sum of d ``|y|``).
+    An equation is a trigonometric polynomial of degree d_i in angle i. At real angles its
+    second derivative by the angles i and j is at most C d_i d_j, with a constant C
+    (`derivative_bound`). The sum over all i and j is C (sum of d)^2. Complex angles, with
+    imaginary parts y, increase it by the factor exp(sum of d ``|y|``).
 
     Parameters
     ----------
@@ -290,23 +290,24 @@ def _widen_angle(angle: Ball, radius: float, real: bool) -> Ball:
 def bound_zero_distance(values: Array, slopes: Array) -> float:
     """Return a bound of the distance of a zero of F from the centre of balls.
 
-    By the mean value theorem, a zero z has the distance z - x = -(F')^-1 F(x) from the
-    centre x, where each row of F' is taken at some point of the balls. The result is the
-    largest component of (Y F')^-1 Y F(x) for all F' in the balls. The matrix Y, an
-    approximate inverse of the centre of F', does not change the product, but makes Y F' a
-    small ball about the identity. If the radii of the balls exceed the bound, the balls
-    contain exactly one zero (interval Newton method, Moore).
+    If the radii of the balls exceed the bound, the balls contain exactly one zero (interval
+    Newton method, Moore). A ball is a number with a bound (radius) of its error.
+
+    By the mean value theorem, a zero z and the centre x satisfy z - x = -(F')^-1 F(x),
+    where each row of F' is taken at some point in the balls. The result is the largest
+    component of (Y F')^-1 Y F(x) for all F' in the balls. Y approximates the inverse of F'
+    at the centre, so that Y F' is near the identity.
 
     Parameters
     ----------
     values
-        (k,) balls: F at the centre.
+        (k,) values of F at the centre, in balls.
     slopes
-        (k, k) balls: F' anywhere in the balls.
+        (k, k) derivatives F' everywhere in the balls.
 
     Returns
     -------
-    The bound (rad), infinity if F' may be singular in the balls.
+    The bound (rad). Infinity if F' may be singular.
     """
     # A matrix that may be singular raises ZeroDivisionError.
     try:

@@ -65,26 +65,24 @@ given up.
 class Polynomials:
     """The polynomials of a system for m sets of given values, with error bounds.
 
-    They are polynomials in z = e^(i angle) of each unknown angle. The given values are
-    those of the inputs, and of the unknowns of systems that were solved before.
+    They are polynomials in z = e^(i angle) of each unknown angle. Given values are those of
+    the inputs, and of the unknowns of systems that were solved before.
 
     Attributes
     ----------
     coefficients
-        For each of the k equations an array (m, 2 d_1 + 1, 2 d_2 + 1, ...) of coefficients.
-        The first axis is the set of given values. Each further axis is the power of z of
-        one unknown, from 0 to 2 d, with the trigonometric degree d of the equation in this
-        unknown.
+        For each of the k equations an array (m, 2 d_1 + 1, 2 d_2 + 1, ...). The first axis
+        is the set of given values. Each further axis is the power of z of one unknown, from
+        0 to 2 d. Here d is the trigonometric degree of the equation in this unknown.
     coefficient_derivatives
         For each equation (m, given, ...): derivatives of the coefficients by the given
         variables.
     error
-        (k,) for each equation a bound of the error of every coefficient.
+        (k,) for each equation a bound of the errors of its coefficients.
     derivative_bound
         (k,) for each equation a number C that bounds its derivatives at real angles. With
-        the degrees d_1, d_2, ... in the angles 1, 2, ..., the derivative by angle 1 is at
-        most C d_1, that by angles 1 and 2 at most C d_1 d_2, and so on (Bernstein's
-        inequality).
+        the degrees d_1, d_2, ..., the derivative by angle 1 is at most C d_1, that by the
+        angles 1 and 2 at most C d_1 d_2, and so on (Bernstein's inequality).
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """
@@ -123,8 +121,7 @@ class ChartRoots:
     def from_points(points: Complexes, row: Indices) -> "ChartRoots":
         """Store each coordinate of points as it is, or as its inverse if it exceeds 1.
 
-        Stored numbers therefore have magnitudes of at most 1, also those of coordinates at
-        infinity, whose inverse is 0.
+        So stored numbers have magnitudes of at most 1, also for points at infinity.
 
         Parameters
         ----------
@@ -132,10 +129,10 @@ class ChartRoots:
             (n, k) coordinates e^(i angle) of k unknown angles. Infinite numbers and NaN
             stand for points at infinity.
         row
-            (n,) number of the set of given values (inputs, and unknowns of systems that
-            were solved before) to which each point belongs.
+            (n,) number of the set of given values to which each point belongs. Given values
+            are those of inputs, and of unknowns that were solved before.
         """
-        # The negated comparison includes NaN.
+        # The negation also covers NaN.
         inverse = ~(np.abs(points) <= 1.0)
         z = np.where(inverse, 1.0 / points, points)
         return ChartRoots(np.where(np.isfinite(points), z, 0.0), inverse, row)
@@ -146,24 +143,22 @@ class ChartRoots:
         return np.where(self.inverse, 1.0 / self.z, self.z)
 
     def pairwise_gaps(self, count: int) -> Floats:
-        """Return how far the roots of each row are from each other.
+        """Return how far the roots of each row are from each other, also at infinity.
 
-        A row is one set of values of the given variables (the inputs, and the unknowns of
-        systems that were solved before). A coordinate e^(i angle) of a root is written as a
-        fraction a / b: as z / 1, or as 1 / z if its inverse z is stored, with b = 0 for
-        infinity. |z| is at most 1. Two such coordinates a / b and c / d are equal if
-        |a d - c b| is 0. This number is their gap. It is at most 2, and unlike
-        |a / b - c / d| it is finite at infinity.
+        A row is one set of values of the given variables (inputs, and unknowns that were
+        solved before). A coordinate e^(i angle) of a root is written as a fraction a / b:
+        as z / 1, or as 1 / z if its inverse z is stored. Two coordinates a / b and c / d
+        are equal if their gap |a d - c b| is 0. As |z| is at most 1, the gap is at most 2.
 
         Parameters
         ----------
         count
-            Number of roots of each row; the rows follow each other.
+            Number of roots in each row. The rows follow each other.
 
         Returns
         -------
-        (m, count, count) for each of m rows, and each first and second root in it, the
-        largest gap over the unknowns.
+        (m, count, count) for m rows, with the first and the second root as further axes:
+        the largest gap of any unknown.
         """
         unknown_count = self.z.shape[1]
         shape = (-1, count, unknown_count)
@@ -184,9 +179,9 @@ class ChartRoots:
     def evaluate(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the values of polynomials in the stored z, at n points.
 
-        Let P be a polynomial in x = e^(i angle) of degree s, with the coefficients c_p. The
-        stored z is x or 1 / x, whichever has a magnitude of at most 1, so that large
-        numbers and infinity do not occur. The value at a point is
+        Let P be a polynomial of degree s in x = e^(i angle), with coefficients c_p. The
+        stored z is x or 1 / x, with a magnitude of at most 1. So no numbers are large or
+        infinite. The value at a point is
 
             P(z) = sum of c_p z^p,                  if z = x is stored,
             z^s P(1 / z) = sum of c_p z^(s - p),    if z = 1 / x is stored.
@@ -196,26 +191,27 @@ class ChartRoots:
         Parameters
         ----------
         polynomials
-            For each polynomial an array (m, ..., size_1, ..., size_k) of coefficients. They
-            depend on given variables, which are the inputs and unknowns that were solved
-            before. Index i of the first axis is set i of their values. The last k axes
-            are the powers of z of the k unknowns. The result keeps any axes between them,
-            such as one for derivatives of the coefficients by the given variables.
+            For each polynomial an array (m, ..., size_1, ..., size_k) of coefficients. The
+            first axis is the set of given values (inputs, and unknowns that were solved
+            before). The last k axes are the powers of the k unknowns. Any axes between
+            remain in the result, for example derivatives of the coefficients by the given
+            variables.
 
         Returns
         -------
-        (n, polynomials, ...), where the dots are the kept axes.
+        (n, polynomials, ...), where the dots are the axes that remain.
         """
         return np.stack([self._differentiate(P, ()) for P in polynomials], axis=1)
 
     def first_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the first derivatives of polynomials by the stored z, at n points.
 
-        Polynomials and values are those of `evaluate`.
+        A coordinate e^(i angle) is stored as z or as its inverse. Polynomials and values
+        are those of `evaluate`.
 
         Returns
         -------
-        (n, polynomials, k, ...). The third axis is the unknown of the derivative.
+        (n, polynomials, k, ...). Axis 2 is the unknown by which P is differentiated.
         """
         unknowns = range(self.z.shape[1])
         arrays = []
@@ -227,11 +223,13 @@ class ChartRoots:
     def second_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the second derivatives of polynomials by the stored z, at n points.
 
-        Polynomials and values are those of `evaluate`.
+        A coordinate e^(i angle) is stored as z or as its inverse. Polynomials and values
+        are those of `evaluate`.
 
         Returns
         -------
-        (n, polynomials, k, k, ...). Axes 2 and 3 are the unknowns of the derivative.
+        (n, polynomials, k, k, ...). Axes 2 and 3 are the unknowns by which P is
+        differentiated.
         """
         unknowns = range(self.z.shape[1])
         arrays = []
@@ -246,7 +244,10 @@ class ChartRoots:
     def _differentiate(
         self, coefficients: Complexes, unknowns: tuple[int, ...]
     ) -> Complexes:
-        """Return the derivative of one polynomial by some of the unknowns, at n points.
+        """Return the value or a derivative of one polynomial, at n points.
+
+        A coordinate e^(i angle) is stored as z or as its inverse; derivatives are by the
+        stored number.
 
         Parameters
         ----------
@@ -254,18 +255,17 @@ class ChartRoots:
             (m, ..., size_1, ..., size_k) coefficients of the powers of the k unknowns, for
             m sets of given values.
         unknowns
-            Numbers of the unknowns by which it is differentiated: (0, 0) for the second
-            derivative by unknown 0, empty for the value.
+            Numbers of the unknowns by which it is differentiated. (0, 0) is the second
+            derivative by unknown 0; empty is the value.
 
         Returns
         -------
-        (n, ...) with the middle axes of the coefficients.
+        (n, ...) with the axes between m and the sizes.
         """
-        # (n, ..., size_1, ..., size_k) the coefficients of each point. `row` is the number
-        # of its set of given values.
+        # (n, ..., size_1, ..., size_k) the coefficients for each point.
         terms = coefficients[self.row]
-        # The last axis is that of the last unknown. It is multiplied by the powers of this
-        # unknown and summed; then the same is done for the unknown before it.
+        # The last axis is multiplied by the powers of the last unknown and summed. Then the
+        # same is done for the unknown before.
         for column in reversed(range(self.z.shape[1])):
             order_in_unknown = unknowns.count(column)
             powers = self._powers(column, terms.shape[-1], order_in_unknown)
@@ -274,12 +274,12 @@ class ChartRoots:
         return terms
 
     def _powers(self, column: int, size: int, order: int) -> Complexes:
-        """Return the powers of z that belong to coefficients, or their derivatives by z.
+        """Return the factors of the coefficients in a polynomial, or in a derivative.
 
-        A polynomial of one unknown has the coefficients c_0, c_1, ... of the powers of
-        e^(i angle). If z = e^(i angle) is stored, c_p is multiplied by z^p. If the inverse
-        z = e^(-i angle) is stored, the polynomial is multiplied by z^(size - 1), and c_p by
-        z^(size - 1 - p). The derivatives are by the stored z.
+        A polynomial of one unknown has coefficients c_0, c_1, ... of the powers of e^(i
+        angle). If z = e^(i angle) is stored, c_p has the factor z^p. If z is the inverse,
+        the polynomial is multiplied by z^(size - 1), so c_p has the factor z^(size - 1 -
+        p). Derivatives are those by the stored z.
 
         Parameters
         ----------
@@ -292,15 +292,15 @@ class ChartRoots:
 
         Returns
         -------
-        (n, size) for n points.
+        (n, size) factors at n points.
         """
         is_inverse = self.inverse[:, column, np.newaxis]  # (n, 1)
         z = self.z[:, column, np.newaxis]  # (n, 1)
         ascending = np.arange(size)
         descending = ascending[::-1]
         exponents = np.where(is_inverse, descending, ascending)  # (n, size)
-        # Where the order exceeds the exponent, the factor is 0. The exponent 0 in place of
-        # a negative one then avoids a division by zero.
+        # For exponents below the order, the derivative factor is 0. The exponent is then
+        # set to 0, to avoid a division by zero.
         return _derivative_factor(exponents, order) * z ** np.maximum(exponents - order, 0)
 
     def with_points(self, z: Complexes) -> "ChartRoots":
@@ -331,18 +331,20 @@ def _derivative_factor(exponents: Indices, order: int) -> Floats:
 
 @dataclass(frozen=True)
 class PolynomialValues:
-    """The k polynomials P of a system and their derivatives at n points.
+    """The k polynomials P of a system and their first derivatives at n points.
 
-    An unknown z is e^(i angle) or its inverse, whichever has a magnitude of at most 1.
+    An unknown angle is stored as z = e^(i angle) or its inverse, with a magnitude of at
+    most 1.
 
     Attributes
     ----------
     values
-        (n, k) P.
+        (n, k) values of P.
     by_unknowns
-        (n, k, k) P_z, derivatives by z.
+        (n, k, k) derivatives P_z by the stored z.
     by_given
-        (n, k, given) P_g, derivatives by the given variables.
+        (n, k, given) derivatives P_g by the given variables (inputs, and unknowns that were
+        solved before).
     """
 
     values: Complexes
@@ -361,17 +363,16 @@ def evaluate_polynomials(polynomials: Polynomials, roots: ChartRoots) -> Polynom
 
 
 def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
-    """Improve approximate roots by Newton's method.
+    """Improve approximate roots of systems of polynomials by Newton's method.
 
-    A coordinate z of a root is e^(i angle) of an unknown or its inverse, of a magnitude of
-    at most about 1. A root with a step of 1 or more is therefore given up: it keeps the
-    value before this step.
+    A coordinate z of a root is e^(i angle) of an unknown or its inverse, with a magnitude
+    of at most about 1. So a step of 1 or more means failure, and the root stays as it is.
 
     Parameters
     ----------
     polynomials
-        The system for m sets of values of its given variables (the inputs, and unknowns
-        that were solved before).
+        The system, for m sets of values of its given variables (inputs, and unknowns that
+        were solved before).
     roots
         n approximate roots, each with the number of the set to which it belongs.
 
@@ -380,9 +381,7 @@ def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoot
     roots
         The improved roots.
     has_converged
-        (n,) for which of them the last step is less than `CONVERGED_STEP`. All steps end if
-        they are less than the smaller `POLISHING_TOLERANCE`, or after
-        `MAX_POLISHING_STEPS`.
+        (n,) whether the last step of each root is less than `CONVERGED_STEP`.
     """
     is_good = np.ones(len(roots.z), dtype=bool)
     for _ in range(MAX_POLISHING_STEPS):
@@ -391,6 +390,7 @@ def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoot
         step_size = np.max(np.abs(change), axis=1, initial=0.0)
         is_good &= step_size < 1.0
         roots = roots.with_points(np.where(is_good[:, None], roots.z - change, roots.z))
+        # All roots have negligible steps.
         if np.max(step_size[is_good], initial=0.0) < POLISHING_TOLERANCE:
             break
     return roots, is_good & (step_size < CONVERGED_STEP)
@@ -430,21 +430,20 @@ def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
 class ChangeBounds:
     """Bounds of errors and changes of the k polynomials P of a system near n roots.
 
-    P depends on k unknowns z and on given variables g: the inputs, and unknowns that were
-    solved before. `enclose_roots` proves with the bounds that P has exactly one root near
-    each approximate root, for all inputs of a box. They are valid for all z within a given
-    radius about the approximate root, and for all g over the box. P_z and P_g are the
-    derivatives of P by z and by g, at the approximate root and at the centre of the box.
+    P depends on k unknowns z and on given variables g: inputs, and unknowns that were
+    solved before. The bounds are valid for all z within some radius about the approximate
+    root, and for all g in a box of the inputs. `enclose_roots` uses them to prove that
+    there is exactly one root near each approximation. P_z and P_g are derivatives at the
+    approximate root and the centre of the box.
 
     Attributes
     ----------
     value_error
-        (n, k) error bound of the computed values of P.
+        (n, k) bound of the errors of computed values of P.
     slope_change
-        (n, k, k) bound of the change of the derivatives of P by z from P_z. The axes are
-        root, equation and unknown.
+        (n, k, k) bound of the change of the derivatives P_z. Axes: root, equation, unknown.
     drift
-        (n, k) bound of the error of the linear model of P as a function of g, which has the
+        (n, k) bound of the difference between P and its linear approximation in g, with
         slope P_g.
     """
 
@@ -531,14 +530,13 @@ class KnownAngleChanges:
     """Changes of the known angles of equations, while the inputs vary in small boxes.
 
     A box is an interval for each input. A proof must show that equations have a solution
-    for all inputs in the box, not only at its centre. Some angles in the equations are
-    known: the inputs themselves, and angles that were solved before. They vary in the box,
-    too, nearly as linear functions of the inputs (a first-order Taylor model). If the
-    inputs move by dq from the centre of the box, the known angles change by
+    for all inputs in the box. Some angles in the equations are known: the inputs, and
+    angles that were solved before. They change in the box, too. If the inputs differ by dq
+    from the centre, the known angles change by
 
         rates dq + error,   |error| <= max_error.
 
-    For an input itself, the derivative by this input is 1, and the error is 0.
+    For an input itself, the rate by this input is 1, and the error is 0.
 
     Attributes
     ----------
@@ -563,9 +561,9 @@ class KnownAngleChanges:
         )
 
     def upper_bounds(self) -> Floats:
-        """Return upper bounds (boxes, known angles), in rad, of the changes.
+        """Return bounds (boxes, known angles), in rad, of the changes from the centre.
 
-        They apply to the change of each known angle from the centre to any point of a box.
+        They are valid for all points of the box.
         """
         # A linear function changes most towards a corner of the box.
         linear_change = apply_matrices(np.abs(self.rates), self.input_half_widths)
@@ -576,32 +574,31 @@ class KnownAngleChanges:
 class RootTubes:
     """Tubes about n approximate roots, each with exactly one root for all inputs of a box.
 
-    A root is a solution of the equations with k unknown angles, which may be complex. Its
-    coordinate z for an angle is e^(i angle) or the inverse of this number. The one that has
-    a magnitude of at most 1 at the approximate root is used, so that the coordinates of
-    roots at infinity are finite, too.
+    A root is a solution of the equations for k unknown angles, which may be complex. Its
+    coordinate z for an angle is e^(i angle) or the inverse, with a magnitude of at most 1
+    at the approximation. So roots at infinity are finite, too.
 
-    The inputs q vary over a box with the centre q0. The root z(q) moves with them. The
-    approximate root z0 at q0 moves linearly, and is then the axis z0 + rates (q - q0) of a
-    tube that surrounds the root. Bounds of ``|z|`` are for the largest coordinate.
+    While the inputs q vary over a box with the centre q0, the root z(q) moves. The tube
+    surrounds it: the axis of the tube is z0 + rates (q - q0), with the approximate root z0
+    at q0. ``|z|`` means the largest coordinate.
 
     Attributes
     ----------
     is_proven
-        (n,) whether there is proven to be exactly one root. Otherwise the other attributes
-        have no meaning.
+        (n,) whether exactly one root is proven. Otherwise the other attributes have no
+        meaning.
     centre_radius
-        (n,) upper bound of ``|z(q0) - z0|``: the distance of the root from the approximate
-        root at the centre of the box.
+        (n,) bound of ``|z(q0) - z0|``, the distance of root and approximation at the
+        centre.
     uniqueness_radius
-        (n,) radius about z0: for each q of the box, z(q) is the only root z with
-        ``|z - z0|`` up to this radius.
+        (n,) radius about z0: for each q in the box, no other root is nearer to z0 than
+        this.
     tube_radius
-        (n,) upper bound of ``|z(q) - z0 - rates (q - q0)|`` in the box: the distance of the
-        root from the axis at the same inputs.
+        (n,) bound of ``|z(q) - z0 - rates (q - q0)|`` in the box, the distance of the root
+        from the axis.
     displacement
-        (n, k) for each coordinate, upper bound of ``|z(q) - z0|`` in the box: the distance
-        of the root from the approximate root. It includes the motion of the axis.
+        (n, k) for each coordinate a bound of ``|z(q) - z0|`` in the box. It contains the
+        motion of the axis.
     rates
         (n, k, inputs) derivatives of the axis (z, complex) by the inputs (1/rad).
     """
@@ -711,15 +708,15 @@ def enclose_roots(
 
 
 def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
-    """Return approximations of all roots of an equation with one unknown.
+    """Return approximations of all roots of one equation with one unknown.
 
-    The equation is a polynomial of z = e^(i angle) with coefficients c_0, ..., c_n. These
-    depend on given variables (the inputs, and unknowns that were solved before), and are
-    stored for m sets of their values. The roots are the eigenvalues of the companion
-    matrix: it has ones below the diagonal, and -c_k / c_n in the last column.
+    The equation is a polynomial in z = e^(i angle) with coefficients c_0, ..., c_n. They
+    depend on given variables (inputs, and unknowns that were solved before); there are m
+    sets of values. The roots are eigenvalues of the companion matrix: ones below the
+    diagonal, and -c_k / c_n in the last column.
 
-    If the leading coefficient c_n is 0, there are roots at infinity, and the approximations
-    of this set may be wrong. The later proof of the roots fails then.
+    If c_n is 0, there are roots at infinity, and the approximations may be wrong. A later
+    proof of the roots fails then.
     """
     (coefficients,) = polynomials.coefficients  # of the only equation
     m, size = coefficients.shape
@@ -735,27 +732,25 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
     """Return for which rows all roots are good and proven different from each other.
 
-    A row is one set of values of the given variables: the inputs of the mechanism, and
-    unknowns that were solved before. The gap of two roots is a distance of their
-    coordinates e^(i angle) that is finite at infinity (`ChartRoots.pairwise_gaps`). Two
-    roots differ if the gap of their approximations exceeds its largest change within the
-    error radii of both roots.
+    A row is one set of values of the given variables (inputs, and unknowns that were solved
+    before). The gap of two roots is a distance that is finite at infinity
+    (`ChartRoots.pairwise_gaps`). Two roots differ if the gap of their approximations is
+    larger than any change of the gap within the errors of both roots.
 
     Parameters
     ----------
     roots
-        The n approximate roots of m rows, one row after the other. n is m times `count`.
+        The n approximate roots of m rows, row after row, with n = m `count`.
     radius
-        (n,) bound of the distance of the coordinates z of each root from those of its
-        approximation.
+        (n,) bound of the error of each approximation in its coordinates z.
     is_good
-        (n,) whether a root counts.
+        (n,) whether a root is usable, for example proven.
     count
-        Number of roots of each row.
+        Number of roots in each row.
 
     Returns
     -------
-    (m,) bools.
+    (m,) whether all roots of the row are good and different.
     """
     radius_by_row = radius.reshape(-1, count)
     is_good_by_row = is_good.reshape(-1, count)
@@ -769,21 +764,22 @@ def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) 
 
 
 def _bound_gap_change(radius: Floats, other_radius: Floats) -> Floats:
-    """Return how much the gap of two roots may change within their error radii.
+    """Return how much the gap of two roots can change within their errors.
 
-    The stored coordinates y and z of both roots are e^(i angle) or its inverse, of at most
-    the magnitude 1, with errors of at most r and s. The gap (`ChartRoots.pairwise_gaps`) is
+    The stored coordinates y and z of the roots are e^(i angle) or its inverse, with
+    magnitudes of at most 1 and errors of at most r and s. The gap
+    (`ChartRoots.pairwise_gaps`) is
 
         |y - z|,     if both are stored in the same way: it changes by at most r + s,
         |y z - 1|,   if one is stored inverted: it changes by at most r + s + r s.
 
-    The bound is larger by the factor 1.5, which only makes tests stricter. `ROUND_UP`
-    covers the rounding of the bound, and 1e-14 that of a computed gap.
+    The factor 1.5 only makes tests stricter. `ROUND_UP` covers the rounding of the bound,
+    and 1e-14 that of a gap.
 
     Parameters
     ----------
     radius, other_radius
-        Bounds r and s of the errors of y and z, arrays that broadcast against each other.
+        Bounds r and s of the errors of y and z, arrays of shapes that NumPy can combine.
     """
     change = radius + other_radius + radius * other_radius
     return 1.5 * change * ROUND_UP + 1e-14
@@ -794,34 +790,32 @@ def classify_real_roots(
 ) -> tuple[Bools, Bools]:
     """Return which roots are proven to have real angles, and which are proven not to.
 
-    Each coordinate z of a root is e^(i angle) or its inverse, so the angle is real if
-    |z| = 1.
+    A coordinate z of a root is e^(i angle) or its inverse, so the angle is real if |z| = 1.
 
-    - Real: if all coordinates are replaced by their mirror images 1/conj(z) in the unit
-      circle, the result is a root, too, since the equations are real. If the mirror image
-      is in the ball in which the root is the only one, both are equal: |z| = 1.
-    - Not real: |z| of some coordinate differs from 1 by more than the error of z.
+    - Real: because the equations are real, the mirror image of a root in the unit circle,
+      1/conj(z) in all coordinates, is a root, too. If it is so near that there is only one
+      root, both are equal, and |z| = 1.
+    - Not real: some |z| differs from 1 by more than its error.
 
     Parameters
     ----------
     roots
         The approximate roots.
     radius, uniqueness_radius
-        (n,) largest distance of each root from its approximation, and radius about the
-        approximation in which it is the only root. Distances are the largest difference of
-        any coordinate.
+        (n,) largest error of each approximation, and radius about it in which there is only
+        one root. Both apply to each coordinate.
 
     Returns
     -------
     is_real, is_not_real
-        (n,) bools. Both are false if nothing is proven.
+        (n,) for each root. Both are false if nothing is proven.
     """
     magnitude = np.abs(roots.z)
     # 1e-14 covers the rounding of magnitudes.
     root_radius = radius[:, np.newaxis] * ROUND_UP + 1e-14
     mirror_distance = _bound_mirror_distance(magnitude, root_radius)
     mirror_is_inside = mirror_distance * ROUND_UP < uniqueness_radius[:, np.newaxis]
-    # The bound of the distance is valid only if the magnitude exceeds the radius.
+    # The bound of the distance requires that the magnitude exceeds the radius.
     has_valid_bound = magnitude > 2 * root_radius
     is_real = np.all(has_valid_bound & mirror_is_inside, axis=1)
     is_not_real = np.any(np.abs(magnitude - 1.0) > root_radius, axis=1)
@@ -831,8 +825,8 @@ def classify_real_roots(
 def _bound_mirror_distance(magnitude: Floats, radius: Floats) -> Floats:
     """Return how far mirror images of points near c are from c, at most.
 
-    The mirror image of a complex number z in the unit circle is 1/conj(z). For all z with
-    ``|z - c|`` up to the radius r,
+    The mirror image of a complex number z in the unit circle is 1/conj(z). It helps to
+    prove that |z| = 1. For all z with ``|z - c|`` up to the radius r,
 
         |1/conj(z) - c| <= |1/conj(z) - 1/conj(c)| + |1/conj(c) - c|
                         <= r / ((|c| - r) |c|) + ||c| - 1/|c||.
@@ -840,9 +834,9 @@ def _bound_mirror_distance(magnitude: Floats, radius: Floats) -> Floats:
     Parameters
     ----------
     magnitude
-        ``|c|``, array; it has to exceed the radius.
+        ``|c|``, an array. It must exceed the radius.
     radius
-        r, an array that broadcasts against `magnitude`.
+        r, an array of a shape that NumPy can combine with `magnitude`.
     """
     spread_of_mirrors = radius / ((magnitude - radius) * magnitude)
     mirror_of_centre = np.abs(magnitude - 1.0 / magnitude)

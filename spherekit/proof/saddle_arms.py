@@ -25,14 +25,13 @@ class SaddleDerivatives:
     """Derivatives of the variables and of the reduced equation g near a saddle.
 
     A saddle is a place where two configuration curves cross or narrowly miss each other.
-    Two coordinates u and v describe the points near it. All loop equations but one are
-    solved there, so that all variables of the mechanism are functions of u and v. The last
-    equation is g(u, v) = 0 (Lyapunov-Schmidt reduction, `ReducedEquation`). Its zeros are
-    the curves.
+    Points near it are described by two coordinates u and v. All loop equations but one are
+    solved, so all variables of the mechanism are functions of u and v. The last equation is
+    g(u, v) = 0 (Lyapunov-Schmidt reduction, `ReducedEquation`); its zeros are the curves.
 
-    The derivatives are by u and v. They are balls (numbers with a bound of their error)
-    that enclose all values in a rectangle about the saddle. u and v are scaled so that the
-    curves of a crossing are nearly the diagonals u = v and u = -v.
+    The derivatives by u and v are balls (numbers with a bound of their error). They contain
+    all values in a rectangle about the saddle. u and v are scaled so that curves that cross
+    are nearly the diagonals u = v and u = -v.
 
     Attributes
     ----------
@@ -54,24 +53,21 @@ class ArmErrors:
     """How much the arms of a saddle differ from four straight lines.
 
     A saddle is a place where two configuration curves cross or narrowly miss each other.
-    Arms are the four branches that leave it. In two coordinates u and v, the curves are the
-    zeros of a function g(u, v) (`SaddleDerivatives`).
+    Arms are the four branches that leave it. The curves are the zeros of a function g(u, v)
+    of two coordinates (`SaddleDerivatives`).
 
-    The arms are straight if g is the quadratic form Q / 2 of its second derivatives g'',
-    with Q = (u, v) g'' (u, v)^T. They are then the four lines with Q = 0, and g has the
-    gradient g'' (u, v)^T on them. Real arms bend where curves narrowly miss each other. On
-    them Q is not exactly 0, and the gradient is slightly different. m is the larger of |u|
-    and |v| at a point.
+    If g is exactly the quadratic form Q / 2, with Q = (u, v) g'' (u, v)^T, the arms are the
+    straight lines with Q = 0. The gradient of g on them is g'' (u, v)^T. Real arms differ a
+    little in both. m is the larger of |u| and |v| at a point.
 
     Attributes
     ----------
     relative_form_error
         Bound of |Q| / m^2 at all points of the arms.
     relative_gradient_error
-        Bound of the components of the error of the gradient, divided by m.
+        Bound of the error of both components of the gradient, divided by m.
     centre_error
-        Bound (rad) of the distance of the exact saddle from the computed one, which is at
-        u = v = 0.
+        Bound (rad) of the distance of the exact saddle from u = v = 0, the computed one.
     """
 
     relative_form_error: float
@@ -83,15 +79,16 @@ class ArmErrors:
 class ArcErrors:
     """How much arcs that pass a saddle differ from curves of a quadratic function.
 
-    The arcs are curves g(u, v) = 0 with the quadratic form Q of the second derivatives g''.
-    m is the larger of |u| and |v| at a point.
+    A saddle is a place where two configuration curves cross or narrowly miss each other. In
+    two coordinates u and v they are the curves g = 0 of a function g(u, v). Q is the
+    quadratic form of the second derivatives g''. m is the larger of |u| and |v| at a point.
 
     Attributes
     ----------
     relative_form_error
         Bound of the error of Q at all points of the arcs, divided by m^2.
     relative_gradient_error
-        Bound of the components of the error of the gradient g'' (u, v)^T, divided by m.
+        Bound of the error of both components of the gradient g'' (u, v)^T, divided by m.
     """
 
     relative_form_error: float
@@ -103,18 +100,18 @@ class ArmRates:
     """Signs of the rates of the variables on the four arms, and how far the arms reach.
 
     A saddle is a place where two configuration curves cross or nearly do. Arms are the four
-    branches that leave it, one in each quadrant of two coordinates u and v. A quadrant is a
-    pair of signs of u and v, such as (1, -1). Rates are derivatives of the variables of the
-    mechanism along an arm.
+    branches that leave it, one in each quadrant of two coordinates u and v. A quadrant is
+    written as the signs of u and v, such as (1, -1). Rates are derivatives of the variables
+    of the mechanism along an arm.
 
     Attributes
     ----------
     outward_signs
-        For each quadrant (variables,) the sign of the rate of each variable on the arm, in
-        the direction away from the saddle; 0 if it is not proven.
+        For each quadrant (variables,) the sign of the rate of each variable on the arm,
+        away from the saddle; 0 if it is not proven.
     reach
         For each quadrant (variables,) a bound (rad) of the change of each variable on the
-        arm, from the point u = v = 0. This point is the computed saddle.
+        arm, from the computed saddle u = v = 0.
     """
 
     outward_signs: Mapping[Quadrant, Indices]
@@ -123,9 +120,9 @@ class ArmRates:
 
 @dataclass(frozen=True)
 class SlopeBounds:
-    """Bounds of the slope v / u of an arm: a branch of curves that leaves a saddle.
+    """Bounds of the slope v / u on an arm: a branch of configuration curves at a saddle.
 
-    Both bounds have the same sign.
+    u and v are coordinates near the saddle. Both bounds have the same sign.
 
     Attributes
     ----------
@@ -157,22 +154,22 @@ class ArmSlopes:
 
 @dataclass(frozen=True)
 class DirectionRates:
-    """The gradient of g and the signs of rates in one direction from the saddle.
+    """The gradient of g and the signs of rates in one direction from a saddle.
 
-    A saddle is a configuration in which two curves of configurations cross. Near it they
-    are the curves g(u, v) = 0 in two coordinates u and v, with u = v = 0 at the saddle. The
-    gradient of g is perpendicular to such a curve, so the curve has the tangent
-    (-g_v, g_u). Rates are derivatives of the variables of the mechanism along it.
+    A saddle is a place where two configuration curves cross or nearly do. In coordinates u
+    and v they are the curves g(u, v) = 0, with the saddle at u = v = 0. The gradient of g
+    is perpendicular to a curve, so the tangent is (-g_v, g_u). Rates are derivatives of the
+    variables of the mechanism along the tangent.
 
-    The gradient is given at the point of the direction with u = 1 or u = -1, as if g were
-    a quadratic form. At a point t (u, v) of the same direction, with t > 0, it is t times
-    as large. All points of the direction therefore have the same signs.
+    The gradient is that at the point of the direction with u = 1 or u = -1, if g is a
+    quadratic form. Farther or nearer points have a proportional gradient, so all points in
+    the direction have the same signs.
 
     Attributes
     ----------
     g_u, g_v
-        The derivatives of g by u and by v at this point, as balls: numbers with a bound of
-        their error.
+        Derivatives of g by u and v at this point, as balls (numbers with a bound of their
+        error).
     signs
         (variables,) signs of the rates along (-g_v, g_u), 0 if not proven.
     """
@@ -184,7 +181,7 @@ class DirectionRates:
     def opposite(self) -> "DirectionRates":
         """Return the gradient and the signs in the opposite direction, at (-u, -v).
 
-        The gradient of a quadratic form changes its sign there, so everything does.
+        The gradient of a quadratic form has the opposite sign there, and so have all rates.
         """
         return DirectionRates(-self.g_u, -self.g_v, -self.signs)
 
@@ -193,10 +190,11 @@ class DirectionRates:
 class SectorRates:
     """Signs of rates in all directions from a saddle between two directions.
 
-    Between two directions the gradient of g, and with it the tangent and each rate, is a
-    weighted mean of its values in both, except for errors. The balls of both values contain
-    the errors, and no error between them is larger than the weighted mean of theirs. A sign
-    that is equal in both directions is therefore the sign between them, too.
+    A saddle is a place where two configuration curves, zeros of a function g(u, v), cross
+    or nearly do. Rates are derivatives of the variables of the mechanism along the tangent
+    (-g_v, g_u). Between the two directions, each rate is a weighted mean of its values in
+    both, and its error is not larger. So a sign that is equal in both directions is also
+    valid between them.
 
     Attributes
     ----------
@@ -219,7 +217,7 @@ class SectorRates:
 
     @property
     def signs(self) -> Indices:
-        """(variables,) proven signs of the rates along the tangent, 0 for no sign."""
+        """(variables,) proven signs of the rates along the tangent, 0 if not proven."""
         has_common_sign = self.first.signs == self.last.signs
         return np.where(has_common_sign, self.first.signs, 0)
 
@@ -228,30 +226,28 @@ def _bound_arm_slopes(hessian: Array, relative_form_error: float) -> ArmSlopes:
     """Return bounds of the slopes v / u of the arms of a saddle.
 
     A saddle is a place where two configuration curves cross or nearly do. Arms are the four
-    branches that leave it, in two coordinates u and v. The bounds serve to prove the signs
-    of rates along the arms.
+    branches that leave it, in coordinates u and v. The bounds serve to prove the signs of
+    rates along the arms.
 
-    On an arm the quadratic form Q = a u^2 + 2 b u v - d v^2 is 0 up to an error. u and v
-    are scaled so that the arms are nearly the diagonals u = v and u = -v. Then a and d are
-    positive, and the two slopes with Q = 0 are (b +- sqrt(b^2 + a d)) / d, one positive and
-    one negative.
+    On an arm, the quadratic form Q = a u^2 + 2 b u v - d v^2 is 0 up to an error. u and v
+    are scaled so that the arms are nearly the diagonals, and a and d are positive. The
+    slopes with Q = 0 are (b +- sqrt(b^2 + a d)) / d, one positive and one negative.
 
     Parameters
     ----------
     hessian
-        (2, 2) the matrix of Q, ((a, b), (b, -d)). Its elements are balls, numbers with a
-        bound of their error.
+        (2, 2) the matrix of Q, ((a, b), (b, -d)), in balls (numbers with a bound of their
+        error).
     relative_form_error
-        Largest |Q(u, v)| on the arms, over the square of the larger of |u| and |v|.
+        Largest |Q(u, v)| / m^2 on the arms, where m is the larger of |u| and |v|.
 
     Raises
     ------
     ZeroDivisionError
-        If the form may not have two real directions with Q = 0.
+        If there may not be two real directions with Q = 0.
     """
-    # An error E of Q, relative to the square of the larger of |u| and |v|, is an error
-    # E u^2 where |u| is larger, like an error E of a. Where |v| is larger it is E v^2, like
-    # an error E of d. With both widened, each point of an arm has Q = 0 for some a and d.
+    # An error E m^2 of Q acts like an error E of a where |u| is larger, and like an error E
+    # of d where |v| is larger. So a and d are widened by E.
     a = widen(hessian[0, 0], relative_form_error)
     d = widen(-hessian[1, 1], relative_form_error)
     b = hessian[0, 1]
@@ -277,11 +273,10 @@ def _evaluate_direction(
 ) -> DirectionRates:
     """Return the gradient of g and the signs of all rates in the direction (1, slope).
 
-    The configurations near a saddle are the curve g(u, v) = 0 in two coordinates u and v,
-    with u = v = 0 at the saddle. The signs tell which variables grow and which fall along
-    the tangent (-g_v, g_u) of this curve. The gradient is computed at the point u = 1,
-    v = slope. At all points t (1, slope) with t > 0 the signs are the same, because the
-    gradient and its error are t times as large.
+    The configurations near a saddle are the curves g(u, v) = 0 in two coordinates, with u =
+    v = 0 at the saddle. The signs say which variables grow and which fall along the tangent
+    (-g_v, g_u). The gradient is computed at u = 1, v = slope. At other points in this
+    direction it is proportional, so the signs are the same.
 
     Parameters
     ----------
@@ -305,7 +300,8 @@ def _enclose_gradient(
 ) -> list[Ball]:
     """Return g_u and g_v at a point (u, v), as balls: numbers with a bound of their error.
 
-    The gradient is g'' (u, v)^T, up to an error.
+    The gradient of g, a function with the configuration curves as zeros, is g'' (u, v)^T up
+    to an error.
 
     Parameters
     ----------
@@ -333,10 +329,9 @@ def _prove_rate_signs(
 ) -> Indices:
     """Return the signs of the rates of all variables along an arm, towards larger v.
 
-    A saddle is a place where two configuration curves cross or nearly do, and an arm is a
-    branch of them that leaves it. The direction from the saddle to each point of the arm is
-    between those of the two slope bounds. A sign that is proven for all directions between
-    them is the sign on the whole arm.
+    An arm is a branch of configuration curves that leaves a saddle (where curves cross or
+    nearly do). All its points are, seen from the saddle, in directions between the two
+    slope bounds. A sign that is proven for all these directions is valid on the whole arm.
 
     Parameters
     ----------
@@ -356,15 +351,16 @@ def _prove_rate_signs(
         first=_evaluate_direction(derivatives, slope_bounds.flat, relative_gradient_error),
         last=_evaluate_direction(derivatives, slope_bounds.steep, relative_gradient_error),
     )
+    # Without a proven direction of the tangent, no sign is known.
     return sector.signs if sector.is_towards_larger_v else np.zeros_like(sector.signs)
 
 
 def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) -> Floats:
-    """Return bounds of the changes of all variables from u = v = 0 to points on an arm.
+    """Return bounds of the changes of all variables from a saddle to points on an arm.
 
-    A saddle is a place where two configuration curves cross or nearly do, and an arm is a
-    branch of them that leaves it. The changes are linear in u and v. They are bounded at
-    points with max(|u|, |v|) = 1, and are proportional to max(|u|, |v|) elsewhere.
+    An arm is a branch of configuration curves that leaves a saddle (where curves cross or
+    nearly do), at u = v = 0. The changes are linear in u and v. They are bounded at points
+    with max(|u|, |v|) = 1, and are proportional elsewhere.
 
     Parameters
     ----------
@@ -375,7 +371,7 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
 
     Returns
     -------
-    (variables,) the bounds (rad), divided by the larger of |u| and |v|.
+    (variables,) bounds (rad) of the changes, divided by the larger of |u| and |v|.
     """
     points = _list_extreme_points(slope_bounds)
     # (variables, points) = (variables, 2) times (2, points).
@@ -386,11 +382,10 @@ def _bound_changes(derivatives: SaddleDerivatives, slope_bounds: SlopeBounds) ->
 def _list_extreme_points(slope_bounds: SlopeBounds) -> list[Floats]:
     """Return the points at which linear functions of u and v are largest on an arm.
 
-    An arm is a curve with bounds of the slope v / u, which have the same sign. Its points
-    with max(|u|, |v|) = 1 are on a piece of the border of a square. The magnitude of a
-    linear function on this piece is largest at an end of the piece, or at a corner of the
-    square if the piece contains one. The points (2,) have u > 0. For an arm with u < 0 the
-    opposite points apply, where the magnitudes are the same.
+    An arm is a curve with bounds of its slope v / u, both of the same sign. Its points with
+    max(|u|, |v|) = 1 are on the border of a square. A linear function is largest there at
+    an end of this piece, or at a corner of the square. The points (2,) have u > 0. For arms
+    with u < 0 the magnitudes at the opposite points are the same.
     """
     low, high = sorted((slope_bounds.flat, slope_bounds.steep))
     slopes = [low, high]
@@ -404,39 +399,39 @@ def _list_extreme_points(slope_bounds: SlopeBounds) -> list[Floats]:
 def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRates:
     """Return the signs of all rates on the four arms, and the changes of the variables.
 
-    A saddle is a place where two configuration curves cross or nearly do. The arms are the
-    zeros of g(u, v) near it, one in each quadrant of the coordinates u and v. Rates are
-    derivatives of the variables of the mechanism along an arm.
+    A saddle is a place where two configuration curves, zeros of g(u, v), cross or nearly
+    do. The arms are the four branches that leave it, one in each quadrant of the
+    coordinates u and v. Rates are derivatives of the variables of the mechanism along an
+    arm.
 
     Parameters
     ----------
     derivatives
-        Derivatives of the variables and of g over the rectangle.
+        Derivatives of the variables and of g in a rectangle about the saddle.
     errors
-        How much the arms differ from straight lines from the point u = v = 0.
+        How much the arms differ from straight lines through the point u = v = 0.
 
     Raises
     ------
     ZeroDivisionError
-        If the directions of the arms are not bounded.
+        If the slopes of the arms cannot be bounded.
     """
     arm_slopes = _bound_arm_slopes(derivatives.hessian, errors.relative_form_error)
     outward_signs = {}
     reach = {}
-    # Two arms in opposite quadrants have the same slope bounds.
+    # Arms in opposite quadrants have the same slopes.
     for slope_bounds, quadrant_of_larger_v, quadrant_of_smaller_v in (
         (arm_slopes.positive, (1, 1), (-1, -1)),
         (arm_slopes.negative, (-1, 1), (1, -1)),
     ):
-        # Away from the saddle, v grows on one of these arms and falls on the other one.
+        # Away from the saddle, v grows on the first arm and falls on the second.
         signs_towards_larger_v = _prove_rate_signs(
             derivatives, slope_bounds, errors.relative_gradient_error
         )
         outward_signs[quadrant_of_larger_v] = signs_towards_larger_v
         outward_signs[quadrant_of_smaller_v] = -signs_towards_larger_v
-        # The changes on both arms have the same bounds. `relative_changes` are divided by
-        # the larger of |u| and |v|, which is at most `derivatives.size`. The saddle may be
-        # a little beside u = v = 0.
+        # The changes are proportional to the larger of |u| and |v|, which is at most the
+        # size of the rectangle. The exact saddle may be a little beside u = v = 0.
         relative_changes = _bound_changes(derivatives, slope_bounds)
         changes_to_border = relative_changes * derivatives.size + errors.centre_error
         reach[quadrant_of_larger_v] = changes_to_border
@@ -447,46 +442,42 @@ def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRat
 def find_monotonic_variables(
     derivatives: SaddleDerivatives, level: Ball, gradient_at_saddle: float
 ) -> Bools:
-    """Return which variables have no stationary point between two joined arms.
+    """Return which variables have no stationary point between two joined arms of a saddle.
 
-    Near a saddle the configurations are the curves g(u, v) = 0, approximately
-    g = level + Q(u, v) / 2 with the quadratic form Q of the second derivatives. Q is
-    positive on the u axis and negative on the v axis. If the level, the value of g at the
-    saddle, is not 0, the curves do not cross. Two of the four arms (branches) are then
-    joined by an arc that passes the saddle at a distance, and the other two by an arc on
-    the opposite side of the saddle, with the opposite signs of rates.
+    Near a saddle the configurations are the curves g(u, v) = 0, with g = level + Q(u, v) /
+    2 up to errors. Q is a quadratic form, positive on the u axis and negative on the v
+    axis. If the level is not 0, the curves do not cross. Then two of the four arms
+    (branches) are joined by an arc that passes the saddle. The other two are joined by an
+    arc on the opposite side, with opposite signs of rates.
 
     Parameters
     ----------
     derivatives
-        Derivatives of the variables and of g over the rectangle.
+        Derivatives of the variables and of g in a rectangle about the saddle.
     level
-        The value of g at the saddle: a ball (number with a bound of its error) that does
-        not contain 0.
+        The value of g at the saddle, a ball (number with a bound of its error) without 0.
     gradient_at_saddle
-        Bound of the components of the gradient of g at the point that counts as the saddle.
+        Bound of both components of the gradient of g at the computed saddle.
 
     Returns
     -------
-    (variables,) whether the rate of a variable has one proven sign all along both arcs.
+    (variables,) whether the rate of the variable has one proven sign along both arcs.
 
     Raises
     ------
     ZeroDivisionError
-        If the directions of the arcs are not bounded.
+        If the slopes of the arms cannot be bounded.
     """
     errors = _bound_arc_errors(derivatives.hessian, level, gradient_at_saddle)
     arm_slopes = _bound_arm_slopes(derivatives.hessian, errors.relative_form_error)
     if level > 0:
-        # Q is negative on the arcs, so the directions to their points are steeper than the
-        # flat bounds: they are about the v axis.
+        # Q is negative on the arcs, so they are seen in directions about the v axis.
         sector = _evaluate_sector_about_v_axis(
             derivatives, arm_slopes, errors.relative_gradient_error
         )
         has_known_sense = sector.is_towards_larger_u
     else:
-        # Q is positive on the arcs, so the directions to their points are flatter than the
-        # steep bounds: they are about the u axis.
+        # Q is positive on the arcs, so they are seen in directions about the u axis.
         sector = _evaluate_sector_about_u_axis(
             derivatives, arm_slopes, errors.relative_gradient_error
         )
@@ -497,23 +488,23 @@ def find_monotonic_variables(
 def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) -> ArcErrors:
     """Return how much arcs that pass a saddle differ from curves of a quadratic function.
 
-    The arcs are g(u, v) = 0, with g = level + Q(u, v) / 2 up to errors. The point that
-    counts as the saddle is not exact, so g has a small gradient s in it. Let m be the
-    larger of |u| and |v|. g then changes by up to 2 s m in addition to Q / 2. The form Q
-    changes by up to 4 s m, and the gradient of g by s.
+    The arcs are configurations with g(u, v) = 0, where g = level + Q(u, v) / 2 up to
+    errors, with a quadratic form Q. The computed saddle u = v = 0 is not exact, so g has a
+    small gradient s there. Let m be the larger of |u| and |v|. Because of s, Q has an error
+    of up to 4 s m, and the gradient an error of up to s.
 
     Parameters
     ----------
     hessian
-        (2, 2) balls of the second derivatives of g, the matrix of Q.
+        (2, 2) second derivatives of g, the matrix of Q, in balls (numbers with a bound of
+        their error).
     level
         The value of g at the saddle, a ball that does not contain 0.
     gradient_at_saddle
-        The bound s of both components of the gradient.
+        The bound s of both components of the gradient at the computed saddle.
     """
     least_distance = _bound_distance_from_saddle(hessian, level)
-    # 4 s m / m^2 and s / m, with the least m. The last digits of the factors cover
-    # rounding.
+    # 4 s m / m^2 and s / m, at the least m. The factors are increased for rounding.
     return ArcErrors(
         relative_form_error=4.004 * gradient_at_saddle / least_distance,
         relative_gradient_error=1.001 * gradient_at_saddle / least_distance,
@@ -521,18 +512,18 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
 
 
 def _bound_distance_from_saddle(hessian: Array, level: Ball) -> float:
-    """Return a lower bound of the larger m of |u| and |v| on arcs that pass a saddle.
+    """Return a lower bound of the larger of |u| and |v|, m, on arcs that pass a saddle.
 
-    On the arcs level + Q(u, v) / 2 is 0 up to errors, so |Q| is about 2 |level|. |Q| is
-    also at most m^2 times the sum of all ``|g''|``, the elements of its matrix. In the
-    bound m^2 = |level| / sum, the factor 2 is left out because of the errors.
+    On the arcs level + Q(u, v) / 2 is 0 up to errors, so |Q| is about 2 |level|. Also, |Q|
+    is at most m^2 times the sum of the magnitudes of the elements of g''. This gives m^2 >
+    |level| / sum; the factor 2 is left out to allow for the errors.
 
     Parameters
     ----------
     hessian
-        (2, 2) balls g'', the matrix of the quadratic form Q.
+        (2, 2) balls (numbers with a bound of their error): g'', the matrix of Q.
     level
-        A ball that does not contain 0.
+        The value of g at the saddle, a ball that does not contain 0.
     """
     sum_of_magnitudes = sum(map(upper_magnitude, hessian.flat))
     return float(np.sqrt(lower_magnitude(level) / sum_of_magnitudes))
@@ -543,8 +534,9 @@ def _evaluate_sector_about_v_axis(
 ) -> SectorRates:
     """Return the signs of rates in the directions about the positive v axis.
 
-    They are the directions to an arc of g(u, v) = 0 that passes a saddle on the side v > 0,
-    between the flat slope bounds of the two arms (branches) that the arc joins.
+    An arc of a configuration curve g(u, v) = 0 passes a saddle on the side v > 0 and joins
+    two of its arms (branches). Seen from the saddle, it is between the flat bounds of their
+    slopes v / u. Rates are derivatives of the variables along the curve.
 
     Parameters
     ----------
@@ -558,7 +550,8 @@ def _evaluate_sector_about_v_axis(
     first = _evaluate_direction(
         derivatives, arm_slopes.positive.flat, relative_gradient_error
     )
-    # With a negative slope the direction (1, slope) has v < 0. The opposite one has v > 0.
+    # `_evaluate_direction` takes directions with u > 0. That with negative slope has v < 0,
+    # so the opposite one is used.
     below_u_axis = _evaluate_direction(
         derivatives, arm_slopes.negative.flat, relative_gradient_error
     )
@@ -570,8 +563,9 @@ def _evaluate_sector_about_u_axis(
 ) -> SectorRates:
     """Return the signs of rates in the directions about the positive u axis.
 
-    They are the directions to an arc of g(u, v) = 0 that passes a saddle on the side u > 0,
-    between the steep slope bounds of the two arms (branches) that the arc joins.
+    An arc of a configuration curve g(u, v) = 0 passes a saddle on the side u > 0 and joins
+    two of its arms (branches). Seen from the saddle, it is between the steep bounds of
+    their slopes v / u. Rates are derivatives of the variables along the curve.
 
     Parameters
     ----------

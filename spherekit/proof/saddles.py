@@ -155,22 +155,21 @@ class Saddle(OrientedBox):
         """Return the quadrant of the arm that a configuration is on, None if not proven.
 
         A saddle is a place where two configuration curves cross or narrowly miss each
-        other. Four arms (branches of these curves) leave it. The quadrant of an arm is the
-        signs of the first two coordinates u and v in the box of the saddle. If the curves
-        miss each other, each bends from one quadrant to another near the centre. It is
-        therefore proven only for larger ``|v|`` that an arm stays in its quadrant: above
-        the part `INNER_HEIGHT_RATIO` of the half height of the box.
+        other. Four branches of the curves, its arms, leave it. The quadrant of an arm is
+        the signs of the coordinates u and v in the box of the saddle. Near the centre,
+        curves that miss each other bend from one quadrant to another. So quadrants are
+        certain only for larger ``|v|``, above the part `INNER_HEIGHT_RATIO` of the half
+        height of the box.
 
         Parameters
         ----------
         position
-            (variables,) near the configuration (rad).
+            (variables,) approximate values (rad) of the variables in the configuration.
         error
             Largest distance (rad) of the configuration from the position.
         """
-        # The axes of the box are orthonormal. A coordinate of the configuration therefore
-        # differs from that of the position by at most the error. `limits` are the half
-        # lengths of the box along the coordinates.
+        # The axes of the box are orthonormal, so coordinates have at most the error of the
+        # position. `limits` are the half lengths of the box.
         u, v = self.coordinates(position)[:2]
         inner_height = INNER_HEIGHT_RATIO * self.limits[1]
         is_outside_centre = abs(v) - error > inner_height + COORDINATE_ROUNDING_RAD
@@ -188,28 +187,29 @@ def find_saddle(
 ) -> Saddle | None:
     """Return the saddle near a position, None if none is proven.
 
-    A saddle is a place where configuration curves cross, or narrowly miss each other. Near
-    it the curves are the zeros of a function g(u, v) of two coordinates. They cross if the
-    level, the value of g at its saddle point, is 0.
+    A saddle is a place where configuration curves cross or narrowly miss each other. The
+    curves are the zeros of a function g(u, v) with a saddle point. They cross if the level,
+    the value of g at the saddle point, is 0.
 
-    Boxes of different size about the saddle are tried, the largest first. The first one is
-    used in which a saddle is proven and that is good enough (`_is_good_enough`).
+    Boxes about the saddle are tried, from large to small. The first one is used in which a
+    saddle is proven and that is good enough (`_is_good_enough`).
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     position
-        (variables,) a position (rad) where a curve could not be followed.
+        (variables,) a position (rad) near which a curve could not be followed.
     is_proven_crossing
-        Returns whether a box is proven to contain a configuration in which the derivatives
-        F' of the equations lose a rank. Curves then cross.
+        Function that returns whether a box is proven to contain a crossing: a configuration
+        in which the derivatives of the equations lose a rank.
     is_allowed
-        Returns whether a box may be used: boxes of saddles must not overlap.
+        Function that returns whether a box may be used, because boxes of saddles must not
+        overlap.
     """
-    # Balls are numbers with error bounds. Nothing is proven if a division by a ball that
-    # contains 0 occurs. The first precision is enough for the box. `_enclose_level`
-    # increases it until the sign of the level is proven.
+    # Balls are numbers with error bounds. Dividing by a ball that contains 0 raises the
+    # error; then nothing is proven. The precision here is enough for the box;
+    # `_enclose_level` increases it if the sign of the level requires this.
     with working_precision(LEVEL_PRECISIONS_BITS[0]), suppress(ZeroDivisionError):
         saddle_reduction = reduce_at_saddle(equations, position)
         size = LARGEST_RECTANGLE_RAD
@@ -224,14 +224,15 @@ def find_saddle(
 def _is_good_enough(saddle: Saddle, size: float) -> bool:
     """Return whether no smaller box about a saddle needs to be tried.
 
-    A box is good if it proves, on all four arms, whether each variable grows or falls along
-    the arm. A smaller box may prove more of these signs, but covers less of the curves. So
-    a small box is used even if signs stay open.
+    At a saddle curves of configurations cross or nearly do; four arms (branches) leave it.
+    A box is good if it proves on all arms whether each variable grows or falls. A smaller
+    box may prove more of these signs, but contains less of the curves. So a small box is
+    accepted even without all signs.
 
     Parameters
     ----------
     saddle
-        The saddle, proven with this box.
+        The saddle, as proven with this box.
     size
         Half width (rad) of the box.
     """
@@ -370,26 +371,26 @@ def _make_saddle(
     arm_rates: ArmRates,
     is_monotonic: Bools,
 ) -> Saddle:
-    """Return a saddle, which is a box with further attributes.
+    """Return a saddle: a box with further attributes.
 
-    At a saddle two configuration curves cross or narrowly miss each other. The curves are
-    the zeros of a function g(u, v) that has a saddle point. They leave the box by four
-    branches, called arms.
+    At a saddle two configuration curves cross or narrowly miss each other. They are the
+    zeros of a function g(u, v) with a saddle point, and leave the box by four branches, the
+    arms.
 
     Parameters
     ----------
     box
-        The box about it, whose first two coordinates are u and v.
+        The box about the saddle. Its first two coordinates are u and v.
     level_sign
-        Sign of the level, which is the value of g at the saddle point: 0 if the curves
-        cross, 1 or -1 if they miss each other, None if the sign is not proven.
+        Sign of the value of g at the saddle point: 0 if the curves cross, 1 or -1 if they
+        miss each other, None if it is not proven.
     gap
         Largest distance (rad) at which the curves miss each other.
     central_zone
-        (variables,) largest distance (rad) of each variable from the centre in the zone in
-        which the curves bend.
+        (variables,) largest distance (rad) of each variable from the centre where curves
+        bend.
     arm_rates
-        Signs of the rates of all variables along the arms, outwards from the saddle
+        Signs of the rates of all variables along the arms, away from the saddle
         (`outward_signs`), and how far the arms extend (`reach`).
     is_monotonic
         (variables,) whether a variable has no stationary point between two joined arms.
@@ -496,8 +497,9 @@ class _CentreMagnitudes:
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
     """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
 
-    g(u, v) is the function whose zeros are the configurations near a saddle. The caller has
-    proven that it is convex in u and concave in v. The arms follow if g has these signs:
+    The zeros of g(u, v) are the configurations near a saddle (where their curves cross or
+    nearly do). g is proven to be convex in u and concave in v. The arms follow if g has
+    these signs:
 
         v             at u = -u_limit   at u = 0   at u = u_limit
         above h             +              -             +
@@ -505,20 +507,20 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
         below -h            +              -             +
 
     The inner height h is the part `INNER_HEIGHT_RATIO` of the half height of the rectangle.
-    For each v beyond h, g is convex in u and negative at u = 0. So it has exactly one zero
-    with u > 0 and one with u < 0. The saddle point of g must be within the inner height,
-    where nothing is said about the zeros.
+    For each v beyond h, g is negative at u = 0, positive at both sides and convex in u. So
+    it has exactly one zero with u > 0 and one with u < 0. For smaller v nothing is said
+    about the zeros, so the saddle point must be there.
 
     Parameters
     ----------
     limits
-        (variables,) half lengths (rad) of the box; the first two are those of the
-        rectangle.
+        (variables,) half lengths (rad) of the box about the saddle. The first two are those
+        of the rectangle along u and v.
     value, gradient
         g and its slopes (2,) at the centre, as balls (numbers with a bound of their error).
     hessian
-        (2, 2) balls that enclose the second derivatives of g over the whole box. By u it is
-        positive (convex), by v negative (concave).
+        (2, 2) balls that contain the second derivatives of g in the whole box. That by u is
+        positive (convex), that by v negative (concave).
     """
     u_limit, v_limit = limits[:2]
     inner_height = INNER_HEIGHT_RATIO * v_limit
@@ -538,19 +540,22 @@ def _is_positive_on_sides(
 ) -> bool:
     """Return whether g(u, v) is positive on the sides u = +-u_limit of a rectangle.
 
-    It is if g rises from the centre to the sides by more than its magnitude at the centre.
+    This is one part of the proof that four arms of configuration curves (zeros of g) leave
+    a saddle. It is true if g rises from the centre to the sides by more than its magnitude
+    at the centre.
 
     Parameters
     ----------
     u_limit, v_limit
         Half lengths (rad) of the rectangle.
     centre
-        Magnitudes of g and its slopes at the centre.
+        Bounds of the magnitudes of g and its slopes at the centre.
     hessian
-        (2, 2) balls of the second derivatives of g in the rectangle; that by u is positive.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; that by u is
+        positive.
     """
     rise = _bound_rise_to_sides(u_limit, v_limit, centre, hessian)
-    # 1e-12 exceeds the rounding of the few float64 products.
+    # 1e-12 allows for the rounding of a few float64 products.
     return bool(rise - centre.value > 1e-12 * u_limit * u_limit)
 
 
@@ -559,20 +564,22 @@ def _is_negative_beyond(
 ) -> bool:
     """Return whether g(0, v) is negative for all ``|v|`` above the inner height.
 
-    It is if g falls from the centre to the inner height by more than its magnitude at the
-    centre. Because g is concave in v, it falls further beyond the inner height.
+    This is one part of the proof that four arms of configuration curves (zeros of g) leave
+    a saddle. It is true if g falls from the centre to the inner height by more than its
+    magnitude at the centre. g is concave in v, so it falls further beyond.
 
     Parameters
     ----------
     inner_height
-        The inner height (rad).
+        Distance (rad) along v from the centre.
     centre
-        Magnitudes of g and its slopes at the centre.
+        Bounds of the magnitudes of g and its slopes at the centre.
     hessian
-        (2, 2) balls of the second derivatives of g; that by v is negative.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; that by v is
+        negative.
     """
     descent = _bound_descent_along_v(inner_height, centre.slope_v, hessian)
-    # 1.001 exceeds the rounding of the few float64 products.
+    # 1.001 allows for the rounding of a few float64 products.
     return bool(descent > 1.001 * centre.value)
 
 
@@ -581,9 +588,9 @@ def _has_saddle_point_within(
 ) -> bool:
     """Return whether the saddle point of g(u, v) has ``|v|`` below the inner height h.
 
-    g is convex in u and concave in v. Let b(v) be the least value of g over u, the bottom
-    of a valley along v. It is concave in v, and highest at the saddle point. So the saddle
-    point is within h if b(0) exceeds b(h) and b(-h). This follows from
+    Configuration curves are the zeros of g, which is convex in u and concave in v. Let b(v)
+    be the least value of g over u. It is concave in v and highest at the saddle point. So
+    the saddle point is within h if b(0) exceeds b(h) and b(-h). This follows from
 
         b(0) >= g(0, 0) - u_limit |g_u(0, 0)|,   because g is convex in u,
         b(+-h) <= g(0, +-h) <= g(0, 0) - descent,
@@ -594,17 +601,18 @@ def _has_saddle_point_within(
     Parameters
     ----------
     inner_height
-        The inner height h (rad).
+        The inner height h (rad), a distance along v from the centre.
     u_limit
         Half length (rad) of the rectangle along u.
     centre
-        Magnitudes of g and its slopes at the centre.
+        Bounds of the magnitudes of g and its slopes at the centre.
     hessian
-        (2, 2) balls of the second derivatives of g; that by v is negative.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; that by v is
+        negative.
     """
     descent = _bound_descent_along_v(inner_height, centre.slope_v, hessian)
     valley_depth_at_centre = u_limit * centre.slope_u
-    # 1.001 exceeds the rounding of the few float64 products.
+    # 1.001 allows for the rounding of a few float64 products.
     return bool(descent > 1.001 * (2.0 * valley_depth_at_centre))
 
 
@@ -613,8 +621,8 @@ def _bound_rise_to_sides(
 ) -> float:
     """Return a lower bound of g(u, v) - g(0, 0) on the sides u = +-u_limit of a rectangle.
 
-    It is Taylor's formula of second order from the centre, with the least g_uu (positive)
-    and the worst sign of all other terms:
+    g is a function with configuration curves as zeros, convex in u. The bound is Taylor's
+    formula from the centre with the least g_uu (positive), and all other terms negative:
 
         g_uu u^2 / 2 - |g_uv| |u v| - |g_vv| v^2 / 2 - |g_u| |u| - |g_v| |v|.
 
@@ -623,11 +631,12 @@ def _bound_rise_to_sides(
     u_limit, v_limit
         Half lengths (rad) of the rectangle, the largest ``|u|`` and ``|v|``.
     centre
-        Magnitudes of the slopes g_u and g_v at the centre.
+        Bounds of the magnitudes of the slopes g_u and g_v at the centre.
     hessian
-        (2, 2) balls of the second derivatives of g in the rectangle; that by u is positive.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; that by u is
+        positive.
     """
-    # As g_uu is positive, its least magnitude is its least value.
+    # g_uu is positive, so its least magnitude is its least value.
     least_uu = lower_magnitude(hessian[0, 0])
     largest_uv = upper_magnitude(hessian[0, 1])
     largest_vv = upper_magnitude(hessian[1, 1])
@@ -644,7 +653,8 @@ def _bound_rise_to_sides(
 def _bound_descent_along_v(height: float, slope_v: float, hessian: Array) -> float:
     """Return a lower bound of g at the centre less g at u = 0, v = +-height.
 
-    It is the second-order Taylor formula along v.
+    g(u, v) is a function with configuration curves as zeros, concave in v. The bound is
+    Taylor's formula of second order along v.
 
     Parameters
     ----------
@@ -653,7 +663,8 @@ def _bound_descent_along_v(height: float, slope_v: float, hessian: Array) -> flo
     slope_v
         Upper bound of the magnitude of the slope of g by v at the centre.
     hessian
-        (2, 2) balls of the second derivatives; that by v is negative.
+        (2, 2) balls (numbers with error bounds) of the second derivatives; that by v is
+        negative.
     """
     least_vv = lower_magnitude(hessian[1, 1])
     return float(0.5 * least_vv * height**2 - slope_v * height)
