@@ -409,8 +409,8 @@ class FrictionEquation:
         (n, k, 2, 3, k) vectors b, the changes of these loads by 1 N m of friction at each
         pair. The last axis is the pair l at which this friction acts.
     factors
-        (n, k) factors r = -mu tanh(v / v0), with the coefficient of friction mu, the rate v
-        of the pair, and the rate v0 near zero at which friction is smoothed.
+        (n, k) factors r: friction torque per unit of the carried load. The sign is
+        opposite to the motion of the pair, and the size is smaller near zero speed.
     """
 
     without_friction: Floats

@@ -221,12 +221,14 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
 def _refuse_motion_without_inertia(mechanism: Mechanism, variable_rates: Floats) -> None:
     """Raise the error for a motion in which pairs turn but no link with mass moves.
 
+    The message names the pairs (joints) that turn.
+
     Parameters
     ----------
     mechanism
         The mechanism.
     variable_rates
-        (variables,) rates of the pair variables in this motion, in any unit.
+        (variables,) rates of the pair variables (joint angles) in this motion, in any unit.
     """
     pairs = [
         name

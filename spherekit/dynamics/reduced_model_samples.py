@@ -578,9 +578,9 @@ class CurveSampler(Sampler):
     def _compute_motion_by_input(self, q: Floats) -> CoordinateMotion:
         """Return the motion with derivatives by the input variable q (n,), rad.
 
-        The configurations form a closed curve, on which q grows by a full turn in each lap.
-        The nodes (known configurations from which Newton's method starts) cover one lap
-        only. Whole laps are therefore subtracted from q first. The growth of all pair
+        The configurations form a closed curve, on which q grows by `lap_length` in each
+        lap. The nodes (known configurations from which Newton's method starts) cover one
+        lap only. Whole laps are therefore subtracted from q first. The growth of all pair
         variables over these laps is added afterwards.
         """
         (input_variable,) = self.driven

@@ -61,10 +61,10 @@ class AngleExpression(NamedTuple):
 
 
 class LinkAxis(NamedTuple):
-    """An axis of a link, with its polar coordinates about the first axis of the link.
+    """An axis of a link, with its polar coordinates on the unit sphere.
 
-    On the unit sphere, the first axis is the pole of these coordinates. The second axis of
-    the link has the azimuth 0.
+    The coordinates are an arc from the first axis of the link, and an angle (azimuth) about
+    the first axis. The second axis of the link has the azimuth 0.
 
     Attributes
     ----------
@@ -704,8 +704,8 @@ class PositionFormulas:
     ) -> None:
         """Write the frame i, j, k of a link, and its axes that have no formula yet.
 
-        k is the first axis of the link, j the unit tangent at k of the arc to its second
-        axis, and i = j x k.
+        k is the first axis of the link (an axis of a joint), j the unit tangent at k of the
+        arc to its second axis, and i = j x k.
 
         Parameters
         ----------
@@ -713,8 +713,7 @@ class PositionFormulas:
             Number of the link.
         first_vector
             Expression of the unit vector along the first axis. It becomes the formula of
-            the symbol k, unless k has one. (The other link at this axis may have been
-            placed before.)
+            the symbol k, unless k already has a formula from the other link at this axis.
         tangent
             The unit tangent at k of the arc from k to `axis`.
         axis
