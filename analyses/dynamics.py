@@ -160,6 +160,7 @@ class Dynamics(AbstractAnalysis):
         ModelError
             If the mechanism has neither masses nor loads.
         """
+        # This call only raises the `ModelError`.
         need_terms(mechanism)
         return Needs(
             # The time, and the rates and accelerations of the inputs.
@@ -169,7 +170,6 @@ class Dynamics(AbstractAnalysis):
             # The position analysis of the run, from which the inertia matrix is computed,
             # and the links that have mass or loads.
             tracer=True,
-            # This call raises the `ModelError`.
             links=acting_links(mechanism),
         )
 

@@ -70,16 +70,14 @@ ADVANTAGES = Column(
 
 @dataclass(frozen=True, kw_only=True)
 class Statics(AbstractAnalysis):
-    """Check the parameters, and return what this analysis reads of a run.
+    """Torques that hold the mechanism at rest, and how stiffly the inputs hold outputs.
 
-    It reads the configurations (`tracer`), and the variables of pairs (joints) on which
-    loads such as springs depend. These include whole revolutions. The links are those on
-    which masses and loads act, and both links of each output.
-
-    Raises
-    ------
-    AnalysisError
-        If a parameter is not valid for the mechanism.
+    Parameters
+    ----------
+    stiffness
+        Stiffness of the drives (N m/rad): one for all inputs, or one for each.
+    time
+        Time (s) at which loads that depend on it are evaluated.
     """
 
     name = "statics"
@@ -134,12 +132,11 @@ class Statics(AbstractAnalysis):
     time: Seconds = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Declare that statics reads configurations, and variables of loads.
+        """Check the parameters, and return what this analysis reads of a run.
 
-        These are the variables of the pairs on which loads such as springs depend. They are
-        read with whole revolutions. The links that are read are those on which masses and
-        loads act, and both links of each output. `tracer` gives access to the
-        configurations.
+        It reads the configurations (`tracer`), and the variables of pairs (joints) on which
+        loads such as springs depend. These include whole revolutions. The links are those
+        on which masses and loads act, and both links of each output.
 
         Raises
         ------

@@ -97,7 +97,6 @@ def has_type(value: Any, annotation: Any) -> bool:
     """
     if annotation is Any:
         return True
-    # `Array` is an array of any numbers. It may contain Python objects: numbers of another
     # An `Array` may contain Python objects. These are numbers of another arithmetic, such
     # as intervals with error bounds or quad precision.
     if _is_object_array(value) and annotation == Array:

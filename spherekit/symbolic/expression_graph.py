@@ -368,8 +368,7 @@ def separate_constant_parts(
     """
     moving_nodes = set(moving)
     nodes = list(iterate_nodes(expressions))
-    # Every operation on a moving node is moving. Arguments come first, so one pass is
-    # enough.
+    # Every operation on a moving node is moving.
     for node in nodes:  # arguments come first, so one pass is enough
         if any(x in moving_nodes for x in node.arguments if isinstance(x, ExpressionNode)):
             moving_nodes.add(node)
