@@ -89,8 +89,9 @@ Larger: sharper bends are not passed. Smaller: an arc of the opposite sense migh
 class RateBounds:
     """Bounds of the rates of all v variables along an arc, and of their derivatives.
 
-    An arc is a part of a configuration curve. Rates are derivatives by the coordinate s
-    along the tangent at the centre of the arc.
+    An arc is a part of a curve of configurations. Rates are derivatives of the variables by
+    the coordinate s along the tangent at the centre of the arc. The bounds are valid on the
+    whole arc.
 
     Attributes
     ----------
@@ -196,13 +197,12 @@ def _common_sign(low: float, high: float) -> int:
 class StationaryPoint:
     """A configuration at which one variable is, or may be, stationary along a curve.
 
-    The curve consists of certified arcs. Each arc is in a box of the space of variables,
-    and is proven to contain all configurations in this box. Objects of two lists have this
-    class:
+    The curve is a chain of certified arcs: each is proven to contain all configurations in
+    a box about it. There are two kinds of such points:
 
-    - `StationaryPoints.proven`: the variable is stationary in exactly one configuration
-      near the position.
-    - `StationaryPoints.undecided`: the variable may be stationary in a stretch (part) of
+    - in `StationaryPoints.proven`: the variable is stationary in exactly one configuration
+      near the position,
+    - in `StationaryPoints.undecided`: the variable may be stationary in a part (stretch) of
       the curve that begins at the position.
 
     Attributes
@@ -210,12 +210,12 @@ class StationaryPoint:
     position
         (v,) values of all variables (rad).
     error
-        A bound (rad). For a proven point: of the difference between the configuration and
-        the position, in each variable. For an undecided stretch: of the change, within the
-        stretch, of the variable that may be stationary.
+        A bound (rad). For a proven point: of the difference of each variable from the
+        position. For an undecided stretch: of the change, in the stretch, of the variable
+        that may be stationary.
     piece
-        Number of a certified arc. The configuration lies between the centre of this arc and
-        that of the next one. It is set when the point is added to its list.
+        Number of a certified arc. The point is between its centre and that of the next arc.
+        The number is set when the point is added to a list.
     """
 
     position: Floats
@@ -241,12 +241,12 @@ class StationaryPoints:
 
 @dataclass(frozen=True)
 class _StretchSigns:
-    """Proven signs of the rate of a variable in a stretch, a part of a curve.
+    """Proven signs of the rate of a variable in a stretch (part) of a curve.
 
-    The rate is the derivative of the variable along the curve. The stretch is one in which
-    the rate may vanish. If the derivative of the rate has one sign in the stretch, the rate
-    is monotonic: it vanishes once if its signs at both ends differ, and nowhere if they
-    agree. A sign that is not proven is 0.
+    The rate is the derivative of the variable along the curve; it may be zero in the
+    stretch. If the derivative of the rate has one sign there, the rate is monotonic. Then
+    it has one zero if its signs at both ends differ, and none if they agree. A sign that is
+    not proven is 0.
 
     Attributes
     ----------
@@ -267,20 +267,21 @@ class _StretchSigns:
 class _Stretch:
     """The part of a curve from the centre of an arc to a configuration in the arc's box.
 
-    The arc is a part of the curve that is proven to be alone in an oriented box. The
-    question is where a variable is stationary on the curve. A stretch that gives no answer
-    is cut in two at the centre of a new arc. The second part is a stretch of the new arc.
+    An arc is a part of the curve that is proven to be alone in an oriented box. The search
+    is for points of the curve at which a variable is stationary. If a stretch gives no
+    answer, it is cut in two at the centre of a new arc. The second part is a stretch of the
+    new arc.
 
     Attributes
     ----------
     piece
         The arc with its box.
     end
-        (v,) the configuration (rad), ahead of the centre along the tangent of the arc.
+        (v,) the configuration (rad) at the end, ahead of the centre along the tangent.
     end_error
-        Distance bound (rad) of the configuration from `end`.
+        Bound (rad) of the distance of the exact configuration from `end`.
     depth
-        How many times the first stretch was cut in two to give this one.
+        How many cuts have led to this stretch.
     """
 
     piece: CertifiedArc
@@ -299,10 +300,10 @@ class _Stretch:
 
     @property
     def reach(self) -> float:
-        """Upper bound (rad) of the coordinate s in the stretch.
+        """Bound (rad) of the coordinate s in the stretch, at its end.
 
-        s is the coordinate along the tangent of the arc, 0 at its centre, where the stretch
-        begins. The errors of the end and of its computed coordinate are added.
+        s is the coordinate along the tangent of the arc, 0 at its centre. The bound
+        includes the errors of the end and of its coordinate.
         """
         coordinate = self.piece.coordinates(self.end)[0]
         return float(coordinate + self.end_error + COORDINATE_ROUNDING_RAD)
@@ -446,11 +447,11 @@ def _examine_stretch(
 
 
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
-    """Return an undecided stretch: its start, with a bound of the change of a variable.
+    """Return a part of a curve as undecided, with a bound of a variable's change in it.
 
     A stretch is a part of a curve of configurations, from the centre of a certified arc to
-    an end. It is undecided if the proof does not tell whether the variable is stationary in
-    it. The result goes to the list of undecided stretches (`StationaryPoints`).
+    an end. It is undecided if the proof does not show whether the variable is stationary in
+    it. The bound tells how large the resulting uncertainty is.
 
     Parameters
     ----------
@@ -461,11 +462,12 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 
     Returns
     -------
-    The start, with the bound (rad) as its error. The bound is the smaller one of two.
+    The start of the stretch, with the bound (rad) as its error. It is the smaller of two
+    bounds.
     """
     change_in_box = _bound_change_by_box(stretch, variable)
     change_along_curve = _bound_change_by_rate(stretch, variable)
-    # 1e-12 rad is much larger than the rounding of both bounds.
+    # 1e-12 rad is far above the rounding errors of both bounds.
     return StationaryPoint(
         position=stretch.piece.centre,
         error=min(change_in_box, change_along_curve) + 1e-12,
@@ -507,31 +509,30 @@ def _bound_change_by_rate(stretch: _Stretch, variable: int) -> float:
 def _find_middle_piece(
     equations: ArcEquations, stretch: _Stretch, ratio: float
 ) -> CertifiedArc | None:
-    """Return a certified arc whose centre is in a stretch, between its start and its end.
+    """Return a certified arc with its centre in a stretch, to cut the stretch in two.
 
-    A stretch is a part of a curve, from the centre of a certified arc to a configuration in
-    the box of this arc. A certified arc is a part of the curve that is proven to be alone
-    in its box. The new arc serves to cut the stretch.
+    A stretch is a part of a curve of configurations, from the centre of a certified arc to
+    a configuration in the box of this arc. A certified arc is proven to be alone in its
+    box.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     stretch
-        The stretch.
+        The stretch to cut.
     ratio
-        Position of the new centre, as a fraction of the straight line from the start of the
-        stretch to its end.
+        Where to look for the centre, as a fraction of the straight line from start to end
+        of the stretch.
 
     Returns
     -------
-    None if no such arc is proven.
+    The arc. None if none is proven between the start and the end.
     """
     piece = stretch.piece
-    # Coordinates along the tangent of the given arc; its centre, the start, has 0.
+    # Coordinates along the tangent of the arc of the stretch, 0 at its start.
     end_coordinate = piece.coordinates(stretch.end)[0]
-    # The largest half length that is tried. The start and the end are at most
-    # `end_coordinate` away from the new centre, so that about twice of it is ample.
+    # Largest half length of the new arc. About twice the length of the stretch is ample.
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
     middle = find_piece_ahead(equations, piece, stretch.position(ratio), longest)
     if middle is None:
@@ -551,12 +552,11 @@ def _has_same_sense(first: CertifiedArc, second: CertifiedArc) -> bool:
 def _enclose_zero(
     equations: ArcEquations, stretch: _Stretch, variable: int, end_sign: int
 ) -> StationaryPoint:
-    """Return an enclosure of the only zero of a rate in a stretch.
+    """Return an enclosure of the only zero of a rate in a stretch (part) of a curve.
 
-    A stretch is a part of a curve, and the rate is the derivative of a variable along it.
-    First the zero is approximated. Then the stretch is shortened to a proven neighbourhood
-    of the zero. The result is the middle of this neighbourhood, with a bound of the
-    distance of the zero from it.
+    The rate is the derivative of a variable along the curve, so the variable is stationary
+    at the zero. The zero is approximated. Then the stretch is shortened to a proven
+    neighbourhood of the zero. The result is the middle of it, with an error bound.
 
     Parameters
     ----------
@@ -567,7 +567,7 @@ def _enclose_zero(
     variable
         Number of the variable.
     end_sign
-        Sign of the rate at the end of the stretch; at the start it is the opposite.
+        Sign of the rate at the end of the stretch. At the start the sign is opposite.
     """
     zero_ratio = _approximate_zero(equations, stretch, variable, end_sign)
     short_stretch = _shorten_to_zero(equations, stretch, variable, end_sign, zero_ratio)
@@ -576,22 +576,22 @@ def _enclose_zero(
 
 
 def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
-    """Return how much each variable in a stretch of a curve differs from the middle.
+    """Return how much each variable in a stretch of a curve differs from its middle.
 
-    The middle is the point halfway on the straight line from the start of the stretch to
-    its computed end. The start is the centre of a certified arc. The columns of the arc's
-    frame are the tangent of the curve at the start, then the normals.
+    A stretch is a part of a curve of configurations, from the centre of a certified arc to
+    an end. The middle is that of the straight line from the start to the computed end. The
+    columns of the arc's frame are the tangent at the start, then the normals.
 
     Returns
     -------
-    (v,) bounds (rad) for all configurations of the stretch.
+    (v,) bounds (rad), valid for all configurations of the stretch.
     """
     along_tangent = _bound_distance_along_tangent(stretch)
     along_normal = _bound_distance_along_normal(stretch)
     normal_count = len(stretch.end) - 1
     distances = [along_tangent, *[along_normal] * normal_count]
-    # Each variable (a row of the frame) differs by at most the distances along the columns
-    # times the components of the columns. 1e-12 rad is much larger than the rounding.
+    # The difference is a sum over the columns of the frame: each distance along a column,
+    # times the component of the column. 1e-12 rad covers the rounding.
     return np.abs(stretch.piece.frame) @ distances + 1e-12
 
 
@@ -624,10 +624,10 @@ def _bound_distance_along_normal(stretch: _Stretch) -> float:
 def _approximate_zero(
     equations: ArcEquations, stretch: _Stretch, variable: int, end_sign: int
 ) -> float:
-    """Return approximately where a rate is 0 in a stretch of a curve.
+    """Return approximately where a rate is 0 in a stretch (part) of a curve.
 
-    The rate is the derivative of a variable along the curve. No proof depends on the
-    result.
+    The rate is the derivative of a variable along the curve. A later proof starts from the
+    result, and does not depend on its accuracy.
 
     Parameters
     ----------
@@ -638,25 +638,24 @@ def _approximate_zero(
     variable
         Number of the variable.
     end_sign
-        Sign of the rate at the end of the stretch; at the start it is the opposite.
+        Sign of the rate at the end of the stretch. At the start the sign is opposite.
 
     Returns
     -------
-    The fraction of the way from the start of the stretch to its end.
+    The zero, as a fraction of the way from the start of the stretch to its end.
     """
     start_of_stretch = stretch.piece.centre
 
     def rising_rate(ratios: Floats, _: Indices) -> Floats:
-        """Return the rate (1,) with the sign that makes it rise from start to end.
+        """Return the rate (1,), multiplied by a sign so that it is negative at the start.
 
-        It is evaluated at fractions (1,) of the way from the start of the stretch to its
-        end.
+        `ratios` (1,) is a fraction of the way from the start of the stretch to its end.
         """
-        # The point on the straight line is corrected to a configuration of the curve.
+        # From the straight line, Newton's method leads to a configuration of the curve.
         configuration = correct_configuration(equations, stretch.position(ratios[0]))
         if configuration is None:
-            # The rate at the start is negative with this sign, so the search continues
-            # between this fraction and the end.
+            # Without a configuration, take the rate at the start. It is negative, so the
+            # search goes on between this fraction and the end.
             configuration = start_of_stretch
         rate = _approximate_rate(
             equations, configuration, variable, direction=stretch.piece.tangent
@@ -664,7 +663,7 @@ def _approximate_zero(
         return np.array([end_sign * rate])
 
     one = np.ones(1)
-    # Only the signs at both ends are known. They are used as values.
+    # The values at the ends are unknown; only their signs matter.
     (zero_ratio,), _ = find_bracketed_zeros(
         rising_rate,
         low=0.0 * one,
@@ -681,6 +680,9 @@ def _approximate_rate(
 ) -> float:
     """Return the derivative of a variable along the curve through a configuration.
 
+    The curve consists of configurations of the mechanism. The result is only an
+    approximation.
+
     Parameters
     ----------
     equations
@@ -690,12 +692,12 @@ def _approximate_rate(
     variable
         Number of the variable.
     direction
-        (v,) the curve is followed in the sense of this direction.
+        (v,) direction that says in which sense the curve is followed.
 
     Returns
     -------
-    The component of the unit tangent of the curve along the variable, without error bounds;
-    0 if the curve has no tangent in the configuration.
+    The component of the unit tangent for this variable, without error bounds. It is 0 if
+    the curve has no unique tangent there.
     """
     circle_points = cosines_and_sines(configuration[None])
     _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
@@ -715,11 +717,11 @@ def _shorten_to_zero(
 ) -> _Stretch:
     """Return a short part of a stretch that is proven to contain the only zero of a rate.
 
-    The rate is the derivative of a variable along the curve. Two certified arcs are
-    searched, one before and one after the approximate zero. The zero is proven to be
-    between their centres, because the rate has different proven signs there. The first
-    trial is very near the approximate zero, where these signs may be open. Each further
-    trial is at a larger distance on both sides, until both arcs are found.
+    A stretch is a part of a curve, and the rate is the derivative of a variable along it.
+    Two certified arcs are searched, one before and one after the approximate zero. If the
+    rate has opposite proven signs at their centres, the zero is between them. Very near the
+    zero the signs cannot be proven. So the distances are increased until both arcs are
+    found.
 
     Parameters
     ----------
@@ -730,14 +732,13 @@ def _shorten_to_zero(
     variable
         Number of the variable.
     end_sign
-        Sign of the rate at the end of the stretch; at the start it is the opposite.
+        Sign of the rate at the end of the stretch. At the start the sign is opposite.
     zero_ratio
-        Approximate place of the zero, as a fraction of the way from start to end.
+        Approximate zero, as a fraction of the way from the start to the end.
 
     Returns
     -------
-    The part between both arcs. If none is found on a side, the part ends there where the
-    whole stretch does.
+    The part between both arcs. On a side where no arc is found, it ends with the stretch.
     """
     shortened = stretch
     has_new_start = False
@@ -757,7 +758,7 @@ def _shorten_to_zero(
         arc_before = _find_arc_with_sign(
             equations, stretch, variable, zero_ratio - offset, rate_sign=-end_sign
         )
-        # A stretch has to end in the box of the arc at whose centre it begins.
+        # The end of a stretch must be in the box of the arc at which it begins.
         if arc_before is not None and arc_before.contains(
             shortened.end, shortened.end_error
         ):
@@ -774,25 +775,28 @@ def _find_arc_with_sign(
     ratio: float,
     rate_sign: int,
 ) -> CertifiedArc | None:
-    """Return a certified arc in a stretch if a rate has one given sign at its centre.
+    """Return a certified arc in a stretch if a rate has a given sign at its centre.
+
+    A stretch is a part of a curve, and the rate is the derivative of a variable along it. A
+    certified arc is a part of the curve that is proven to be alone in a box.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     stretch
-        The stretch, a part of a curve.
+        The stretch in which the arc is searched.
     variable
         Number of the variable whose derivative along the curve is the rate.
     ratio
-        Position of the centre, as a fraction of the straight line from the start of the
-        stretch to its end.
+        Where to look for the centre, as a fraction of the straight line from start to end
+        of the stretch.
     rate_sign
-        The sign, 1 or -1.
+        The required sign, 1 or -1.
 
     Returns
     -------
-    None if no arc is proven, or if the rate is not proven to have this sign.
+    The arc. None if no arc is proven, or if the rate is not proven to have this sign.
     """
     arc = _find_middle_piece(equations, stretch, ratio)
     if arc is None:

@@ -19,11 +19,11 @@ from spherekit.wording import listing
 
 @dataclass(frozen=True)
 class Structure:
-    """Links and R pairs of a mechanism, followed by those of its couplers.
+    """Links and revolute pairs of a mechanism as proofs use them, without sizes.
 
-    A coupler is a link that replaces a sliding contact of two circles: R pairs at both
-    centres join it to the links of the contact. Links and pairs are counted from 0 in the
-    order of `links` and `pairs`.
+    A sliding contact of two circles is replaced by a link, the coupler. Revolute pairs at
+    both centres join the coupler to the links of the contact. Links and pairs are numbered
+    from 0 in the order of `links` and `pairs`.
 
     Attributes
     ----------
@@ -32,17 +32,18 @@ class Structure:
     links
         Names of the links in the order of the mechanism, then those of the couplers.
     pairs
-        Names of the R pairs in the order of the mechanism, then two for each coupler.
+        Names of the revolute pairs in the order of the mechanism, then two for each
+        coupler.
     ends
-        For each pair the two links that it joins.
+        For each pair the numbers of the two links that it joins.
     inputs
-        The driven pairs.
+        Numbers of the driven pairs.
     couplers
         For each coupler the number of its sliding contact among the pairs of the mechanism.
     wheels
         Numbers of the rolling contacts among the pairs of the mechanism.
     followers
-        The pairs whose angles follow from the inputs through wheels.
+        Numbers of the pairs that the inputs drive through wheels.
     """
 
     name: str
@@ -64,12 +65,12 @@ class Structure:
         return [self.pairs[pair] for pair in pairs]
 
     def coupler_parts(self, coupler: int) -> tuple[int, tuple[int, int]]:
-        """Return the number of the link of a coupler, and the numbers of its two pairs.
+        """Return the number of a coupler's link, and the numbers of its two pairs.
 
-        A coupler is a link that replaces a sliding contact of two circles. Its pairs join
-        it to the first and to the second link of the contact. `coupler` is its index in
-        `couplers`.
+        A coupler replaces a sliding contact of two circles. Its pairs join it to the first
+        and to the second link of the contact. `coupler` is the index in `couplers`.
         """
+        # The pairs of couplers are the last ones in the list.
         first_pair = len(self.pairs) - 2 * (len(self.couplers) - coupler)
         return self.body_count + coupler, (first_pair, first_pair + 1)
 

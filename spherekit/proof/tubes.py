@@ -101,7 +101,9 @@ bound.
 
 @dataclass(frozen=True)
 class OrientedBox:
-    """A box in the space of all v variables whose sides have any orthogonal directions.
+    """A box in the space of all v variables, with sides in any orthogonal directions.
+
+    Proofs use such boxes along and across curves of configurations.
 
     Attributes
     ----------
@@ -118,7 +120,7 @@ class OrientedBox:
     limits: Floats
 
     def coordinates(self, positions: Floats) -> Floats:
-        """Return coordinates (..., v) of positions (..., v) along the frame.
+        """Return coordinates (..., v) of positions (..., v) along the sides.
 
         Positions that differ by whole turns of a variable have the same coordinates.
         """
@@ -127,25 +129,26 @@ class OrientedBox:
     def _contain(self, positions: Floats, reach: Floats | float) -> Bools:
         """Return whether positions (..., v) are inside this box, as an array (...).
 
-        Their coordinates along the sides have to be within the limits by at least `reach`
-        (rad), a number or an array (..., v).
+        They must be inside by at least `reach` (rad) along each side, a number or an array
+        (..., v). A negative reach also accepts positions outside.
         """
         coordinates = np.abs(self.coordinates(positions))
         return np.all(coordinates + reach <= self.limits, axis=-1)
 
     def contains(self, position: Floats, error: float) -> bool:
-        """Return whether a position (v,), at most `error` (rad) off, is surely inside."""
+        """Return whether a position (v,), known up to `error` rad, is surely inside."""
         return bool(self._contain(position, error + COORDINATE_ROUNDING_RAD))
 
     def may_contain(self, position: Floats, error: float) -> bool:
-        """Return whether a position (v,), at most `error` (rad) off, may be inside."""
+        """Return whether a position (v,), known up to `error` rad, may be inside."""
         return bool(self._contain(position, -error - COORDINATE_ROUNDING_RAD))
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which axis-aligned boxes are surely inside, (n,).
+        """Return which boxes (n,) with sides along the variables are surely inside.
 
         `centres` and `radii` (n, v) are the centres and half lengths of the boxes.
         """
+        # Half length of each box along the sides of this box, raised by rounding.
         reach = radii @ np.abs(self.frame) * ROUND_UP + COORDINATE_ROUNDING_RAD
         return self._contain(centres, reach)
 
@@ -165,25 +168,23 @@ def boxes_covered(
 
 @dataclass(frozen=True)
 class CertifiedArc(OrientedBox):
-    """An oriented box in which the configurations are exactly one arc.
+    """An oriented box in which the configurations are exactly one arc of a curve.
 
-    The box is in the space of all variables of a mechanism. A configuration is a point at
-    which all loops of the mechanism close. The first column of `frame` is the tangent t of
-    the configuration curve at the centre z0, the others are the normals N. A point of the
-    box is z0 + t s + N y with ``|s|`` up to the half length h and each ``|y_i|`` up to the
-    radius r. `limits` are h, followed by the same r for each normal.
+    The box is in the space of all v variables of a mechanism. A configuration is a point at
+    which all loops close. The first column of `frame` is the tangent t of the curve at the
+    centre z0, the others are the normals N. A point of the box is z0 + t s + N y with
+    ``|s|`` up to the half length h and each ``|y_i|`` up to the radius r. `limits` are h,
+    and r for each normal.
 
     Attributes
     ----------
     euclidean_distance
-        Bound (rad) of the Euclidean length of y on the whole arc: the distance of the arc
-        from the straight axis y = 0.
+        Bound (rad) of the length of y on the whole arc: its distance from the axis y = 0.
     centre_error
-        Bound (rad) of the Euclidean length of y at s = 0: the distance of the arc from the
-        centre.
+        Bound (rad) of the length of y at s = 0: the distance of the arc from the centre.
     test
-        Computes bounds of the equations of the mechanism near the centre. They have proven
-        the arc, and give further bounds along it.
+        Object that bounds the equations near the centre. It has proven the arc, and gives
+        further bounds along the arc.
     """
 
     euclidean_distance: float
@@ -206,9 +207,9 @@ class CertifiedArc(OrientedBox):
         return self.frame[:, 0]
 
     def largest_normal_coordinate(self, half_length: float) -> float:
-        """Return a bound (rad) of each coordinate ``|y_i|`` of a part of the arc.
+        """Return a bound (rad) of each coordinate ``|y_i|`` on a part of the arc.
 
-        The part has coordinates ``|s|`` along the tangent up to `half_length` (rad).
+        The part has coordinates s along the tangent with ``|s|`` up to `half_length` (rad).
         """
         bounds = self.test.bound_arc(half_length, self.radius)
         # The arc is proven to stay in the box, so the radius is also a bound.
@@ -220,17 +221,17 @@ class TangentFrame:
     """Tangent and normals of a configuration curve at one of its points.
 
     A mechanism with one degree of freedom has v variables and k = v - 1 equations F = 0,
-    with the derivatives F' (k, v). Along the tangent t of the curve F' t is 0. Along the
-    normals N, which are orthogonal to t, the derivatives are the square matrix F' N.
+    with derivatives F' (k, v). The tangent t satisfies F' t = 0. Along the normals N, which
+    are orthogonal to t, the derivatives are the square matrix F' N.
 
     Attributes
     ----------
     frame
         (v, v) orthonormal columns: the tangent t, then the normals N.
     inverse
-        (k, k) Y, the inverse of F' N up to rounding. Proofs multiply the equations by Y, so
-        that the derivatives Y F' N are near the identity. They do not need the exact
-        inverse.
+        (k, k) matrix Y, approximately the inverse of F' N. Proofs multiply the equations by
+        Y, so that the derivatives Y F' N are near the identity. They need not be equal to
+        it.
     """
 
     frame: Floats
@@ -240,21 +241,21 @@ class TangentFrame:
 def find_frame(slopes: Floats, direction: Floats | None) -> TangentFrame | None:
     """Return tangent and normals of a curve of configurations, None without a tangent.
 
-    The configurations of v variables fulfil k = v - 1 equations F = 0. With the singular
-    value decomposition F' = U S V^T, the last row of V^T is the tangent t, since F' t = 0.
-    The other rows are the normals N.
+    The v variables satisfy k = v - 1 equations F = 0. In the singular value decomposition
+    F' = U S V^T, the last row of V^T is the tangent t, since F' t = 0. The other rows are
+    the normals N.
 
     Parameters
     ----------
     slopes
         (k, v) first derivatives F' of the equations at a configuration.
     direction
-        (v,) the tangent is oriented along this direction; without it, in either sense.
+        (v,) the tangent points to the side of this direction. With None its sense is
+        arbitrary.
     """
     left_vectors, singular_values, right_vectors = np.linalg.svd(slopes)
-    # If the smallest singular value is only rounding, there may be several tangents. A
-    # frame is only the start of a proof, whose bounds test it. So this limit need not be
-    # exact.
+    # If the smallest singular value is only rounding, there may be several tangents. The
+    # limit need not be exact, because proofs test each frame.
     if not singular_values[-1] > 1e-13 * singular_values[0]:
         return None
     tangent = right_vectors[-1]
@@ -333,21 +334,21 @@ def find_piece(
 class ArcBounds:
     """Bounds for one arc of configurations, or for arcs in many boxes about one centre.
 
-    An arc is z = z0 + t s + N y(s). The tangent t and the k normals N are those of the
-    configuration curve at the centre z0. The box of the arc has ``|s|`` up to a half length
-    and each ``|y_i|`` up to a radius. F' are the derivatives of the equations of the
-    mechanism, and Y is near the inverse of F'N at the centre (`TubeTest`).
+    An arc is z = z0 + t s + N y(s), with the tangent t and the k normals N of the
+    configuration curve at the centre z0. Its box has ``|s|`` up to a half length and each
+    ``|y_i|`` up to a radius. F' are the derivatives of the equations, and Y is
+    approximately the inverse of F'N at the centre (`TubeTest`).
 
-    All bounds are arrays with the shape of the half lengths and radii: () for one box.
+    All bounds are arrays with one element for each box; the shape is () for one box.
 
     Attributes
     ----------
     normal_coordinate
-        Largest ``|y_i|`` (rad) of the arc, over all i. The Euclidean length of y is at most
-        sqrt(k) times as large.
+        Largest ``|y_i|`` (rad) of the arc, over all i. The length of y is at most sqrt(k)
+        times this.
     contraction
-        Largest row sum of ``|Y F'N - I|`` in the box, with the identity matrix I. Below 1
-        the arc is unique.
+        Largest row sum of ``|Y F'N - I|`` in the box, with the identity matrix I. If it is
+        below 1, there is at most one arc.
     slope
         Largest ``|dy_i/ds|`` of the arc, over all i.
     """
@@ -402,6 +403,9 @@ class TubeTest:
     ) -> None:
         """Compute all quantities at the centre from which bounds follow.
 
+        F are the equations of the mechanism, and Y is approximately the inverse of their
+        derivatives along the normals of the frame.
+
         Parameters
         ----------
         equations
@@ -409,24 +413,23 @@ class TubeTest:
         derivatives
             F (k,), F' (k, v) and F'' (k, v, v) at the centre, by the variables.
         tangent_frame
-            The frame, and Y as its `inverse`.
+            The frame (tangent and normals), and Y as its `inverse`.
         """
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
-        # The equations are trigonometric polynomials. The derivative of an equation by the
-        # variables i, j and l is at most C d_i d_j d_l, with its degrees d in the
-        # variables. Along a column of the frame, a derivative is the sum of derivatives by
-        # the variables times the elements of the column, and so is its degree.
+        # The equations are trigonometric polynomials. The derivative by the variables i, j
+        # and l is at most C d_i d_j d_l, with the degrees d and a constant C. Derivatives
+        # along a column of the frame are sums over the variables, and so are degrees.
         self.third_bound = equations.derivative_bound
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
         self.derivative_error = _bound_derivative_error(equations)
         self.inverse_size = np.abs(inverse)
         self.second_derivatives = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
-        # Largest element of |Y F|.
+        # Largest element of |Y F|, including errors.
         residual_error = self.inverse_size @ self.derivative_error
         self._residual = np.max(np.abs(inverse @ values) + residual_error)
-        # (k, v) |Y F' - (0, I)|, with F' along the frame, and the identity matrix I.
+        # (k, v) |Y F' - (0, I)| at the centre, with F' along the frame and the identity I.
         slopes_along_frame = inverse @ (slopes @ frame)
         slopes_along_frame[:, 1:] -= np.eye(len(inverse))
         self._slope_error = np.abs(slopes_along_frame)
@@ -434,26 +437,26 @@ class TubeTest:
     def bound_slope_change(self, reach: Floats) -> Floats:
         """Return bounds of |Y F' - (0, I)| at all points within a reach of the centre.
 
-        F' are the derivatives (k, v) of the equations along the frame: the first column is
-        by the tangent, the others are by the normals. Y is near the inverse of the others,
-        so that Y F' is near (0, I), a column of zeros followed by the identity matrix.
+        F' (k, v) are the derivatives of the equations along the frame: by the tangent
+        first, then by the normals. Y is approximately the inverse of the columns of the
+        normals. So Y F' is near (0, I): a column of zeros, then the identity matrix. Small
+        bounds prove that there is one arc.
 
-        F' is expanded about the centre by Taylor's formula, with coordinates x along the
-        frame: F' = F'(0) + F''(0) x + remainder. All bounds are polynomials of degree 2 in
-        the reach with positive coefficients.
+        Taylor's formula about the centre is F' = F'(0) + F''(0) x + remainder, with
+        coordinates x along the frame. All bounds are polynomials of degree 2 in the reach
+        with positive coefficients.
 
         Parameters
         ----------
         reach
-            (..., v) largest coordinates |x| (rad) along the frame.
+            (..., v) largest coordinates |x| (rad) along the frame, of one or many boxes.
 
         Returns
         -------
         (..., k, v) bounds for each equation and coordinate.
         """
         # 1. |Y F'(0) - (0, I)| is `_slope_error`.
-        # 2. |Y F''(0) x|. For each equation, the row |x| (1, v) times the symmetric matrix
-        # |Y F''(0)| (v, v) is a row (1, v).
+        # 2. |Y F''(0) x|: for each equation the row |x| times the matrix |Y F''(0)| (v, v).
         reach_rows = reach[..., None, None, :]
         linear_change = (reach_rows @ np.abs(self.second_derivatives))[..., 0, :]
         # 3. |Y| times the remainder and the errors of the computed derivatives.
@@ -462,12 +465,13 @@ class TubeTest:
         return (self._slope_error + linear_change + remainder_change) * ROUND_UP
 
     def _bound_taylor_remainder(self, reach: Floats) -> Floats:
-        """Return bounds of the error of the Taylor formula F' = F'(0) + F''(0) x.
+        """Return bounds of the error of Taylor's formula F' = F'(0) + F''(0) x.
 
-        Let d be the degrees of an equation along the coordinates, and S the sum of all d_j
-        times the largest ``|x_j|``. Third derivatives are at most C d_i d_j d_l, and errors
-        of computed derivatives at most E d_i or E d_i d_j (`TubeTest`). For the derivative
-        of the equation by coordinate i, three bounds are added:
+        F' and F'' are derivatives of the equations along a frame, with coordinates x. Let
+        d_i be the degree of an equation along coordinate i, and S the sum of all d_j times
+        the largest ``|x_j|``. Third derivatives are at most C d_i d_j d_l. Errors of
+        computed derivatives are at most E d_i or E d_i d_j. Three bounds are added for
+        coordinate i:
 
         - of the remainder                        d_i C S^2 / 2,
         - of the error of the computed F'(0)      d_i E,
@@ -476,7 +480,7 @@ class TubeTest:
         Parameters
         ----------
         reach
-            (..., v) largest coordinates |x| (rad) along the frame.
+            (..., v) largest coordinates |x| (rad) along the frame, of one or many boxes.
 
         Returns
         -------
@@ -491,13 +495,14 @@ class TubeTest:
     def bound_arc(self, half_length: Floats | float, radius: Floats | float) -> ArcBounds:
         """Return bounds of the arc for |s| <= half_length, if it stays within the radius.
 
-        Whether the arc y(s) stays within the radius is not assumed to be known. The caller
-        compares the returned largest ``|y_i|`` with the radius. If it is less, and the
-        contraction is less than 1, the arc does stay within the radius.
+        The arc has coordinates s along its tangent and y(s) along its normals. The caller
+        tests whether it stays within the radius. It does if the returned ``|y_i|`` is less
+        than the radius, and the contraction less than 1.
 
-        Y F' is (e, I + E): a small column e of derivatives by s, and a matrix near the
-        identity I of derivatives by y. Along the arc F' (1, y') = 0, so (I + E) y' = -e.
-        Three bounds follow from the largest elements and row sums of e and E:
+        With F' the derivatives of the equations and Y the approximate inverse at the
+        centre, Y F' is (e, I + E): a small column e of derivatives by s, and a matrix near
+        the identity I of derivatives by y. Along the arc F' (1, y') = 0, so (I + E) y' =
+        -e. Three bounds follow:
 
         1. The contraction is the largest row sum of ``|E|`` in the box.
         2. The slope ``|y'|`` is at most ``|e|`` / (1 - contraction).
@@ -506,32 +511,32 @@ class TubeTest:
         Parameters
         ----------
         half_length, radius
-            Limits (rad) of ``|s|`` and of each ``|y_i|``: numbers, or arrays that broadcast
-            against each other.
+            Limits (rad) of ``|s|`` and of each ``|y_i|``: numbers, or arrays for many
+            boxes.
         """
         normal_count = len(self.inverse_size)
-        # (2, ..., v) the whole box, and the part of it with s = 0.
+        # (2, ..., v) largest coordinates in the whole box, and in its part with s = 0.
         reach_of_box = _largest_coordinates(half_length, radius, normal_count)
         reach_at_centre = _largest_coordinates(0.0, radius, normal_count)
         reaches = np.stack(np.broadcast_arrays(reach_of_box, reach_at_centre))
-        # (..., k, v) each: bounds of (|e|, |E|).
+        # (..., k, v) each: bounds of |e| and |E|, side by side.
         change_in_box, change_at_centre = self.bound_slope_change(reaches)
 
-        # 1. Contraction. The factor `ROUND_UP` is slightly above 1. It covers the rounding
-        # of the operations before it.
+        # 1. Contraction. `ROUND_UP` is slightly above 1 and covers the rounding of the
+        #    bound.
         row_sums = change_in_box[..., 1:].sum(axis=-1)
         contraction = row_sums.max(axis=-1) * ROUND_UP
 
-        # 2. Slopes in the box and at s = 0, where the contraction of the box is a bound,
-        # too. If the contraction exceeds 1 the slopes become huge, and not negative.
+        # 2. Slopes in the box and at s = 0. The contraction of the box is valid for both.
+        #    If it exceeds 1, the slopes become huge, but not negative.
         margin = np.maximum(1.0 - contraction, 1e-300)
         slope_in_box = change_in_box[..., 0].max(axis=-1) / margin * ROUND_UP
         slope_at_centre = change_at_centre[..., 0].max(axis=-1) / margin * ROUND_UP
 
         # 3. Largest |y_i|. At s = 0 it is at most |Y F| / (1 - contraction), with F at the
-        # centre. From there to an end of the box the slope is integrated. Its bound is a
-        # polynomial of degree 2 in |s| with positive coefficients (`bound_slope_change`).
-        # It is convex, so its mean is at most the mean of its values at both ends.
+        #    centre. From there the slope is integrated. Its bound is a convex function of
+        #    |s| (`bound_slope_change`). So its mean is at most the mean of the values at
+        #    both ends.
         largest_at_centre = self._residual / margin
         mean_slope = 0.5 * slope_in_box + 0.5 * slope_at_centre
         largest = (largest_at_centre + half_length * mean_slope) * ROUND_UP
@@ -543,15 +548,14 @@ class TubeTest:
 def _bound_derivative_error(equations: ArcEquations) -> Floats:
     """Return error bounds E (k,) of the computed equations and their derivatives.
 
-    An equation with the degrees d is wrong by at most E, its first derivative by variable i
-    by at most E d_i, and its second derivatives by at most E d_i d_j. There are two parts:
+    An equation with the degrees d has an error of at most E, its first derivative by
+    variable i at most E d_i, and its second derivatives at most E d_i d_j. There are two
+    parts:
 
-    - the error of the evaluation, for which the equations are Fourier series (`harmonics`),
-    - the rounding in products with the frame and Y.
-
-    A matrix product is wrong by at most `PRODUCT_ROUNDING` times the size of its result.
-    This size is at most the bound of derivatives, times the degrees. At most three products
-    follow each other, so the factor 4 is more than enough.
+    - the error of the evaluation by Fourier series (`harmonics`),
+    - the rounding of the products with the frame and the approximate inverse Y. A matrix
+      product has an error of at most `PRODUCT_ROUNDING` times the size of its result. There
+      are at most three products in a row, which the factor 4 covers.
     """
     rounding = 4.0 * PRODUCT_ROUNDING * equations.derivative_bound
     return equations.harmonics.error + rounding
@@ -562,11 +566,13 @@ def _largest_coordinates(
 ) -> Floats:
     """Return the largest coordinates (..., v) of boxes, along the tangent and the normals.
 
+    A box is about the centre of an arc, with sides along its tangent and normals.
+
     Parameters
     ----------
     half_length, radius
-        Limits (rad) along the tangent and along each normal: numbers, or arrays that
-        broadcast against each other.
+        Half lengths (rad) along the tangent and along each normal: numbers, or arrays for
+        many boxes.
     normal_count
         Number of normals, v - 1.
     """
@@ -582,24 +588,22 @@ def correct_configuration(
 ) -> Floats | None:
     """Return the configuration near a position, by Newton's method; None if it fails.
 
-    All equations of the mechanism are 0 in a configuration.
+    All equations of the mechanism are 0 in a configuration. Nothing is proven here.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     position
-        (v,) start (rad).
+        (v,) start values of all variables (rad).
     free_count
-        Only the first `free_count` variables are changed. By default all variables are
-        changed. There are then fewer equations than variables, and of all possible Newton
-        steps the shortest one is taken.
+        Number of variables to change, from the first on. By default all are changed. There
+        are then more variables than equations, and the shortest possible step is taken.
     """
     position = position.copy()
     for _ in range(MAX_CORRECTOR_STEPS):
-        # Values (k,) of the equations, and their derivatives (k, v) by the variables. The
-        # equations are evaluated by Fourier series (harmonics) in the angles, which take
-        # their cosines and sines.
+        # Values (k,) and derivatives (k, v) of the equations, by Fourier series. These take
+        # the cosines and sines of the variables.
         circle_points = np.stack([np.cos(position), np.sin(position)], axis=-1)
         (values_before_step,), (slopes,) = equations.harmonics.derivatives(
             circle_points[None], 1
@@ -610,11 +614,11 @@ def correct_configuration(
         position[:free_count] += step
         step_size = np.max(np.abs(step))
         is_small_enough = step_size < MAX_CORRECTOR_STEP_RAD
-        # Written with `not`, so that a step that is not a number (NaN) fails, too.
+        # Written with `not`, so that NaN fails, too.
         if not is_small_enough:
             return None
         if step_size < CONVERGED_STEP_RAD:
             break
-    # The values are those before the last step, which has made them smaller.
+    # These values are those before the last step, so those after it are smaller.
     is_closed = np.max(np.abs(values_before_step)) < MAX_CLOSURE_RESIDUAL
     return position if is_closed else None
