@@ -203,8 +203,8 @@ def test_every_output_has_its_own_transmission_angle_on_the_screen(capsys):
     printed = print_run(capsys, "watt")
     assert "least transmission angle at pair 56 (deg)" in printed
     assert (
-        "The least transmission angle of all dyads is 47.9 deg, at pair 34 in modes 0-3 "
-        "at input 12 = 0 deg."
+        "With all dyads of the mechanism, the least transmission angle is 47.9 deg, at "
+        "pair 34 in modes 0-3 at input 12 = 0 deg."
     ) in printed
 
 
@@ -425,7 +425,7 @@ def test_a_search_that_could_miss_modes_names_the_command_that_proves_them(
     capsys, name, is_provable
 ):
     printed = print_run(capsys, name, "--samples", 37)
-    assert "such starts lead could be missed" in printed
+    assert "A mode that fewer starts reach could be missed." in printed
     assert (f"spherekit certify {name}" in printed) == is_provable
     # The suggestion is right if the command accepts the mechanism.
     assert main(["certify", name]) == (0 if is_provable else 1)
@@ -478,7 +478,7 @@ def test_a_sweep_has_words_and_says_where_figures_depend_on_samples(capsys):
     )
     assert "exists at" not in printed
     assert "leaves out modes that exist at a part of the samples only. As a rule" in printed
-    assert "Warning: Change-point four-bars (designs 2, 4) have a configuration" in printed
+    assert "Warning: Designs 2, 4 are change-point four-bars and have a" in printed
     whole = ["--where", "closes > 0.999", "--where", "links_2_arc < 25"]
     assert main(["sweep", "four_bar", *words, "--samples", "91", *whole]) == 0
     printed = capsys.readouterr().out
@@ -526,8 +526,8 @@ def test_stops_of_a_damped_motion_are_counted_but_not_listed(capsys):
     stops = "all links stop and turn back at t (s) = 1.407, 2.778, 4.14, 5.503 and 1 more"
     assert f"5 events: {stops}." in printed
     assert (
-        "2 further stops of all links are only in the table of events: the input swings "
-        "less than 0.00001 deg before each." in printed
+        "2 more stops of all links, after swings of less than 0.00001 deg, are only"
+        in printed
     )
     # The table has the exact times of the events, not those between its samples.
     assert re.search(r"1.407, 2.778, 4.14, 5.503 and 1 more\n", printed)
@@ -624,7 +624,8 @@ def test_an_accuracy_says_by_how_much_coarse_samples_miss_the_extremes(capsys):
     """
     printed = print_run(capsys, "four_bar", "--samples", 37)
     estimate = (
-        "velocity ratios only to about 0.002, as samples are 10 deg of input 21 apart"
+        "velocity ratios only to about 0.002, as extremes can lie between samples (10 deg "
+        "of input 21 apart)"
     )
     assert estimate in printed
     printed = print_run(capsys, "four_bar", "--samples", 3601)

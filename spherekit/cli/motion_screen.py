@@ -396,8 +396,8 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
     if any(column.heading == MEASURE_HEADING for column in table.columns):
         notes.append(
             "The transmission measure m says how firmly the locked inputs hold the output: "
-            "play in the pairs moves it about 1/m times as far as if every pair were "
-            "locked. m is 1 at best, and 0 where the inputs cannot drive the output "
+            "play in the pairs moves the output about 1/m times as far as it would with "
+            "m = 1, the best value. m is 0 where the inputs cannot drive the output "
             "(singularity of type II)."
         )
     notes += _describe_other_dyad(summary)
@@ -465,7 +465,7 @@ def _describe_other_dyad(summary: Any) -> Lines:
         and (entry["pair"], entry["place"]) == (least["pair"], least["place"])
     ]
     return [
-        "The least transmission angle of all dyads is "
+        "With all dyads of the mechanism, the least transmission angle is "
         f"{transmission_text(least['angle_rad'])} deg, at pair {least['pair']} in "
         f"{modes_text(modes)} at {place}. At a dead centre (type II singularity), a "
         "transmission angle is 0."

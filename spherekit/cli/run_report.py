@@ -506,10 +506,9 @@ def _describe_events(event_count: int, events: Sequence[Any]) -> Lines:
         lines.append(f"{counted(listed_count, 'event')}: {'; '.join(texts)}.")
     if small_stop_count:
         lines.append(
-            f"{counted(small_stop_count, 'further stop')} of all links "
-            f"{'is' if small_stop_count == 1 else 'are'} only in the table of events: the "
-            f"input swings less than {math.degrees(LEAST_SWING_RAD):.5f} deg before "
-            f"{'it' if small_stop_count == 1 else 'each'}."
+            f"{counted(small_stop_count, 'more stop')} of all links, after swings of less "
+            f"than {math.degrees(LEAST_SWING_RAD):.5f} deg, "
+            f"{'is' if small_stop_count == 1 else 'are'} only in the table of events."
         )
     return lines
 
@@ -720,7 +719,8 @@ def _table_accuracy(overview: Any) -> str:
 
     The extremes are those of the samples. Between two samples, values can be larger or
     smaller. An example of the text is "the table is accurate to the digits shown, but
-    angles only to about 0.002 deg, as samples are 1 deg of 21 apart".
+    angles only to about 0.002 deg, as extremes can lie between samples (1 deg of input 21
+    apart)".
 
     Parameters
     ----------
@@ -750,11 +750,15 @@ def _table_accuracy(overview: Any) -> str:
     ]
     line = "the table is accurate to the digits shown"
     if exceptions:
-        because = f", as samples are {sample_distance} apart" if sample_distance else ""
+        because = (
+            f", as extremes can lie between samples ({sample_distance} apart)"
+            if sample_distance
+            else ""
+        )
         line += f", but {', '.join(exceptions)}{because}"
     modes = overview["modes"].values()
     if not all(mode["closes_everywhere"] for mode in modes):
-        line += "; of modes that end, it has the values up to their last samples"
+        line += "; the extremes of a mode that ends are those up to its last sample"
     elif any(mode["statuses"] for mode in modes):
         line += "; samples without a result are left out of the table"
     return line

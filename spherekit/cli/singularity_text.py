@@ -353,15 +353,15 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
                 beginning = f"At least one input always moves the {output}"
         end = ""
         if "simulation" not in summary:
-            quantity = "velocity ratio"
+            quantity = "the velocity ratio"
+            explanation = ""
             if has_several_inputs:
-                quantity = (
-                    "velocity ratio for the least effective combination of the inputs "
-                    "(smallest singular value of the velocity Jacobian)"
-                )
+                quantity = "the velocity ratio for the worst combination of input rates"
+                explanation = " (smallest singular value of the velocity Jacobian)"
             noun = "closest configuration"
             if has_one_freedom:
-                quantity = "root of the sum of the squared velocity ratios"
+                explanation = ""
+                quantity = "the root of the sum of the squared velocity ratios"
                 noun = "configuration with the smallest ratios"
             equally_near = [
                 (mode, jacobian["inputs_rad"])
@@ -371,7 +371,7 @@ def _describe_type_1(summary: Any, number: int) -> _Statement:
             ]
             end = (
                 f"; {_closest_text(noun, summary, equally_near)}, where "
-                f"the {quantity} is {number_text(least_value, RATIO_ERROR, 2)}"
+                f"{quantity} is {number_text(least_value, RATIO_ERROR, 2)}{explanation}"
             )
         lines.append(f"{beginning} {extent}{end}.")
     return _Statement(lines, is_nearly_met or bool(modes_by_place))

@@ -78,8 +78,8 @@ def sweep_report(result: "SweepResult") -> ScreenReport:
         report.warnings += _describe_reasons(frame[~is_valid])
     report.accuracy = "; ".join(
         [
-            "figures of merit are the extremes of the samples of each design"
-            f"{_sample_distance(sweep)}; between samples a quantity can go beyond them",
+            f"a figure of merit is an extreme of the samples{_sample_distance(sweep)}; the "
+            "true extreme of a design can lie between two samples. No error is computed",
             *result.remarks,
         ]
     )
@@ -134,13 +134,13 @@ def _sample_words(sweep: "Sweep") -> str:
 def _sample_distance(sweep: "Sweep") -> str:
     """Return how far samples of the only input are apart in words, or an empty text.
 
-    An example is ``, which are 1 deg apart``.
+    An example is `` (1 deg of input 21 apart)``.
     """
     samples = sweep.samples
     if samples is None or len(samples.inputs) != 1 or len(samples.rows) < 2:
         return ""
     first, second = samples.rows[:2, 0]
-    return f", which are {degrees_text(abs(second - first))} deg apart"
+    return f" ({degrees_text(abs(second - first))} deg of input {samples.inputs[0]} apart)"
 
 
 def _ranked_rows(frame: Any) -> Any:
@@ -185,7 +185,7 @@ def _count_rows(frame: Any, is_valid: Any, where: tuple[str, ...]) -> str:
         least = number_text(100.0 * closes.min(), digits=3)
         text += (
             f"; {partial_count} of the rows{_design_words(frame[is_valid][closes < 1.0])} "
-            f"exist only at a part of the samples, at least at {least} % of them"
+            f"exist only at some of the samples, each at {least} % or more"
         )
     elif len(closes):
         text += f"; {'the others' if failed_count else 'all'} exist at all samples"
@@ -324,10 +324,13 @@ def _warn_of_change_points(frame: Any) -> Lines:
     if rows.empty:
         return []
     designs = sorted(set(rows["design"]))
+    are, have = ("is a", "has") if len(designs) == 1 else ("are", "have")
+    name = "change-point four-bar" if len(designs) == 1 else "change-point four-bars"
+    text = numbered("design", designs)
     return [
-        f"Change-point four-bars ({numbered('design', designs)}) have a configuration in "
-        "which all axes lie in one plane and the assembly modes meet. Their largest and "
-        "smallest figures depend on how near a sample falls to this configuration."
+        f"{text[0].upper()}{text[1:]} {are} {name} and {have} a configuration in which all "
+        "axes lie in one plane and the assembly modes meet. The figures depend on how near "
+        "a sample is to this configuration, so do not rank by them."
     ]
 
 

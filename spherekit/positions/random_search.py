@@ -167,9 +167,9 @@ class SearchStatistics:
         modes = counted(mode_count, "mode")
         one_in = round(1.0 / self.missed_share)
         return (
-            f"{starts} of Newton's method found {modes}. A mode to which fewer than 1 in "
-            f"{one_in} such starts lead could be missed; any other mode would have been "
-            f"found with a probability of {1.0 - MISS_PROBABILITY:.0%}."
+            f"{starts} of Newton's method found {modes}. A mode that at least 1 in "
+            f"{one_in} such starts reach has been found with a probability of "
+            f"{1.0 - MISS_PROBABILITY:.0%}. A mode that fewer starts reach could be missed."
         )
 
     def progress_text(self, things: str) -> str:
