@@ -60,10 +60,11 @@ def rotations_and_gaps(solver, assemblies):
 
 
 def check_complete(chain, driven, axes, random, starts, roots):
-    """Assert that elimination has every configuration that a random search finds.
+    """Assert that elimination finds every configuration that a random search finds.
 
-    Elimination solves a polynomial system for all configurations of a mechanism with
-    locked inputs. The search (`oracles.configuration_search`) has other equations.
+    Elimination solves a polynomial system for all configurations of a mechanism with locked
+    inputs. The search (`oracles.configuration_search`) starts at random and has other
+    equations.
 
     Parameters
     ----------
@@ -87,6 +88,7 @@ def check_complete(chain, driven, axes, random, starts, roots):
     assert np.max(np.abs(closure_gaps)) < 1e-13
 
     searched, links = search_configurations(mechanism, random, starts)
+    # The search states the rotations of these links only.
     rotations = rotations[:, links]
     distances = np.max(np.abs(rotations[:, None] - rotations[None, :]), axis=(2, 3, 4))
     assert np.all(distances + np.eye(len(rotations)) > 1e-6)  # no configuration twice
@@ -99,10 +101,11 @@ def check_complete(chain, driven, axes, random, starts, roots):
 def test_all_seven_body_groups_of_eight_bars_are_eliminated():
     """Elimination solves every group of seven bodies, with the expected number of roots.
 
-    A group is a part of the locked mechanism that cannot be solved link by link. Each joint
-    of each of the 16 eight-bar chains is driven in turn: 160 choices, of which 32 have one
-    group of all seven bodies. For two chains, the double butterfly and the single flier,
-    the numbers of complex roots are checked for every joint.
+    A group is a set of links that has to be solved together when the inputs are locked.
+    Each joint of each of the 16 eight-bar chains is driven in turn: 160 choices, of which
+    32 have one group of all seven moving links. For two chains, the double butterfly and
+    the single flier, the numbers of complex roots are compared with known ones for every
+    joint.
     """
     random = np.random.default_rng(4)
     roots = {}
@@ -148,12 +151,13 @@ def test_all_seven_body_groups_of_eight_bars_are_eliminated():
 def test_elimination_has_every_configuration_that_a_random_search_finds(
     chain, driven, roots, count, starts
 ):
-    """For `count` mechanisms with random axes, as `check_complete` compares them.
+    """Elimination has all configurations that a search finds, for random axes.
 
-    Elimination has to find the given number of complex `roots`; the real ones are
-    configurations. The search, with `starts` random starts each, finds more than 90 % of
-    all configurations, so it would notice a missing one. There have to be 8 configurations
-    or more, so that the share means something.
+    Compared are `count` mechanisms, by `check_complete`. Elimination has to find the number
+    of complex `roots`; the real ones are configurations. The search, with `starts` random
+    starts each, finds more than 90 % of all configurations, so it would notice a missing
+    one. There have to be at least 8 configurations in total, so that the share means
+    something.
     """
     random = np.random.default_rng(seed=roots)  # any seed will do
     eliminated_total = 0
@@ -168,10 +172,11 @@ def test_elimination_has_every_configuration_that_a_random_search_finds(
 
 
 def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
-    """In four modes of the Agile Eye the platform axes lie along base axes.
+    """In four of the eight modes of the Agile Eye, the platform axes lie along base axes.
 
-    This is so at any inputs (I. Bonev et al., 2006); here they are 23, 11 and 37 degrees.
-    The pairs a1 to a3 are those of the base, c1 to c3 those of the platform.
+    A mode is a way to assemble the mechanism. This is so at any inputs (I. Bonev et al.,
+    2006); here they are 23, 11 and 37 degrees. The pairs a1 to a3 are those of the base, c1
+    to c3 those of the platform.
     """
     solver, assemblies = find_all_configurations(
         sk.load("agile_eye"), np.radians([23.0, 11.0, 37.0])
@@ -225,10 +230,11 @@ def test_a_double_root_is_one_mode():
 def test_a_platform_that_can_move_with_locked_inputs_is_searched(monkeypatch):
     """If configurations form a curve, a random search replaces elimination.
 
-    Two legs of the platform have common axes and are one condition on it. Elimination
-    reports infinitely many roots, and the configurations are searched from random starts.
-    Here the search is replaced by one that has made no start. The description of the method
-    names the search, and the doubt is large: configurations may be missing.
+    Two legs of the platform have common axes, so together they are one condition only.
+    Elimination reports infinitely many roots, and the configurations are searched from
+    random starts. Here the search is replaced by a function that makes no start. The
+    description of the method names the search, and the doubt is large: configurations may
+    be missing.
     """
     # Axes 0 to 2 are those on the base, 3 to 5 the elbows, 6 to 8 those on the platform.
     axes = random_axes(np.random.default_rng(11), 9)

@@ -36,8 +36,8 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
     """Return a shipped mechanism with masses, loads and two bearings in every R pair.
 
     Redundant constraints would leave some forces undetermined. Therefore both bearings of
-    some pairs are floating bearings and let the links slide along the axis. In the other
-    pairs the first bearing is a fixed one, which supports the whole axial force.
+    some pairs are floating bearings, which let the links slide along the axis. In the other
+    pairs the first bearing is fixed and supports the whole axial force.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
     mechanism
         Mechanism with masses on all links, one load of every kind, and bearings.
     joint
-        Name of the R pair with motor, spring, damper and friction.
+        Name of the R pair (revolute joint) with motor, spring, damper and friction.
     """
     mechanism, joint = with_masses_and_loads(name, np.random.default_rng(seed))
     # A file without inputs has a default input. It is declared here like any other.
@@ -87,15 +87,15 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
 @pytest.mark.many
 @pytest.mark.parametrize("name", STARTS)
 def test_bearing_forces_are_those_of_free_bodies(name):
-    """Forces on all bearings and contacts, against Newton's and Euler's equations.
+    """Forces on all bearings and contacts are those of Newton's and Euler's equations.
 
     In the reference `bearing_forces` every link is a free body that only its bearings and
-    contacts hold. Teeth touch with one of two flanks and can only push. Every combination
-    of flanks is solved, and exactly one has pushing forces only.
+    contacts support. Teeth touch with one of two flanks and can only push. Every
+    combination of flanks is solved, and exactly one has pushing forces only.
 
     Forces are those of the first link of a pair on the second. The reference has them in
     ground axes, by (name of the bearings, number of the bearing) for R pairs and by (name
-    of the pair, 0) for contacts.
+    of the pair, 0) for contacts. A row is one of two instants.
     """
     # `joint` is the name of the R pair with motor, spring, damper and friction.
     mechanism, joint = mechanism_on_bearings(name)
@@ -145,7 +145,7 @@ SHAFT = mechanism_text("shaft")
 
 @pytest.mark.parametrize("speed", [0.0, 6.0])
 def test_a_vertical_shaft_stands_on_its_fixed_bearing(speed, tmp_path):
-    """Bearing forces of a shaft at rest and turning, against a calculation by hand.
+    """Bearing forces of a shaft at rest and turning are those calculated by hand.
 
     The shaft has 10 kg. Its centre of mass is 0.1 m beside the axis, at the height 0.3 m.
     The bearings are at the heights 0.2 m (fixed, supports axial forces) and 0.7 m.
@@ -167,6 +167,7 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(speed, tmp_path):
     frame = computed_reactions.frames[0, 0]  # columns: axes of this frame in ground axes
     outwards = np.array([np.cos(angle), np.sin(angle), 0.0])  # x of the shaft
     radial = np.array([frame @ first, frame @ second]) @ outwards
+    # 10 kg x 0.1 m x w^2
     pull = speed**2
     assert radial == pytest.approx([19.62 - 0.8 * pull, -19.62 - 0.2 * pull])
     assert [first[2], second[2]] == pytest.approx([98.1, 0.0], abs=1e-12)
@@ -175,8 +176,9 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(speed, tmp_path):
 def test_the_command_reports_axial_loads_and_bearings_that_hold_nothing(tmp_path, capsys):
     """A vertical shaft of 10 kg: a run prints and writes its axial load of 98.1 N.
 
-    The file of the shaft has two bearings, of which the first is fixed. If both float, the
-    run says that nothing holds the link "shaft" along its axis.
+    The load is the weight, 10 kg x 9.81 m/s^2. The file of the shaft has two bearings, of
+    which the first is fixed. If both float (let the shaft slide along its axis), the run
+    names the link "shaft", which no bearing supports axially.
     """
     path = tmp_path / "shaft.toml"
     path.write_text(SHAFT)
@@ -207,11 +209,12 @@ def test_axial_shares_of_bearings_are_kept_in_files_and_checked(tmp_path):
 
 
 def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():
-    """By hand: a balanced shaft presses on the fixed bearing with m g along the axis only.
+    """Friction of a fixed bearing slows a balanced vertical shaft as calculated by hand.
 
-    So C a = -c r m g, with the moment of inertia C = 0.2 kg m^2, the coefficient c = 0.4
-    and the radius r = 0.05 m, and the angle is w t - c r m g t^2 / (2 C). Bearings without
-    `axial` do not take part: there is no friction. If none holds the shaft along its axis,
+    The shaft presses on the fixed bearing with m g along the axis only. So C a = -c r m g,
+    with the moment of inertia C = 0.2 kg m^2, the coefficient c = 0.4 and the radius r =
+    0.05 m. The angle is w t - c r m g t^2 / (2 C). Bearings without `axial` have no
+    friction in the simulation. If both bearings float, no bearing supports the weight and
     the simulation is refused.
     """
     weight = sk.Gravity("weight", (0.0, 0.0, -10.0))
@@ -233,6 +236,7 @@ def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():
         axis=(0.0, 0.0, 1.0),
     )
     start = sk.Start(0.0, 9.0)
+    # c r m g / C, with the weight m g = 4 kg x 10 m/s^2
     deceleration = 0.4 * 0.05 * 40.0 / 0.2
     history = sk.simulate(shaft, start, 1.0).at([0.5, 1.0])
     angles = [4.5 - deceleration / 8.0, 9.0 - deceleration / 2.0]
@@ -246,11 +250,12 @@ def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():
 
 
 def test_bearing_friction_equals_a_load_of_the_same_torque():
-    """The friction torque is c r (sum of |forces on the bearings|) tanh(rate / speed).
+    """Friction of bearings acts like a load with the torque that its formula states.
 
-    The third pair of the mechanism has friction (c = 0.3, r = 0.02 m, speed 0.01 rad/s).
-    When its torque is added as a constant load instead, all reactions are the same; without
-    friction the driving torque is another.
+    The torque is c r (sum of |forces on the bearings|) tanh(rate / speed), against the
+    rate. The third pair of the mechanism has friction (c = 0.3, r = 0.02 m, speed 0.01
+    rad/s). When its torque is added as a constant load instead, all reactions are the same;
+    without friction the driving torque is another.
     """
     mechanism, _ = mechanism_on_bearings("stephenson")
     pair = mechanism.pairs[2].name
@@ -288,9 +293,10 @@ def test_reactions_name_what_is_missing_to_determine_forces():
     """Without a centre of mass and without bearings, no bearing force is determined.
 
     The result and the summary of a run name the link without a centre of mass. They also
-    name six pairs whose bearings have to float (let the links slide along the axis). The
-    seven R pairs have 21 force components, but the five moving links of the mechanism have
-    15 equations of force, so six components would remain undetermined.
+    name six pairs whose bearings have to float (let the links slide along the axis). This
+    number follows by counting. The seven R pairs have 21 force components, but the five
+    moving links of the mechanism have 15 equations of force, so six components would remain
+    undetermined.
     """
     mechanism, _ = with_masses_and_loads("stephenson", np.random.default_rng(3))
     light = replace(mechanism.masses[2], mass=None, centre=None)

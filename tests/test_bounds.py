@@ -49,12 +49,14 @@ LONG = pytest.param(range(12, 400), marks=pytest.mark.long)
 def test_error_bounds_are_right_for_special_geometry(seeds):
     """Every number of every row with status OK is within its error bound.
 
-    The reference is evaluated in more digits, from the float64 sizes of the mechanism and
-    from the decimal degrees of its file. Rows with another status are not compared.
+    A row is a configuration with the input that moves in it. The reference is evaluated in
+    more digits, from the float64 sizes of the mechanism and from the decimal degrees of its
+    file. Rows with another status are not compared.
 
     Bounds must not be useless either: the error of some direction is more than 5 % of its
     bound, and there is less than one row with another status for every ten poles compared.
-    At least 150 poles per mechanism have to be compared.
+    At least 150 poles per mechanism have to be compared. A pole is the axis of the relative
+    rotation of two links.
     """
     pole_count = 0  # poles in all compared rows
     rows_not_ok = 0

@@ -26,14 +26,16 @@ DISTANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 @pytest.mark.many
 @pytest.mark.parametrize("arcs", CHANGE_POINTS.values(), ids=CHANGE_POINTS)
 def test_torques_beside_change_points_are_right_or_have_a_status(arcs):
-    """Torque of the crank at 1e-2 to 1e-9 rad from where all links lie on a great circle.
+    """Torques beside a change point are right, or their row has a status.
 
-    At this change point, crank angle 0, the modes of the four-bar cross, and rates are
-    known to few digits. The reference is the generalized inertia B and its derivative in 50
-    digits: with the rate 1 rad/s and the acceleration 0.6 rad/s^2 of the law
-    q + t + 0.3 t^2, tau = 0.6 B + 0.5 dB/dq. Errors below a few thousandths are accepted
-    next to the change point, and 1e-6 from 1e-3 rad on. Rows with less accuracy must have a
-    status.
+    At the change point, crank angle 0, all links are on a great circle and two modes (ways
+    to assemble the links) cross. Rates are known to few digits nearby. The torque of the
+    crank is compared at 1e-2 to 1e-9 rad from there. The reference is the inertia B reduced
+    to the crank and its derivative in 50 digits: with the rate 1 rad/s and the acceleration
+    0.6 rad/s^2 of the law q + t + 0.3 t^2, tau = 0.6 B + 0.5 dB/dq.
+
+    Errors below a few thousandths are accepted next to the change point, and 1e-6 from 1e-3
+    rad on. Rows with less accuracy must have a status.
     """
     masses = tuple(Mass(link, TENSOR) for link in "234")
     mechanism = replace(four_bar(np.radians(arcs)), masses=masses, loads=())

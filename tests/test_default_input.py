@@ -89,10 +89,13 @@ QUICK = ("singularities", "statics", "eksergian")
 def test_runs_without_inputs_equal_runs_with_the_first_pair_as_input(
     analysis, more, files, tmp_path, capsys
 ):
-    """Printed text, tables and summary of an analysis are equal for both files.
+    """Results of an analysis are equal for a file without inputs and with the default one.
 
-    If an analysis refuses the mechanism, it does so in the same words. `more` are further
-    options of the command.
+    By default the first R pair (revolute joint) is the input. Printed text, tables and the
+    summary of both runs are compared without tolerance. An analysis that refuses the
+    mechanism has to do so in the same words. `more` are further options of the command.
+    `files` has the paths of both files. `said` runs a command and returns its status and
+    text.
     """
     printed = []
     tables = []
@@ -153,7 +156,9 @@ def test_what_is_written_agrees(language, files, tmp_path, capsys):
 def test_sweeps_trades_and_evaluations_without_inputs_equal_those_with_one(files):
     """A file without inputs has the default input, as if the file stated it.
 
-    Compared are a sweep over an arc, a trade of accuracy for time, and `evaluate`.
+    By default the first R pair (revolute joint) turns once. Compared are a sweep over an
+    arc, a trade of accuracy for time, and `evaluate` at two inputs. `files` has the paths
+    of the file without inputs and of the one that states the default.
     """
     silent, stated = map(sk.load, files)
     assert silent == stated

@@ -73,7 +73,8 @@ def folder(tmp_path, monkeypatch):
     """Return a working folder with all files that pages show under a file name.
 
     Python finds the module of the plugin tutorial and the helpers of the site in it. One
-    more file has a misspelt key, which a page shows the message of.
+    more file has a misspelt key; a page shows the message for it. `blocks` returns the code
+    blocks of a page by their language.
     """
     for page in PAGES:
         for kind, file_name in FILE_NAMES.items():
@@ -126,10 +127,12 @@ def test_pages_import_from_public_packages_only():
 
 @pytest.mark.parametrize("page", pages_with("console"))
 def test_console_blocks_show_what_commands_print(page, folder, capsys, monkeypatch):
-    """Each command after a `$` is run, and prints the lines below it.
+    """Commands in the console blocks of a page print what the page shows.
 
-    A line `...` stands for any lines. Progress depends on the clock and is switched off.
-    Rounding errors and sizes of files depend on the processor and may differ.
+    A command follows a `$`, and its output is on the lines below. A line `...` stands for
+    any lines. Progress depends on the clock and is switched off. Rounding errors and sizes
+    of files depend on the processor; `shows` lets them differ. `folder` has the files that
+    pages show.
     """
     listener = "spherekit.progress.progress_listener"
     monkeypatch.setattr(listener, lambda listener: nullcontext())
@@ -183,7 +186,11 @@ def anchors(text):
 
 
 def test_each_public_name_has_one_place_in_the_tables_of_the_api(monkeypatch):
-    """Making the tables fails if a name is missing. A name links to its page."""
+    """The tables of the API list every public name, which links to its page.
+
+    `USER_PURPOSES` sorts the names by purpose. If a name is missing there, the tables
+    cannot be generated. No two pages differ in case alone.
+    """
     monkeypatch.syspath_prepend(str(DOCS))
     pytest.importorskip("sphinx")
     from site_pages.api import USER_PURPOSES, pages, sections
@@ -239,10 +246,12 @@ def test_the_page_of_benchmarks_is_made_from_its_record():
 
 
 def test_the_plugin_of_the_tutorial_is_installed_and_computes_its_ratio(folder):
-    """The entry point in the shown pyproject.toml leads to the shown class.
+    """The entry point in the shown pyproject.toml leads to the shown class, which works.
 
-    Its torque ratio of link 4 is the reciprocal of the velocity coefficient of the pole
-    4/1. A wrong link is refused, and by default the link is that of the output, the rocker.
+    The class is an analysis of the torque ratio of a link. This ratio is the reciprocal of
+    the velocity coefficient of the link relative to the ground (pole 4/1). A wrong link is
+    refused, and by default the link is that of the output, the rocker. `folder` has the
+    module of the tutorial.
     """
     (project, _) = (tomllib.loads(text) for text in blocks("plugins.md", "toml"))
     entry_points = project["project"]["entry-points"]["spherekit.analyses"]
@@ -397,10 +406,11 @@ def columns_of_analyses():
 
 @pytest.fixture(scope="module")
 def declared():
-    """Return all names that pages may mention.
+    """Return all names that pages may mention, to find misspelt ones.
 
     They are the names of analyses with their parameters, tables and columns, the keys in
-    the schemas of files, and the quantities of figures of merit.
+    the schemas of files, and the quantities of figures of merit (numbers to which a design
+    is reduced).
     """
     names = columns_of_analyses() | set(analysis_names()) | {f"motion_{EVENTS.name}"}
     for name in analysis_names():
@@ -442,7 +452,8 @@ def test_columns_and_keys_that_pages_name_are_declared(declared):
     Names are words in backquotes. Checked are those that follow "column", "key" or
     "parameter" in a sentence, and those in tables of a page. If a table has "table" as the
     head of its first column, all its cells have names of tables and columns. If this head
-    is another word of `NAMING`, only the first column has names.
+    is another word of `NAMING`, only the first column has names. `declared` has the names
+    that exist.
     """
     # One or more words in backquotes, with "," or "and" or "or" between them.
     quoted_names = r"((?:`\w+`(?:,\s|\sand\s|\sor\s)?)+)"
@@ -466,7 +477,7 @@ def test_columns_and_keys_that_pages_name_are_declared(declared):
 def test_options_that_pages_name_are_those_of_commands(capsys):
     """Every `--option` in a page is in the help of a command or of the benchmarks.
 
-    `OF_OTHER_PROGRAMS` are options of programs such as pip.
+    Exceptions are `OF_OTHER_PROGRAMS`, the options of programs such as pip.
     """
     options = set(OF_OTHER_PROGRAMS)
     help_calls = [(main, command.split()) for command in ("", *COMMANDS)]

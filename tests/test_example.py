@@ -21,7 +21,8 @@ BUILD_WHEEL_CODE = "import setuptools.build_meta as b; print(b.build_wheel('dist
 def install(source: Path, target: Path) -> None:
     """Build the wheel of the distribution in `source` and unpack it into `target`.
 
-    The setuptools of this environment is used, so nothing is downloaded.
+    A package in `target` is then found like an installed one. The setuptools of this
+    environment is used, so nothing is downloaded.
     """
     pytest.importorskip("setuptools", "77")
     build = subprocess.run(
@@ -68,9 +69,11 @@ def test_the_stored_example_is_what_spherekit_new_writes():
 def test_a_new_analysis_installs_runs_and_conforms(name, tmp_path, capsys):
     """The stored example and a new analysis with another name work as installed plugins.
 
-    Both compute the torque on a link per torque at the input. By the balance of power it is
-    the reciprocal of the velocity coefficient of link 41, which the built-in analysis
-    `poles` writes. The tests inside the distribution run spherekit's conformance checks.
+    Both compute the torque on link 4 per torque at the input. By the balance of power it is
+    the reciprocal of the velocity coefficient (rate per rate of the input) of links 4 and
+    1, which the built-in analysis `poles` writes as pole 41. The tests inside the
+    distribution run spherekit's conformance checks. `install` builds and unpacks a
+    distribution, and `run_module` runs Python with it.
     """
     source = tmp_path / name
     target = tmp_path / "site"

@@ -57,10 +57,11 @@ def load_case(name):
 def c_results(path, exported_formulas, row, q, language):
     """Return the results (results, n) of the C or C++ source at inputs q (n,) in rad.
 
-    `row` is that of the mode in the source's table. Where curves of configurations cross, a
-    mode follows its smooth curve and changes signs of dyads. The function `smooth_mode` of
-    the source returns the signs that a mode has at an input. C++ functions are wrapped in C
-    ones, and the library is called for each input.
+    `row` is the number of a mode (way to assemble the links) in the source's table. Where
+    curves of configurations cross, a mode follows its smooth curve and changes signs of
+    dyads (pairs of links). The function `smooth_mode` of the source returns the signs that
+    a mode has at an input. C++ functions are wrapped in C ones, and the library is called
+    for each input.
     """
     name = exported_formulas.mechanism.name
     if language == "cpp":
@@ -143,7 +144,8 @@ def julia_results(path, exported_formulas, row, q):
 def results_by_language(exported_formulas, folder, row, q, languages):
     """Yield each installed language with the results (results, n) of its source.
 
-    `row` is that of the mode in the table of modes, `q` (n,) are inputs in rad.
+    `row` is the number of a mode (way to assemble the links) in the table of modes, and `q`
+    (n,) are inputs in rad. The source is written to a file in `folder`, and run there.
     """
     number = exported_formulas.modes[row].number
     endings = {"c": "c", "cpp": "hpp", "js": "mjs", "julia": "jl"}
@@ -185,6 +187,8 @@ def distances_from_crossings(smooth, q):
 class ExpectedMode:
     """One assembly mode by `sk.evaluate`, and how much sources may differ from it.
 
+    An assembly mode is one way to assemble the links. At a crossing two modes meet.
+
     Attributes
     ----------
     evaluated
@@ -193,13 +197,13 @@ class ExpectedMode:
         (n,) True for the inputs that are compared, k of them: status OK, and a small error
         bound of the configuration.
     angle_tolerance_rad
-        (k,) largest difference of angles. It is ten times the error bound of the
-        configuration, and `ANGLE_TOLERANCE_RAD`.
+        (k,) largest difference of angles: ten times the error bound of the configuration,
+        plus `ANGLE_TOLERANCE_RAD`.
     rate_rounding
         (k,) rounding of rates beside a crossing. Sources compute the triple product t of
-        the axes of a dyad as the square root of t^2, and divide by it to get rates.
-        Rounding changes t^2 by about 1e-16, so rates have the relative error 1e-16 / t^2.
-        Near a crossing t is proportional to the distance from it.
+        the axes of a dyad (two links) as the square root of t^2, and divide by it to get
+        rates. Rounding changes t^2 by about 1e-16, so rates have the relative error 1e-16 /
+        t^2. Near a crossing t is proportional to the distance from it.
     """
 
     evaluated: Any
@@ -227,10 +231,11 @@ class ExpectedMode:
 
 
 def expected_mode(mechanism, mode_number, smooth, q):
-    """Return an assembly mode at inputs q (n,) in rad by `sk.evaluate`.
+    """Return an assembly mode at inputs q (n,) in rad by `sk.evaluate`, as reference.
 
-    It follows its smooth curve through crossings. `smooth` is the table of mode values of
-    the formulas, which names the crossings.
+    An assembly mode (way to assemble the links) follows its smooth curve through crossings,
+    where two modes meet. `smooth` is the table of mode values of the formulas, which has
+    the inputs of the crossings.
     """
     evaluated = sk.evaluate(
         mechanism, q, poles=[], assembly_mode=mode_number, crossings="pass"
@@ -249,9 +254,9 @@ def expected_mode(mechanism, mode_number, smooth, q):
 def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     """Compare joint angles and their rates by sources with `sk.evaluate`, in all modes.
 
-    At a crossing two configuration curves meet. With `crossings="pass"` a mode follows its
-    smooth curve through it. The mode then consists of pieces, on each of which the signs of
-    its dyads (groups of two links) stay the same.
+    A mode is a way to assemble the links. At a crossing two configuration curves meet. With
+    `crossings="pass"` a mode follows its smooth curve through the crossing. The mode then
+    consists of pieces; on each, the signs of its dyads (groups of two links) stay the same.
 
     Returns
     -------
@@ -395,10 +400,12 @@ def mode_values_at(smooth, row, q):
 
 
 def test_fold_angles_of_a_source_keep_their_ratio():
-    """Tangents of half the fold angles keep their ratio through the flat state.
+    """Tangents of half the fold angles stay in a constant ratio through the flat state.
 
     Huffman (1976) showed this for flat-foldable vertices. The ratios to the input crease c1
-    are compared on both sides of the flat state, the input 0, in both modes.
+    are compared on both sides of the flat state, the input 0, in both modes (ways to fold).
+    `mode_values_at` returns the signs of a mode, which are arguments of the exported
+    formulas.
     """
     exported_formulas = formulas(
         load_case("flatfold_through"), ["theta_*"], crossings="pass"
@@ -443,9 +450,10 @@ def test_signs_are_nan_right_at_a_crossing():
 def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path):
     """An export fails if a mode keeps the signs that it has before a crossing.
 
-    The crossings divide the range of the input into four intervals. For a mode that passes
-    them, the export determines the sign of the dyad in each interval (`mode_values`). Here
-    all intervals get the sign of interval 1. The export then compares the formulas with the
+    At a crossing two modes (ways to assemble the links) meet. The crossings divide the
+    range of the input into four intervals. For a mode that passes them, the export
+    determines the sign of the dyad (two links) in each interval (`mode_values`). Here all
+    intervals get the sign of interval 1. The export then compares the formulas with the
     mechanism and must notice it.
     """
     from spherekit.exchange import mode_table
@@ -469,9 +477,9 @@ def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
     """Newton's steps from stored configurations lead to the modes of `sk.evaluate`.
 
     At a crossing two configuration curves meet. With `crossings="pass"` an assembly mode
-    does not end there. It continues along its smooth curve.
+    (way to assemble the links) continues along its smooth curve through the crossing.
 
-    The modes of a triad (a group of four links) are not given by signs. Instead the source
+    Signs do not tell the modes of a triad (a group of four links). Instead the source
     stores, for each mode and each side of the crossing, the variables at one input (rad).
     From this start the input is changed to a goal in 200 steps, with four iterations each.
     """
@@ -516,11 +524,11 @@ def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
 def test_turns_are_counted_where_a_smooth_curve_turns_fully():
     """A spring at the rocker of a parallelogram needs a count of turns as an argument.
 
-    The torque of a spring depends on whole turns of its pair, which its angle between -pi
+    The torque of a spring depends on whole turns of its pair, which an angle between -pi
     and pi does not tell. When all links of a parallelogram are in line, two configuration
-    curves cross. With `crossings="pass"` a mode follows the smooth curve through the
-    crossings, on which the rocker turns fully. In the shipped four-bar the rocker only
-    swings, so no count is needed.
+    curves cross. With `crossings="pass"` a mode (way to assemble the links) follows the
+    smooth curve through the crossings, on which the rocker turns fully. In the shipped
+    four-bar the rocker only swings, so no count is needed.
     """
     arcs = {"1": 60.0, "2": 30.0, "3": 60.0, "4": 30.0}
     parallelogram = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)

@@ -18,7 +18,11 @@ from spherekit.files.mechanism_reader import loads
 
 
 def resting_dyad():
-    """Return a five-bar with a dyad on its second crank, which rests if the first moves."""
+    """Return a five-bar with a dyad on its second crank, which rests if the first moves.
+
+    A dyad is two links joined by a pair, here links 6 and 7. The cranks are the inputs;
+    tests move one and lock the other.
+    """
     text = """
 format = 1
 name = "resting_dyad"
@@ -51,8 +55,8 @@ ground = "1"
 def folded_kite():
     """Return a kite driven at its crank, whose rocker rests in one of the modes.
 
-    In that mode crank and rod turn together. A dyad on the rocker rests too, but for
-    rounding.
+    A mode is a way to assemble the links. In this mode crank and rod turn together about
+    one axis. A dyad on the rocker rests too, but for rounding.
     """
     text = """
 format = 1
@@ -92,6 +96,8 @@ CASES = {
 class RelativeRotation:
     """How one link rotates relative to another while one input moves.
 
+    Formulas and `sk.evaluate` are compared by it.
+
     Attributes
     ----------
     pole
@@ -126,14 +132,14 @@ def rotation_by_evaluate(evaluated, row, link, reference_link, moving_input):
 
 
 def assert_same_rotation(by_formulas, by_evaluate):
-    """Assert that coefficients are equal, and angular velocities too if there is a pole.
+    """Assert that two results for the rotation of a link relative to another agree.
 
-    Pole and coefficient may change their sign together. If formulas have no pole, the links
-    rest: the coefficients are zero up to rounding.
+    Coefficients are compared, and angular velocities too if there is a pole (axis of the
+    rotation). Pole and coefficient may change their sign together. If formulas have no
+    pole, the links rest: the coefficients are zero up to rounding.
     """
-    # If two links rest only up to rounding, `sk.evaluate` can still give an axis, as the
-    # intersection of great circles through other poles. Formulas compute the axis from the
-    # rates alone and give NaN. So only `sk.evaluate` may have a pole that formulas lack.
+    # Formulas compute the axis from rates and return NaN if these are only rounding.
+    # `sk.evaluate` may still find the axis as an intersection of great circles.
     assert by_evaluate.has_pole or not by_formulas.has_pole
     sign = np.sign(by_formulas.coefficient * by_evaluate.coefficient)
     expected_coefficient = by_evaluate.coefficient * sign
@@ -157,9 +163,11 @@ mechanisms of `CASES` some links must rest."""
     [pytest.param(x, marks=pytest.mark.slow) if x == "three_rrr" else x for x in CASES],
 )
 def test_links_that_rest_have_no_pole(name):
-    """Formulas give NaN for the pole of two links that rest relative to each other.
+    """Formulas return NaN for the pole of two links that rest relative to each other.
 
-    Formulas are compared with `sk.evaluate` for all pairs of links and all inputs.
+    A pole is the axis of the relative rotation of two links. Formulas are compared with
+    `sk.evaluate` for all assembly modes, pairs of links and inputs. Except for two
+    mechanisms, some links have to rest, so that the test compares such poles.
     """
     exported_formulas = formulas(CASES[name](), ["pole_*", "*_coefficient_*"])
     mechanism = exported_formulas.mechanism
@@ -203,13 +211,14 @@ def results_of_formulas(exported_formulas, mode):
 def row_of_mode(evaluated, exported_formulas, results, mode):
     """Return the row of `sk.evaluate` that belongs to an assembly mode of formulas.
 
-    With several inputs modes are numbered differently. The row is then the one with the
-    same angular velocities of all links.
+    An assembly mode is one way to assemble the links. With several inputs, both number the
+    modes differently. The row is then the one with the same angular velocities of all
+    links.
 
     Parameters
     ----------
     evaluated
-        The result of `sk.evaluate` at the inputs of the mode.
+        The result of `sk.evaluate` at the inputs of the mode, with one row per mode.
     exported_formulas
         The formulas.
     results
@@ -248,7 +257,12 @@ def test_a_pole_that_never_exists_is_nan_in_every_language(tmp_path):
 
 
 def test_a_passive_pair_keeps_its_axis_where_it_rests():
-    """The axis of a passive pair exists also in the mode in which its links rest."""
+    """The axis of a passive pair exists also in the mode in which its links rest.
+
+    A passive pair is no input. In `folded_kite`, the rocker rests on the base in one of the
+    two modes (ways to assemble the links). Its velocity coefficient is 0 there, and the
+    formulas still return the axis of the pair.
+    """
     exported_formulas = formulas(
         folded_kite(), ["pole_rocker_base_*", "velocity_coefficient_*"]
     )

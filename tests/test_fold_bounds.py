@@ -35,11 +35,12 @@ MAX_JUDGED_ROWS = 60
 
 
 def check_angles_at_singularities(mechanism, path):
-    """Check the angles of rows at singularities against 50 digits; count these rows.
+    """Compare the angles of rows at singularities with 50 digits, and count these rows.
 
-    `path` holds the inputs (rad). Rows with the status AT_SINGULARITY have angles, or NaN
-    if their error bound would be too large. The result is the number of rows with angles
-    (at most `MAX_JUDGED_ROWS`).
+    A row is one sample in one assembly mode (way to assemble the links). `path` has the
+    inputs (rad). Rows with the status AT_SINGULARITY have angles, or NaN if their error
+    bound would be too large. The result is the number of rows with angles (at most
+    `MAX_JUDGED_ROWS`).
     """
     motion = PositionAnalysis(mechanism, path=path).motion()
     is_singular = motion.status == Status.AT_SINGULARITY
@@ -83,10 +84,12 @@ def check_rows_beyond_a_dead_centre(rows):
     ],
 )
 def test_angles_at_folds_are_within_their_bounds_or_missing(seeds, least_rows):
-    """Inputs are placed beside folds of random mechanisms.
+    """Angles beside folds of random mechanisms are within their error bounds or missing.
 
-    At a fold links are in line, and two assembly modes meet. `least_rows` is a lower limit
-    on the number of compared rows, so that the test cannot pass by leaving out all angles.
+    At a fold links are in line, and two assembly modes meet.
+    `check_angles_at_singularities` compares the angles with 50 digits. `least_rows` is a
+    lower limit on the number of compared rows, so that the test cannot pass by leaving out
+    all angles.
     """
     compared_rows = 0
     for seed in seeds:
@@ -122,12 +125,14 @@ def test_rows_of_a_chain_of_sixty_links_are_ok_within_their_bounds(seed):
 
 @pytest.mark.parametrize("loop_count", [1, 2, 6])
 def test_newton_bounds_hold_if_all_loops_are_open_in_the_weakest_direction(loop_count):
-    """The bound is reached for linear equations with the most unfavourable residuals.
+    """The error bound of a solution is close for the most unfavourable linear equations.
 
-    L loops have 3 L residuals, each equal to g. The least singular value s of the Jacobian
-    J belongs to the direction (1, ..., 1) of these residuals; all others are 1. The norm of
-    the residuals is sqrt(3 L) g, so the solution is at the distance sqrt(3 L) g / s. The
-    Frobenius norm of the inverse, which the bound contains, is hardly more than 1 / s.
+    The bound is that of Kantorovich's theorem for Newton's method. L loops have 3 L
+    residuals, each equal to g. The least singular value s of the Jacobian J belongs to the
+    direction (1, ..., 1) of these residuals; all others are 1. The norm of the residuals is
+    sqrt(3 L) g, so the solution is at the distance sqrt(3 L) g / s. The Frobenius norm of
+    the inverse, which the bound contains, is hardly more than 1 / s, so the bound may
+    exceed the distance by 1 % only.
     """
     residual_count = 3 * loop_count
     residual = 1e-12
@@ -150,17 +155,17 @@ def test_newton_bounds_hold_if_all_loops_are_open_in_the_weakest_direction(loop_
 
 @pytest.mark.parametrize("loop_count", [2, 6])
 def test_newton_bounds_are_infinite_if_loops_together_may_have_no_solution(loop_count):
-    """Loops that are all alike close only for residuals g up to 1 / (2 k).
+    """The error bound of a solution is infinite if the equations have no solution.
 
-    The residual of each of L loops is the same function of one variable x,
+    The bound is that of Kantorovich's theorem for Newton's method. The residual of each of
+    L loops is the same function of one variable x,
 
         k x^2 / 2 - x + g,
 
-    with the residual g at x = 0 and the curvature k. Its zero next to 0 is
-    x = (1 - sqrt(1 - 2 k g)) / k, for g up to 1 / (2 k). The bound must be infinite for a
-    larger g, and may be infinite for a smaller one. The derivatives of the loops are -1, so
-    the pseudo-inverse of the Jacobian, a column of L equal numbers, has the norm
-    1 / sqrt(L).
+    with the residual g at x = 0 and the curvature k. Its zero next to 0 is x = (1 - sqrt(1
+    - 2 k g)) / k, for g up to 1 / (2 k). The bound must be infinite for a larger g, and may
+    be infinite for a smaller one. The derivatives of the loops are -1, so the
+    pseudo-inverse of the Jacobian, a column of L equal numbers, has the norm 1 / sqrt(L).
     """
     curvature = 0.1
     largest_closing_residual = 1.0 / (2.0 * curvature)

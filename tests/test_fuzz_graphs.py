@@ -27,10 +27,11 @@ FRAME_ROTATION = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 
 
 def evaluate_fields(mechanism, samples=3):
-    """Return the motion of mode 0 and {input pair: velocity field} at these samples.
+    """Return the motion of assembly mode 0 and {input pair: velocity field} at its samples.
 
-    A field holds the poles, their velocity coefficients and the angular velocities of all
-    links while one input moves and the others are locked.
+    An assembly mode is one way to assemble the links. A field has the poles (axes of
+    relative rotation), their velocity coefficients (rates per rate of the input) and the
+    angular velocities of all links, while one input moves and the others are locked.
     """
     with warnings.catch_warnings():
         # A warning of NumPy (division by zero, invalid value) fails the test.
@@ -43,9 +44,9 @@ def evaluate_fields(mechanism, samples=3):
         poles = all_poles(len(mechanism.links))
         fields = {}
         for input_pair in position_analysis.inputs:
-            # The poles are planned like the positions. `by_rank` says that the mobility
-            # follows from the rank of the velocity equations, because the numbers of links
-            # and pairs give another one.
+            # `by_rank` says that the mobility follows from the rank of the velocity
+            # equations. For these mechanisms, counting links and pairs leads to another
+            # number.
             pole_request = request(
                 position_analysis.mechanism,
                 input_pair,
@@ -60,11 +61,15 @@ def evaluate_fields(mechanism, samples=3):
 def check_plan(plan):
     """Assert that a plan determines every pole once, only from poles of earlier steps.
 
-    A pole is the axis about which one body rotates relative to another. A step gives the
-    axis of a pair (`PrimaryPole`), an intersection of great circles through other poles,
-    its sources (`LinePole`), or all poles of a part that great circles do not resolve
-    (`BlockPoles`). The dictionary of the plan must also survive JSON unchanged, with one
-    entry for each step.
+    A pole is the axis about which one body rotates relative to another. A step is one of
+    three:
+
+    - the axis of a pair (`PrimaryPole`),
+    - an intersection of great circles through other poles, its sources (`LinePole`),
+    - or all poles of a part that great circles do not resolve (`BlockPoles`).
+
+    The dictionary of the plan must also survive JSON unchanged, with one entry for each
+    step.
     """
     determined = set()
     for step in plan.steps:
@@ -86,8 +91,9 @@ def check_invariance(mechanism, link_order):
 
     The second mechanism has other link names, the links in `link_order`, exchanged ends of
     some pairs, and all axes rotated by `FRAME_ROTATION`. Pairs keep their names. Its
-    angular velocities must be those of the first, rotated in the same way. A mechanism that
-    is refused must be refused again.
+    angular velocities must be those of the first, rotated in the same way. If the first
+    mechanism is refused, the second must be refused too. `evaluate_fields` returns a field
+    for each moving input.
     """
     second, new_names = reordered(turned(mechanism, FRAME_ROTATION), link_order)
     try:
@@ -101,7 +107,7 @@ def check_invariance(mechanism, link_order):
         mechanism.link_number[old]: second.link_number[new]
         for old, new in new_names.items()
     }
-    # Statuses may differ only where rounding decides whether a row is OK.
+    # A row is a sample. Statuses may differ only where rounding decides whether it is OK.
     undecided = {
         Status.OK,
         Status.AT_SINGULARITY,
@@ -144,11 +150,12 @@ def sign_of_locked_determinant(motion, row):
 
 
 def follow_to_next_sample(motion, row, steps=40):
-    """Return the variables at the next sample, reached by small steps from a row.
+    """Return the variables at the next sample, reached by small steps from a row (sample).
 
     This is an independent continuation: Euler steps of the closure equations with Newton
-    corrections at fixed inputs, without spherekit's tracing. None if the passive Jacobian
-    is badly conditioned on the way or the variables change too fast for these steps.
+    corrections at fixed inputs, without spherekit's tracing. The result is None if the
+    Jacobian of the passive variables is badly conditioned on the way, or if the variables
+    change too fast for these steps. Passive variables are all except the inputs.
     """
     mechanism = motion.mechanism
     closure = Closure.of_mechanism(mechanism, motion.joints)
@@ -177,7 +184,7 @@ def follow_to_next_sample(motion, row, steps=40):
 
 
 def check_rows_stay_in_one_mode(motion):
-    """Assert that each row is reached from the row before it by a continuous motion.
+    """Assert that each row (sample) is reached from the one before by continuous motion.
 
     `follow_to_next_sample` moves the mechanism in small steps. It returns None where it
     would pass near a singularity, and such rows are skipped. In the other rows, the

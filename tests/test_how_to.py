@@ -30,7 +30,11 @@ def run_page(page, folder):
 
 @pytest.mark.slow
 def test_the_c_program_prints_the_shown_inputs(tmp_path, monkeypatch):
-    """The shown program is compiled with the exported formulas and prints what is shown."""
+    """The C program of a how-to page compiles and prints what the page shows.
+
+    The Python of the page exports the formulas of an inverse (inputs from an output) as C
+    code. `code_blocks` returns the code blocks of a page by their language.
+    """
     compiler = shutil.which("cc") or shutil.which("gcc")
     if not compiler:
         pytest.skip("no C compiler")
@@ -43,15 +47,17 @@ def test_the_c_program_prints_the_shown_inputs(tmp_path, monkeypatch):
     subprocess.run([compiler, *sources, *options], check=True)
     printed = subprocess.run(["./point"], check=True, capture_output=True, text=True).stdout
     (shown,) = code_blocks("inverse_c.md", "text")
+    # Lines that begin with $ are the commands, not what they print.
     assert printed == "".join(
         line for line in shown.splitlines(keepends=True) if not line.startswith("$ ")
     )
 
 
 def test_csv_files_have_the_properties_that_matlab_needs(tmp_path):
-    """Names are valid in MATLAB, and a number that is not known is an empty cell.
+    """Names in CSV files are valid in MATLAB, and an unknown number is an empty cell.
 
-    The input range of the mechanism ends beyond a dead centre, so that rows are missing.
+    Parquet tables of the same run tell which numbers are unknown (NaN). The input range of
+    the mechanism ends beyond a dead centre, so some rows have no configuration.
     """
     rocker = sk.load("four_bar").with_inputs(
         "41", ranges={"41": (-100, 0)}, angle_unit="deg"
@@ -82,13 +88,13 @@ def load_from_page(page, folder):
 
 
 def test_the_cylinder_carries_the_weight_of_the_lid(tmp_path):
-    """The force of the cylinder balances the weight of the closed lid by hand.
+    """The force of a cylinder under a closed lid is that of a balance by hand, to 1e-12.
 
-    The page replaces the cylinder by an input: the angle alpha between the lines to its
-    foot and to its head from a point O of the hinge line. With the distances a and b of
-    foot and head from O, the length L of the cylinder follows from the law of cosines,
-    L^2 = a^2 + b^2 - 2 a b cos(alpha), so that dL / dalpha = a b sin(alpha) / L. By the
-    power torque * dalpha = force * dL, force = torque * L / (a b sin(alpha)).
+    The how-to page replaces the cylinder by an input: the angle alpha between the lines to
+    its foot and to its head from a point O of the hinge line. With the distances a and b of
+    foot and head from O, the length L of the cylinder follows from the law of cosines, L^2
+    = a^2 + b^2 - 2 a b cos(alpha), so that dL / dalpha = a b sin(alpha) / L. By the power
+    torque * dalpha = force * dL, force = torque * L / (a b sin(alpha)).
 
     By hand, the force acts along the line from foot to head. Its moment about the hinge
     line, the y axis, is that of the weight.
@@ -136,12 +142,13 @@ def test_the_second_sun_turns_by_the_ratio_of_the_teeth(tmp_path):
 def test_both_vertices_fold_as_flat_foldable_vertices_do(
     crease, sector_deg, next_sector_deg, tmp_path
 ):
-    """Two creases of a vertex have one of two known constant ratios, one in each fold.
+    """Creases at each vertex of a folded sheet move as the known formula says, to 1e-12.
 
-    The ratio is that of the tangents of half the fold angles, of a crease and of the input
-    crease ab beside it. Let a be the sector between both creases, and b the next sector,
-    beyond the crease. The two ratios are -cos((a + b)/2) / cos((a - b)/2) and
-    sin((a + b)/2) / sin((a - b)/2).
+    At a flat-foldable vertex, the tangents of half the fold angles of two creases have a
+    constant ratio, with one of two values. Here they are a crease and the input crease ab
+    beside it. Let a be the sector between both creases, and b the next sector, beyond the
+    crease. The two ratios are -cos((a + b)/2) / cos((a - b)/2) and sin((a + b)/2) / sin((a
+    - b)/2), one in each way to fold.
     """
     sheet = load_from_page("several_vertices.md", tmp_path)
     folded = sk.evaluate(sheet, np.radians([20.0, 60.0, 140.0]))

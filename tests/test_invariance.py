@@ -23,10 +23,11 @@ def relative_angular_velocities(mechanism):
 
 
 def test_another_ground_gives_the_same_relative_velocities():
-    """The ground does not matter for the 56 relative velocities of an eight-bar.
+    """The relative angular velocities of an eight-bar do not depend on the ground link.
 
-    Vectors are given in the axes of the ground. At the middle sample, the reference pose,
-    these axes coincide for all links, so vectors can be compared.
+    There are 56 of them, for all ordered pairs of links. Vectors have components in the
+    axes of the ground. At the middle of three samples, the reference pose, the axes of all
+    links coincide, so vectors can be compared.
     """
     mechanism = mechanism_from_chain(
         EIGHT_BARS[4], random_axes(np.random.default_rng(11), 10)

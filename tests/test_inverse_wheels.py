@@ -27,8 +27,9 @@ def wrist():
     """Return a wrist with a bevel differential whose inputs are yaw and two side gears.
 
     A column yaws about z on the base. The axles of both side gears and of the cage are the
-    y axis of the column. The hand is the planet of the differential and rolls about the x
-    axis of the cage. All three inputs may count several turns.
+    y axis of the column. The hand is the planet gear of the differential and rolls about
+    the x axis of the cage. All three inputs may count several turns. Pairs of type R are
+    revolute joints, those of type Cr gears in mesh, with pitch circles on the sphere.
     """
     pair_ends_and_axes = {
         "yaw": ("base", "column", [0.0, 0.0, 1.0]),
@@ -92,10 +93,10 @@ def test_forward_kinematics_of_the_wrist_match_the_formula_of_the_differential(w
 
 @pytest.mark.slow
 def test_inverse_kinematics_turn_the_side_gears_as_little_as_possible(wrist):
-    """Inverse kinematics of the wrist gives the pose, with the least turns of both gears.
+    """Inverse kinematics of the wrist has the pose, with the least turns of both gears.
 
     The wrist has the angles yaw, pitch and roll, so each pose has two solutions, with
-    opposite signs of cos(pitch). `hand_rotation`, the formula of the differential, gives
+    opposite signs of cos(pitch). `hand_rotation`, the formula of the differential, returns
     the pose of the inputs. A full turn of pitch adds 2 pi to both gears and does not change
     the pose. A full turn of roll adds 2 pi / ratio to one gear and subtracts it from the
     other. No combination of up to four such turns has a smaller sum of both gear angles.
@@ -118,9 +119,10 @@ def test_inverse_kinematics_turn_the_side_gears_as_little_as_possible(wrist):
 def geared_gimbal(has_roll):
     """Return a pan-tilt or pan-tilt-roll mechanism whose axes are driven by pinions.
 
-    Each pinion sits on the carrier of its axis: pair `m_pan` drives pinion `p_pan`, which
-    meshes (pair `g_pan`) with the yoke that turns about `pan`; likewise `tilt` and `roll`.
-    The output is a direction of the cage without roll and the pose of the tool with it.
+    Each pinion is mounted on the carrier of its axis. The motor pair `m_pan` drives pinion
+    `p_pan`, which meshes (pair `g_pan`) with the yoke that turns about `pan`; likewise
+    `tilt` and `roll`. The output is a direction of the cage without roll and the pose of
+    the tool with it.
     """
     axis_directions = {
         "pan": [0.0, 0.0, 1.0],
@@ -169,14 +171,14 @@ def geared_gimbal(has_roll):
 @pytest.mark.many
 @pytest.mark.parametrize("mechanism_name", ["differential", "pan_tilt", "pan_tilt_roll"])
 def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name, wrist):
-    """The closed form (by dyads) agrees with the numerical solver for any graph of links.
+    """The closed form of inverse kinematics agrees with the general numerical solver.
 
-    The closed form has two solutions for each pose. The solvers may differ by whole turns
-    of the wheels, which lead to the same pose, so not every solution needs a partner with
-    equal inputs (rad). At least as many as there are poses must have one, so that the
-    comparison is not empty. Partners must have equal pair rates and equal measures of
-    singularities of types I and II. Forward kinematics of the closed form must lead back to
-    all poses.
+    The closed form solves dyads (two links joined by a pair). It has two solutions for each
+    pose. The solvers may differ by whole turns of the wheels, which lead to the same pose,
+    so not every solution needs a partner with equal inputs (rad). At least as many as there
+    are poses must have one, so that the comparison is not empty. Partners must have equal
+    pair rates and equal measures of singularities of types I and II. Forward kinematics of
+    the closed form must lead back to all poses.
     """
     if mechanism_name == "differential":
         mechanism = wrist

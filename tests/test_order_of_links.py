@@ -31,9 +31,10 @@ def at(name):
 def test_coefficient_times_axis_is_the_velocity_of_the_first_link(name):
     """The coefficient of the pole J/I times its axis is w_J - w_I, for all pairs of links.
 
-    J is the first link of the name J/I, and w are angular velocities at unit rate of one
-    input: the product is the angular velocity of J relative to I.
-    In the other order the axis is the same and both coefficients have the opposite sign.
+    The pole J/I is the axis of the rotation of link J relative to link I. Its velocity
+    coefficient is the rate of this rotation per rate of one input. w_J and w_I are angular
+    velocities at unit rate of the input, computed from rotations. In the other order the
+    axis is the same, and the velocity and acceleration coefficients have the opposite sign.
     """
     evaluation = at(name)
     for input_pair in evaluation.input_pairs:
@@ -97,9 +98,10 @@ def test_quantities_of_sources_and_sweeps_have_the_sign_of_their_first_link():
     """Coefficient times axis is w_A - w_B in formulas, for all pairs of links A and B.
 
     Exported source code and sweeps of designs use these formulas. A quantity is called
-    velocity_coefficient_A_B, and w are the angular velocities of the links. The axis of
-    links that share a pair is that of the pair, and the coefficient has a sign. The axis of
-    other links has the sense of w_A - w_B, so the coefficient is not negative.
+    velocity_coefficient_A_B, and w are the angular velocities of the links per unit rate of
+    the input. The axis of links that share a pair is that of the pair, and the coefficient
+    has a sign. The axis of other links has the sense of w_A - w_B, so the coefficient is
+    not negative. The reference is `sk.evaluate`.
     """
     links = sk.load("four_bar").links
     pairs = [*permutations(links, 2)]
@@ -125,7 +127,11 @@ def test_quantities_of_sources_and_sweeps_have_the_sign_of_their_first_link():
 
 
 def test_tables_name_the_later_link_first_whatever_was_asked(tmp_path):
-    """The table has the same rows for 4/1 and 1/4; its coefficients are those of 4/1."""
+    """A table of poles has the same rows for 4/1 and 1/4, with the coefficients of 4/1.
+
+    A pole J/I is the axis of the rotation of link J relative to link I. In the other order
+    its coefficients would have the opposite sign. The reference is `sk.evaluate`.
+    """
     tables = []
     for only in ("4/1+3/1", "1/4+1/3"):
         folder = tmp_path / only.replace("/", "")

@@ -13,7 +13,10 @@ from spherekit.runs.registry import analysis_names, load_analysis
 
 @pytest.mark.parametrize("name", analysis_names())
 def test_every_parameter_has_the_meaning_that_numpydoc_reads(name):
-    """Every parameter has a meaning. numpydoc, another reader, finds the same ones."""
+    """Every parameter of an analysis has a meaning, read from the docstring of its class.
+
+    numpydoc, an independent reader of docstrings, finds the same meanings.
+    """
     docscrape = pytest.importorskip("numpydoc.docscrape")
     analysis_class = load_analysis(name)
     meanings = parameter_meanings(analysis_class)
@@ -46,7 +49,11 @@ def test_code_in_a_meaning_is_printed_without_backticks():
 
 
 def test_two_parameters_can_share_a_meaning():
-    """Only the entries of the section with the parameters are read, not other sections."""
+    """An entry of a docstring with two names is the meaning of both parameters.
+
+    The expected meanings are written out. Only the section with the parameters is read:
+    "third" in the notes is no parameter.
+    """
 
     class Example:
         """Example.

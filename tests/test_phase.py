@@ -29,9 +29,10 @@ INSIDE = {"teeth": [20, 60], "contact": "internal"}
 def test_shafts_pass_the_angles_of_their_phase_together_and_turn_at_the_ratio_of_teeth(
     driven, phase, links, gears, ratio
 ):
-    """The shafts' angles obey wheel - wheel_0 = ratio (pinion - pinion_0), modulo a turn.
+    """Shafts of wheels in mesh turn at the ratio of teeth from their stated phase.
 
-    `phase` holds the angles pinion_0 and wheel_0 (degrees) at which the wheels are put
+    The expected angles obey wheel - wheel_0 = ratio (pinion - pinion_0), modulo a turn.
+    `phase` has the angles pinion_0 and wheel_0 (degrees) at which the wheels are put
     together. `gears` are the numbers of teeth, with external or internal contact. `links`
     are the two links of the wheel's shaft; their order decides about the sign of its angle.
     `ratio` is the signed ratio of teeth from the pinion to the wheel. `driven` is the
@@ -48,9 +49,8 @@ def test_shafts_pass_the_angles_of_their_phase_together_and_turn_at_the_ratio_of
     pinion = np.degrees(rows[:, mechanism.angles["pinion_shaft"]])
     error = wheel - wheel_phase - ratio * (pinion - pinion_phase)
     if driven == "wheel_shaft":
-        # The angle of the pinion is computed from that of the wheel, up to whole turns of
-        # the pinion. As an angle of the pinion, the error is the wheel's divided by the
-        # ratio.
+        # The angle of the pinion is then computed, up to whole turns of the pinion.
+        # Dividing by the ratio states the error as an angle of the pinion.
         error = error / ratio
     assert np.abs((error + 180.0) % 360.0 - 180.0).max() < 1e-10
 

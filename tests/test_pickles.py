@@ -41,7 +41,7 @@ def assert_frames_are_equal(frame, expected):
 def test_runs_in_another_process_give_the_tables_of_runs_in_this_one(tmp_path):
     """Runs of two four-bars in a spawned process return the same tables, bit by bit.
 
-    Plots and recordings can be made from the results that came back.
+    Plots and recordings can be created from the results that came back.
     """
     crank_arcs_deg = (15.0, 25.0)
     mechanisms = [
@@ -142,10 +142,11 @@ def test_an_object_computes_the_same_after_a_pickle(name):
 
 @pytest.mark.parametrize("tables", [False, True])
 def test_a_pickled_sweep_without_a_folder_carries_its_tables(tables):
-    """A sweep without a folder keeps its files in a temporary store.
+    """The pickle of a sweep without a folder contains its tables.
 
-    The store is deleted together with the result. The pickle holds the rows themselves, so
-    the copy has a store of its own, which is deleted with the copy.
+    Such a sweep writes its files to a temporary store, which is deleted together with the
+    result. The pickle contains the rows themselves. The copy has a store of its own, which
+    is deleted with the copy.
     """
     result = sk.sweep(
         "four_bar",

@@ -27,10 +27,12 @@ def _vector(field, pole, rows):
 
 
 def test_coefficients_of_a_universal_joint_are_the_derivatives_of_its_closed_form():
-    """tan psi = sin(q) / (cos(beta) cos(q)), with shafts at beta = 35 deg.
+    """Poles of a universal joint have the coefficients of its closed form, to 1e-13.
 
-    The velocity and acceleration coefficients of the output (pole of links 0 and 3, by
-    number) are the first and second derivative of psi by q, to 1e-13.
+    The angle of the output shaft is psi with tan psi = sin(q) / (cos(beta) cos(q)), and the
+    shafts are at beta = 35 deg. The velocity and acceleration coefficients of the output
+    are the first and second derivative of psi by the input q. They belong to the pole (axis
+    of relative rotation) of the links 0 and 3, by number.
     """
     made = sk.load("universal_joint")
     beta = np.radians(35.0)
@@ -58,8 +60,9 @@ def test_coefficients_of_a_universal_joint_are_the_derivatives_of_its_closed_for
 def test_coefficient_where_the_published_formula_is_indeterminate():
     """A velocity coefficient is right where the published formula is 0/0.
 
-    Eq. (26a) of Di Gregorio (2024) for w31 / w21 is 0/0 where link 3 stands still relative
-    to link 2. The limit is w31 = w21. A drag-link four-bar (ground 15, then 60, 55, 70
+    A velocity coefficient is the relative rate of two links per rate of the input. Eq.
+    (26a) of Di Gregorio (2024) for w31 / w21 is 0/0 where link 3 stands still relative to
+    link 2. The limit is w31 = w21. A drag-link four-bar (ground 15, then 60, 55, 70
     degrees) has such a configuration twice a turn. Links have the numbers 1 to 4 in the
     equation, and 0 to 3 in the code.
     """
@@ -74,6 +77,7 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
             """Return the velocity coefficient of link 3 relative to link 2 at an input."""
             return evaluate(one.at(q), asked).velocity_coefficient[1, 2][0]
 
+        # A sign change on the grid brackets the configuration where link 3 stands still.
         grid = np.linspace(0.0, 2 * np.pi, 100)
         values = evaluate(one.at(grid), asked).velocity_coefficient[1, 2]
         k = int(np.flatnonzero(values[1:] * values[:-1] < 0.0)[0])
@@ -92,11 +96,14 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
 def test_poles_of_badly_conditioned_eight_bars_match_the_null_space_of_velocities():
     """Poles of eight-bars with random axes agree with a null space, within stated errors.
 
-    The independent result `w` (links, 3) is the null space of the velocity equations of all
-    pairs; `gap` is the smallest singular value that is not zero. A pole is computed from
-    others by steps, which may multiply rounding so much that quad precision is needed: of
-    these mechanisms some need it, and not all. The fifth chain of the list is used six more
-    times, with other axes.
+    A pole is the axis of the relative rotation of two links. The independent result `w`
+    (links, 3) has the angular velocities of the links: the null space of the velocity
+    equations of all pairs. `gap` is the smallest singular value of these equations that is
+    not zero.
+
+    Poles are computed one from another. If this multiplies rounding too much, quad
+    precision is used. Some of these mechanisms need it, and some do not. The fifth chain of
+    the list is used six more times, with other axes.
 
     The null space has errors too: rounding errors of float64 (1e-16), divided by `gap`. The
     numbers 1e-14, 1e-13 and 1e-12 in the limits are 100, 1000 and 10000 such errors.

@@ -58,7 +58,8 @@ def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
     Modes are solutions of the closure equations, so they can be complex. Only the real ones
     can be assembled. `pair` is the driven pair, and None for the inputs of the file.
     `bound` is the number of complex modes. The proven angles are balls (intervals about a
-    centre) of less than 1e-15 rad. An independent checker accepts the certificate.
+    centre) of less than 1e-15 rad. An independent checker accepts the certificate (file of
+    a proof).
     """
     modes = certified_modes_of(name, pair, inputs)
     assert modes.mode_bound == bound == len(modes.roots) and modes.is_complete
@@ -99,8 +100,9 @@ def test_eight_bars_driven_at_any_pair_have_a_construction_with_three_unknowns()
 def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them():
     """Modes proven for all sizes within 1e-6 rad enclose those of such mechanisms.
 
-    The modes of five mechanisms, whose arcs differ from the file by random numbers of up to
-    1e-6 rad, are in the proven intervals.
+    A mode is one way to assemble the mechanism at the input. Arcs of the file are changed
+    by random numbers of up to 1e-6 rad, five times. The proven joint angles of each changed
+    mechanism overlap the intervals of one mode.
     """
     modes = certified_modes_of("four_bar", pair=None, inputs=("40",), tolerance=1e-6)
     assert modes.is_complete
@@ -187,8 +189,10 @@ def tampered(certificate, random_choice):
 def test_the_checker_refuses_a_hundred_tampered_certificates():
     """An independent checker refuses 100 randomly falsified certificates.
 
-    A certificate states all assembly modes of a mechanism at given inputs. Those of three
-    mechanisms are falsified in turn.
+    A certificate (file of a proof) states all assembly modes (ways to assemble the links)
+    of a mechanism at some inputs. Those of three mechanisms are falsified in turn.
+    `tampered` returns a certificate with one random change, and `refuse` asserts that the
+    checker rejects it.
     """
     random_choice = random.Random(17)
     # Name of the mechanism, its driven pair (None: those of the file), and inputs (deg).
@@ -220,11 +224,12 @@ def stretched(coupler):
 def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(digits):
     """Near a double mode, two or no modes are certified; the double one itself is not.
 
-    At the input 0 of this four-bar, a follower of 30 deg and a coupler have to reach over
-    40 deg. If the coupler has 10 deg, they are stretched, and both modes (ways to assemble
-    them) are the same. `digits` is the number of decimal digits after which the coupler
-    differs from 10 deg. If it is too short, there is no mode. If it is longer, the angle
-    between both modes is of the order of the square root of the difference.
+    A mode is a way to assemble the links. At the input 0 of this four-bar, a follower of 30
+    deg and a coupler have to reach over 40 deg. If the coupler has 10 deg, they are
+    stretched, and both modes coincide. `digits` is the number of decimal digits after which
+    the coupler differs from 10 deg. If it is too short, there is no mode. If it is longer,
+    the angle between both modes is of the order of the square root of the difference.
+    `stretched` returns the four-bar with this coupler.
     """
     too_short = certify_modes(stretched("9." + "9" * digits), ("0",))
     assert too_short.is_complete and not too_short.real

@@ -48,12 +48,13 @@ def plate(internal=""):
 
 
 def bars(internal=""):
-    """Return the text of a mechanism like `plate`, with bars in place of the contacts.
+    """Return the text of a mechanism file like `plate`, with bars in place of contacts.
 
-    A bar joins the centres of two discs in contact. It has the arc of the sum of both
-    radii, or of their difference if the contact is internal. `internal` is the name (a, b
-    or c) of the internal contact; if it is empty, there is none. The rest of the text is
-    the same for both mechanisms (`DISCS`), with fields for axes and sizes of the links.
+    In `plate`, a link lies on three discs, in sliding contact. A bar joins the centres of
+    two discs in contact. It has the arc of the sum of both radii, or of their difference if
+    one disc is inside the other. `internal` is the name (a, b or c) of such a contact; if
+    it is empty, there is none. `DISCS` is the common text of both files, with fields to
+    fill in for axes and sizes of the links.
     """
     link_and_pair_tables = ""
     for name, link in (("a", "1"), ("b", "1"), ("c", "2")):
@@ -99,8 +100,8 @@ def prove_modes(text, *inputs):
 def differences_between_modes(modes, pair_names):
     """Return exp(i d) of the differences d of joint angles, (modes, modes, pairs).
 
-    Two files count angles from different zero directions; differences between modes do not
-    depend on them.
+    Modes are ways to assemble the mechanism. Two mechanism files may count joint angles
+    from different zero directions; differences between modes do not depend on them.
     """
     names = modes.decimal_mechanism.structure.pairs
     columns = [names.index(name) for name in pair_names]
@@ -117,12 +118,12 @@ def differences_between_modes(modes, pair_names):
 def test_a_plate_on_three_discs_has_the_modes_of_the_same_plate_on_three_bars(internal):
     """Two discs in contact keep the arc between their centres, as a bar does.
 
-    Both mechanisms have 8 complex modes (ways to assemble them), as many as the degrees of
-    their equations allow (`mode_bound`). The checker, which shares no code with the proof,
-    accepts both certificates. The real modes are the same in some order. Both files count
-    joint angles from different zero directions, so the differences of angles between modes
-    are compared. `internal` is the name of the contact in which one disc is inside the
-    other, or empty. The input is at 40 deg.
+    Both mechanisms have 8 complex modes (ways to assemble them), the largest number that
+    the degrees of their equations allow (`mode_bound`). The checker, which shares no code
+    with the proof, accepts both certificates. The real modes are the same in some order.
+    The files count joint angles from different zero directions, so the differences of
+    angles between modes are compared. `internal` is the name of the contact in which one
+    disc is inside the other, or empty. The input is at 40 deg.
     """
     modes_of_discs = prove_modes(plate(internal), "40")
     modes_of_bars = prove_modes(bars(internal), "40")
@@ -153,14 +154,15 @@ def agrees(modes, values):
 
 
 def prove_modes_and_poles_of_a_run(mechanism, texts, count):
-    """Prove the modes at inputs, check a run against them, and prove the run's poles.
+    """Prove the modes at inputs, compare a run with them, and prove the run's poles.
 
-    Everything is proven in ball arithmetic, whose numbers have error bounds. `count` is the
-    number of real modes, and `texts` are the inputs (deg) as decimal texts.
+    A mode is a way to assemble the mechanism, and a pole the axis of the relative rotation
+    of two links. Proofs use ball arithmetic, whose numbers have error bounds. `count` is
+    the number of real modes, and `texts` are the inputs (deg) as decimal texts.
 
     Returns
     -------
-    The result of `prove_poles` for all rows of the run.
+    The result of `prove_poles` for all rows of the run (one per sample and mode).
     """
     modes = certify_modes(read_decimals(mechanism), texts)
     assert modes.is_complete and len(modes.real) == count
@@ -226,14 +228,15 @@ def test_wheels_in_a_loop_turn_as_in_a_run(teeth):
 def test_inputs_at_which_the_follower_of_a_roller_cam_rests_are_proven(capsys):
     """The proof finds the inputs at which the follower of a roller cam is stationary.
 
-    The centres of cam and roller keep their distance, as if a bar joined them. The
-    mechanism is therefore equivalent to a four-bar. Its follower is stationary if crank and
-    coupler are in line. The spherical law of cosines for the triangle of ground, crank with
-    coupler, and rocker gives these inputs.
+    The centres of cam and roller stay at a constant distance, so the mechanism is
+    equivalent to a four-bar. Its rocker (follower) is stationary if crank and coupler are
+    in line. The spherical law of cosines for the triangle of ground, crank with coupler,
+    and rocker has the inputs. The test reads the numbers that the command prints.
     """
     assert main(["certify", "roller_cam"]) == 0
     screen = capsys.readouterr().out
     assert "Proven: all assembly modes" in screen
+    # A line of the table: from 0 to 360 deg there are 2 modes (ways to assemble it).
     assert re.search(r"^ +0\.0+ +360\.0+ +2$", screen, re.M)
     printed_numbers = [float(word) for word in re.findall(r"[0-9]+[.][0-9]+", screen)]
 

@@ -26,6 +26,8 @@ mujoco = pytest.importorskip("mujoco")
 def links_beyond_hinge(model, mechanism, hinge):
     """Return the numbers of the moving links that a hinge of MuJoCo's tree carries.
 
+    These are all links that the tree reaches from the ground through this hinge.
+
     Parameters
     ----------
     model
@@ -49,14 +51,13 @@ def links_beyond_hinge(model, mechanism, hinge):
 
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
 def test_accelerations_and_moments_that_close_loops_agree_with_mujoco(name):
-    """The first instant of a simulation without loads is compared with MuJoCo's.
+    """Accelerations and loop-closing moments agree with MuJoCo's to 3e-4.
 
-    MuJoCo joins the links of a tree by hinges and closes the loops by soft constraints.
-    Their effect is one torque for each hinge. It has to be the component of a moment along
-    the axis of the hinge. This moment is the sum over all links beyond the hinge in the
-    tree, of spherekit's moments at pairs that close loops.
-
-    Soft constraints yield by a relative 1e-4, so that both programs agree to 3e-4 only.
+    Compared is the first instant of a simulation without loads. MuJoCo joins the links of a
+    tree by hinges and closes the loops by soft constraints. Their effect is one torque for
+    each hinge. It is compared with spherekit's moments at the pairs that close loops: the
+    sum over all links beyond the hinge in the tree, along the axis of the hinge. Soft
+    constraints yield by a relative 1e-4, so the programs do not agree more closely.
     """
     mechanism = with_point_masses(name)
     input_rates = tuple(0.4 * (-1) ** (k + 1) for k in range(len(mechanism.inputs)))
@@ -106,11 +107,11 @@ def wrist_with_masses():
 
 
 def test_wrenches_in_an_open_chain_are_those_of_mujoco():
-    """Force and moment in each hinge of a wrist, at given angles, rates and accelerations.
+    """Force and moment in each hinge of a wrist are those of MuJoCo, to rounding.
 
-    MuJoCo computes them by its own recursive Newton-Euler algorithm; an open chain has no
-    soft constraint, so they agree to rounding. MuJoCo's moments are about the centre of
-    mass of the tree and are moved to the centre of the sphere.
+    Angles, rates and accelerations are prescribed. MuJoCo computes the wrenches by its own
+    recursive Newton-Euler algorithm; an open chain has no soft constraint. MuJoCo's moments
+    are about the centre of mass of the tree and are moved to the centre of the sphere.
     """
     wrist = wrist_with_masses()
     q = (0.3, -0.5, 0.8)  # rad

@@ -62,10 +62,12 @@ def test_triangle_by_its_angles():
 
 
 def random_caps(random):
-    """Return centres, radii (rad) and whether the inside is kept, of random caps.
+    """Return centres, radii (rad) and sides of random caps on the unit sphere.
 
-    Seven kinds are drawn: one cap, thin annuli, caps within caps, lunes, caps that nearly
-    touch, two overlapping annuli, and several caps at random.
+    A cap is a circle on the sphere with its inside. A region is the set of directions
+    inside the caps whose side is True, and outside the others. Seven kinds are drawn: one
+    cap, thin annuli, caps within caps, lunes, caps that nearly touch, two overlapping
+    annuli, and several caps at random.
     """
 
     def random_direction():
@@ -115,10 +117,12 @@ def test_the_stated_error_of_an_area_covers_the_true_error(batch):
 
 @pytest.mark.parametrize("petals", [2, 3, 5, 9])
 def test_the_area_of_a_star_is_an_integral_over_the_azimuth(petals):
-    """Directions within an angle f(azimuth) of an axis: the area is that of 1 - cos f.
+    """The area of a star on the sphere is an integral over the azimuth, within its error.
 
-    The axis and the phase of the petals are random. The integral over 4096 azimuths is
-    exact for this smooth periodic function.
+    A star has the directions within an angle f(azimuth) of its axis, and the area is the
+    integral of 1 - cos f. The axis and the phase of the petals are random. The sum over
+    4096 azimuths is exact for this smooth periodic function. Margins are positive inside
+    the star.
     """
     random = np.random.default_rng(petals)
     frame = np.linalg.qr(random.normal(size=(3, 3)))[0]
@@ -233,9 +237,9 @@ def test_nearest_point():
 def test_a_margin_that_is_undefined_outside_its_region_gives_the_same_area():
     """The area of a cap is the same if a margin is NaN outside of it.
 
-    A region is the set of directions at which all margins are at least 0. The first margin
-    is 0 at the border of the cap. The second one is at least 1 inside the cap and NaN
-    outside.
+    A region is the set of directions at which all margins (functions of the direction) are
+    at least 0. The first margin is 0 at the border of the cap. The second one is at least 1
+    inside the cap and NaN outside.
 
     - With both margins, the border states the number of the margin that is 0 there. This is
       number 0, the first one.
@@ -308,10 +312,11 @@ def test_everything_and_nothing():
 @pytest.mark.many
 @pytest.mark.parametrize("angle", [0.4, 1.5, 2.8])
 def test_the_volume_of_rotations_by_at_most_an_angle_is_its_closed_form(angle):
-    """Rotations by at most a have the volume 8 pi (a - sin a).
+    """Rotations by at most an angle a have the volume 8 pi (a - sin a).
 
-    Their quaternions (x, y, z, w) have cos a <= 2 w^2 - 1. A second margin that is
-    undefined where the first is negative changes nothing.
+    The region of orientations is searched where a margin is at least 0. For quaternions (x,
+    y, z, w), a rotation has the cosine 2 w^2 - 1, so the margin is 2 w^2 - 1 - cos a. A
+    second margin that is undefined where the first is negative changes nothing.
     """
     exact_volume = 8.0 * np.pi * (angle - np.sin(angle))
 
@@ -339,11 +344,12 @@ def test_the_volume_of_tilts_by_at_most_an_angle_is_its_closed_form(angle):
 
 @pytest.mark.slow
 def test_the_volume_of_orientations_of_one_axis_is_two_pi_times_its_area():
-    """The volume of orientations at which a body axis points into a region of directions.
+    """Orientations that put a body axis into a region have 2 pi times the region's area.
 
-    The axis has to lie in two random caps and outside a third. For each direction of the
-    axis the body can have any angle of rotation about it, from 0 to 2 pi. The volume of the
-    orientations is therefore 2 pi times the area of the region.
+    The axis has to lie in two random caps of the sphere and outside a third. For each
+    direction of the axis the body can turn about it by any angle from 0 to 2 pi.
+    `common_area` has the area of the region in closed form. Margins are positive for
+    allowed orientations.
     """
     random = np.random.default_rng(11)
     for _ in range(4):

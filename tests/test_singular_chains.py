@@ -32,8 +32,9 @@ INPUT_COUNT = 24
 def analyse_random_chain(number):
     """Return position analysis, configuration curves and singularities of a random chain.
 
-    Axes and the input pair are drawn at random; the input turns once. The outputs are the
-    last link relative to the ground, and link 5 relative to link 3.
+    Axes and the input pair are drawn at random; the input turns once. A configuration curve
+    is a continuous motion of the mechanism. The outputs are the last link relative to the
+    ground, and link 5 relative to link 3.
 
     Parameters
     ----------
@@ -69,10 +70,10 @@ def solve_exactly(mechanism, singularities, point, links):
 def check_points_in_50_digits(position_analysis, singularities):
     """Assert that each singularity agrees with its exact solution, in place and type.
 
-    The exact configuration, in 50 digits, is within 1e-12 rad. There the two links of the
-    output rest relative to each other at type I, and those of the input at type II. At a
-    self-motion both rest. The rates of input and output agree with those of the analysis to
-    1e-12.
+    At type I the output rests while the input moves, at type II the input rests; at a
+    self-motion both rest. `solve_exactly` finds the configuration in 50 digits, by
+    equations of its own. It is within 1e-12 rad of the point, and the links of its type
+    rest. The rates of input and output agree with those of the analysis to 1e-12.
     """
     solution_by_point = {}
     for point in singularities.points:
@@ -110,10 +111,11 @@ def check_points_in_50_digits(position_analysis, singularities):
 def check_mode_counts(position_analysis, configurations, singularities):
     """Assert that numbers of modes change at dead centres only, and as they have to.
 
-    At a dead centre the input reverses along its configuration curve. Where the input has a
-    minimum, two modes appear as the input grows; where it has a maximum, two vanish. Modes
-    are enumerated at random inputs over a turn. The number at each input is compared with
-    that at the smallest one, plus 2 for each minimum and minus 2 for each maximum between.
+    A mode is a way to assemble the links. At a dead centre the input reverses along its
+    configuration curve. Where the input has a minimum, two modes appear as the input grows;
+    where it has a maximum, two vanish. Modes are enumerated at random inputs over a turn.
+    The number at each input is compared with that at the smallest one, plus 2 for each
+    minimum and minus 2 for each maximum between.
 
     Parameters
     ----------
@@ -171,10 +173,11 @@ def chain_parameter(number):
 def test_singularities_of_random_chains_are_exact_and_none_is_missing(number):
     """Each singularity is solved for in 50 digits, and none is missing.
 
-    The number of assembly modes changes only at the singularities that are dead centres. A
-    chain with random axes has no special positions: no curves that cross, no links that
-    rest on a whole curve, and an even number of dead centres. There have to be some
-    singularities and dead centres, at least 8 and 4, so that the test compares something.
+    The second reference is the number of assembly modes (ways to assemble the links), which
+    changes at dead centres only. A chain with random axes has no special positions: no
+    curves that cross, no links that rest on a whole curve, and an even number of dead
+    centres. There have to be at least 8 singularities and 4 dead centres, so that the test
+    compares something.
     """
     position_analysis, configurations, singularities = analyse_random_chain(number)
     assert configurations.guarantee is Guarantee.COMPLETE

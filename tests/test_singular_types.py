@@ -163,11 +163,12 @@ DRIVEN = posed(
     ids=["passive leg", "crank", "crank to crank", "one leg", "driven by a four-bar"],
 )
 def test_types_of_singular_rows_are_those_of_the_kernel(mechanism, expected):
-    """Each row of the table names a closed configuration and the type of its output there.
+    """Each row of the table has a closed configuration and the right type of singularity.
 
     `expected` has the types that can occur, by output. The search is short, so types I, II
     and III need not be met, but self-motion must be. About 60 rows of an output are
-    compared with the kernel (null space) of the velocity equations.
+    compared with `kernel_type`, which finds the type from the kernel (null space) of the
+    velocity equations.
 
     The outputs 2/1 and 7/1 are links with one degree of freedom, driven by two inputs. So
     there is always a motion of the inputs in which they rest. A row with the note "in every
@@ -243,11 +244,16 @@ def test_axes_that_coincide_are_not_called_coplanar(name):
 def random_mechanism_with_outputs(seed):
     """Return a random mechanism with two or three inputs and three outputs.
 
-    Seeds choose between four kinds: a random chain; a five-bar with a further leg of two
-    links between two random links; a five-bar with such a leg between ground and first
-    crank; and a platform on three legs. An output is a link seen from another one. Two
-    outputs have two random links each, the third one has the links of the first input. If
-    there are two inputs, the first output is a direction fixed in its link (`AHEAD`).
+    Seeds choose between four kinds:
+
+    - a random chain,
+    - a five-bar with a further leg of two links between two random links,
+    - a five-bar with such a leg between ground and first crank,
+    - and a platform on three legs, with three inputs.
+
+    An output is a link seen from another one. Two outputs have two random links each, the
+    third one has the links of the first input. If there are two inputs, the first output is
+    a direction fixed in its link (`AHEAD`).
     """
     random = np.random.default_rng(seed)
     freedoms = 3 if seed % 5 == 4 else 2
@@ -294,10 +300,10 @@ def check_types(mechanism, count):
     """Compare types of regular and singular configurations with those of `kernel_type`.
 
     `kernel_type` finds the type from the null space of the velocity equations of all pairs.
-    For each output, `count` closed configurations at most are projected to the loci (sets)
-    of types II, I and self-motion. Up to 6 regular configurations and 8 projected ones of
-    each type are compared. A configuration so near to a type or to where two loci meet that
-    rounding would decide is left out.
+    For each output, `count` closed configurations at most are projected to the loci of
+    types II, I and self-motion (sets of such configurations). Up to 6 regular
+    configurations and 8 projected ones of each type are compared. Configurations whose type
+    depends on rounding are left out: those close to a locus or to where two loci meet.
 
     Returns
     -------
@@ -375,12 +381,13 @@ def test_types_of_shipped_mechanisms_are_those_of_the_kernel(name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr", "agile_eye", "two_dof_spm"])
 def test_measures_of_singularities_agree_with_inverse_kinematics(name):
-    """Two analyses agree in the measures of types I and II.
+    """Inverse kinematics and singularities agree in the measures of types I and II.
 
-    They are compared at those of twenty random poses that the mechanism reaches.
+    A measure vanishes at its type of singularity. Up to twenty random poses are compared:
+    those that the mechanism reaches.
 
-    The measures of type II are equal. Those of type I have different definitions. Let
-    q' = P w be the rates of the inputs at an angular velocity w of the output, and |P| the
+    The measures of type II are equal. Those of type I have different definitions. Let q' =
+    P w be the rates of the inputs at an angular velocity w of the output, and |P| the
     largest singular value of P:
 
     - `type_1` of inverse kinematics is 1 / |row i of P|, a number for each input i;

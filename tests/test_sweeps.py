@@ -57,13 +57,14 @@ FIGURES = {
 def compute_figures(mechanism, mode, pair, pole):
     """Compute `FIGURES` of one assembly mode in another way than a sweep.
 
-    A sweep uses a compiled kernel. Here `sk.evaluate` gives configurations and poles (axes
-    of relative rotation), and NumPy reduces them. The results are, over a range of the
-    input:
+    An assembly mode is a way to assemble the links. A sweep uses a compiled kernel. Here
+    `sk.evaluate` computes configurations and poles (axes of relative rotation), and NumPy
+    reduces them. The results are, over a range of the input:
 
     - "closes": share of the samples at which the loops close,
     - "least_rate": smallest rate of the pair per rate of the input,
-    - "largest", "bend": largest velocity and acceleration coefficient of the pole,
+    - "largest", "bend": largest velocity and acceleration coefficient of the pole (rates of
+      rotation per rate of the input),
     - "mean": mean cosine of the angle of the pair,
     - "swing": range of this angle (deg), "place": input (deg) at which its rate is largest,
     - "there": sine of this angle at the input 100 deg.
@@ -104,10 +105,11 @@ CASES = [
 @pytest.mark.many
 @pytest.mark.parametrize("name, keys, pair, link", CASES)
 def test_rows_of_a_sweep_are_the_figures_of_each_design(name, keys, pair, link):
-    """Each mode of each design has a row, with the figures of a run of that design.
+    """Each mode of each design has a row, with the figures that a run of it leads to.
 
-    A figure of merit is a number for each design and assembly mode, such as the smallest
-    rate of a pair (`FIGURES`). The designs are the nominal one and three random ones. Each
+    A figure of merit is a number for each design and assembly mode (way to assemble the
+    links), such as the smallest rate of a pair (`FIGURES`). `compute_figures` is the
+    independent reference. The designs are the nominal one and three random ones. Each
     varied number of these differs from the nominal one by a normal random number with a
     deviation of 4 degrees.
     """
@@ -151,9 +153,12 @@ def test_rows_of_a_sweep_are_the_figures_of_each_design(name, keys, pair, link):
 @pytest.mark.many
 @pytest.mark.parametrize("name, middle_pair", [("four_bar", "43"), ("stephenson", "56")])
 def test_figures_of_analyses_in_a_sweep_are_extremes_of_their_tables(name, middle_pair):
-    """Transmission angle at the pair between coupler and output, torque and inertia.
+    """Figures of analyses in a sweep are extremes of the tables of a run.
 
-    A run of `singularities` and `eksergian` gives the tables; only the four-bar has loads.
+    They are the least transmission angle at the pair between coupler and output, the
+    largest driving torque and the largest inertia B reduced to the input. A run of
+    `singularities` and `eksergian` computes the tables. The latter is left out for the
+    six-bar, which has no loads.
     """
     analyses = ["singularities"]
     if name == "four_bar":
@@ -273,11 +278,13 @@ ACTED = mechanism_text("sweeps_acted")
 
 @pytest.mark.slow
 def test_a_sweep_over_masses_and_loads_has_the_torques_of_runs(tmp_path):
-    """Mass, centre of mass, weight, spring, friction, force and an arc vary together.
+    """Driving torques in a sweep over masses, loads and an arc are those of runs.
 
-    The designs are all combinations of the numbers, and every fifth possible one is
-    compared with a run. A third of them has a negative mass, which is impossible: 2 * 2 * 2
-    designs. Figures are the largest and the mean torque, and the largest inertia B.
+    Mass, centre of mass, weight, spring, friction, force and an arc vary together. The
+    designs are all combinations of the numbers, and every fifth possible one is compared
+    with a run. A third of them has a negative mass, which is impossible: 2 * 2 * 2 designs.
+    Figures are the largest and the mean torque, and the largest inertia B reduced to the
+    input.
     """
     path = tmp_path / "acted.toml"
     four_bar_text = find("four_bar").read_text()
@@ -328,7 +335,11 @@ def test_masses_stated_by_sizes_follow_them(tmp_path):
 
 @pytest.mark.parametrize("scheme", ["grid", "sobol", "latin", "random"])
 def test_a_design_does_not_depend_on_the_part_in_which_it_is_computed(scheme):
-    """60 designs of three numbers at once, and in four parts of unequal size."""
+    """Designs of a sweep are the same computed all at once and in parts.
+
+    A design is a set of values of the three varied numbers. 60 designs are computed at
+    once, and in four parts of unequal size. `scheme` is the way to choose them.
+    """
     variations = [
         parse_variation("a", "1:2:5", "deg"),
         parse_variation("b", "3,7,9", "deg"),
@@ -387,7 +398,12 @@ def test_a_condition_that_no_design_meets_leaves_no_row(capsys):
 
 
 def test_a_sweep_with_a_locked_input_is_that_of_the_locked_mechanism(capsys):
-    """`--lock 51=30` holds an input of a five-bar at 30 degrees; an arc varies."""
+    """A sweep with a locked input has the figures of a mechanism locked in Python.
+
+    `--lock 51=30` fixes one of two inputs of a five-bar at 30 degrees; an arc varies. The
+    figure is the largest velocity coefficient of the pole 3/1 (rate of link 3 relative to 1
+    per rate of the input). The reference is `sk.evaluate` of each design and mode.
+    """
     command = ["sweep", "five_bar", "--lock", "51=30", "--vary", "links.2.arc=50:70:3"]
     command += ["--reduce", "most=max(abs(velocity_coefficient_3_1))", "--samples", "9"]
     assert main([*command, "--json"]) == 0
@@ -428,9 +444,10 @@ VARIED_FOR_TABLES = ["links.2.arc=10:40:12", "links.3.arc=0:90:10"]
 def undisturbed_sweep(request, tmp_path_factory):
     """Return a command for a sweep, and the files that it writes if nothing disturbs it.
 
-    A sweep is divided into parts of some designs each, here more than four, which are
-    written to files one after another. With the parameter "figures" they have numbers to
-    which each design is reduced, with "tables" whole tables of an analysis.
+    Tests that interrupt the command compare its files with these. A sweep is divided into
+    parts of some designs each, here more than four, which are written to files one after
+    another. With the parameter "figures" they have numbers to which each design is reduced,
+    with "tables" whole tables of an analysis.
 
     Returns
     -------
@@ -520,7 +537,11 @@ def test_a_folder_is_one_data_set(condition, tmp_path, monkeypatch):
 def test_losing_a_worker_of_a_cluster_does_not_change_the_data_set(
     undisturbed_sweep, tmp_path
 ):
-    """One of two Dask workers is killed after the first part; the other finishes."""
+    """The files of a sweep are the same if one of two Dask workers is killed.
+
+    It is killed after the first part of the sweep is written; the other worker finishes.
+    `undisturbed_sweep` has the command and the expected files as data frames.
+    """
     pytest.importorskip("distributed")
     command, expected = undisturbed_sweep
     scheduler_file = tmp_path / "scheduler.json"
@@ -535,6 +556,7 @@ def test_losing_a_worker_of_a_cluster_does_not_change_the_data_set(
     scheduler += ["--port", "0", "--no-dashboard", "--scheduler-file", str(scheduler_file)]
     processes = [subprocess.Popen(scheduler, **options)]
     try:
+        # The scheduler writes its address into this file, which ends with a brace.
         while not (scheduler_file.exists() and scheduler_file.read_text().endswith("}")):
             time.sleep(0.05)
         address = json.loads(scheduler_file.read_text())["address"]
@@ -619,10 +641,11 @@ def test_torques_of_coils_in_a_sweep_count_whole_turns(pair, zero, range_, crank
     """Extreme torques in a sweep are those of runs, if a torsion spring counts whole turns.
 
     The torque of the spring ("coil") depends on the whole angle of its pair, turns
-    included. The cases have long ranges of the input, few samples, and modes that close at
-    some inputs only. `zero` is the zero position of the hinge between base and rocker,
-    `range_` the range of the input, and `crank` an arc, all in degrees. The same torques
-    follow from `FigureGradients`, which a synthesis uses.
+    included. The cases have long ranges of the input, few samples, and modes (ways to
+    assemble the links) that close at some inputs only. `zero` is the zero position of the
+    hinge between base and rocker, `range_` the range of the input, and `crank` an arc, all
+    in degrees. The same torques follow from `FigureGradients`, which a synthesis uses.
+    `four_bar_with_coil` returns the mechanism.
     """
     mechanism = four_bar_with_coil(pair, zero, range_, crank)
     expected = extreme_torques_of_runs(mechanism, samples)
@@ -646,11 +669,12 @@ def test_torques_of_coils_in_a_sweep_count_whole_turns(pair, zero, range_, crank
 def test_torques_of_coils_count_whole_turns_in_groups_beyond_dyads():
     """Extreme torques in a sweep are those of runs also if no closed form exists.
 
-    Not all groups of the double butterfly are dyads, so the sweep follows its modes along
-    the input by continuation. A torsion spring acts at pair C, with its whole angle. In the
-    sweep the claim "complete" says that no mode is missing. The modes of run and sweep may
-    differ in order, so numbers are compared in sorted order. NaN stands for modes that do
-    not close at 185 deg.
+    A group is a set of links that is solved together; a dyad (two links) has a closed form.
+    The double butterfly has other groups, so the sweep follows its modes (ways to assemble
+    the links) along the input. A torsion spring acts at pair C, with its whole angle. In
+    the sweep the claim "complete" says that no mode is missing. The modes of run and sweep
+    may differ in order, so numbers are compared in sorted order. NaN stands for modes that
+    do not close at 185 deg.
     """
     spring = sk.Spring("coil", "C", stiffness=2.0, rest=0.3)
     mechanism = load_without_loads("double_butterfly").with_loads(spring)
@@ -676,8 +700,9 @@ def test_torques_of_coils_count_whole_turns_in_groups_beyond_dyads():
 def test_angles_in_groups_beyond_dyads_are_those_of_runs():
     """Extreme angles in a sweep are those of a trace also if no closed form exists.
 
-    Not all groups of the double butterfly are dyads, so the sweep follows its modes along
-    the input by continuation. The sizes (deg) are changed so that in one mode pair F
+    A group is a set of links that is solved together; a dyad (two links) has a closed form.
+    The double butterfly has other groups, so the sweep follows its modes (ways to assemble
+    the links) along the input. The sizes (deg) are changed so that in one mode pair F
     rotates by more than 350 degrees: its whole turns have to be counted. The modes of trace
     and sweep may differ in order, so maxima and minima are compared in sorted order.
     """

@@ -113,7 +113,9 @@ def test_verification_does_not_depend_on_the_size_of_blocks():
 def test_verified_rows_include_the_worst_ones_and_are_spread_out():
     """The rows with the largest residual, error bound and conditioning are verified.
 
-    Nine rows are selected; they also cover both ends of the range and three modes or more.
+    To verify is to compute again in 50 digits. Nine rows (samples of an assembly mode) are
+    selected; they also cover both ends of the range and three modes or more. A subclass of
+    the verifier records the selection.
     """
     selections = []
 
@@ -175,9 +177,11 @@ def test_an_inertia_from_a_wrong_rate_deviates(change_pole_fields):
 def test_a_wrong_velocity_coefficient_is_reported_and_fails_a_strict_run(
     change_pole_fields, capsys
 ):
-    """The velocity coefficient of link 4 relative to link 1 is off by 1e-9.
+    """`--verify` reports a velocity coefficient that is off by 1e-9; `--strict` fails.
 
-    The message names the link, the link it is seen from, and the pair of the moving input.
+    It is the rate of link 4 relative to link 1 per rate of the input. The message names the
+    link, the link it is seen from, and the pair of the moving input. `change_pole_fields`
+    is a function that lets a run have wrong results.
     """
 
     def falsify_coefficient(field):
@@ -197,7 +201,12 @@ def test_a_wrong_velocity_coefficient_is_reported_and_fails_a_strict_run(
 
 
 def test_a_wrong_pole_direction_is_outside_its_bound(change_pole_fields):
-    """The y component of one of six poles is off by 1e-10 in each of four rows."""
+    """The verification of a run finds a pole direction beyond its error bound.
+
+    A pole is the axis of the relative rotation of two links. The y component of one of six
+    poles is off by 1e-10 in each of four rows. `change_pole_fields` is a function that lets
+    a run have wrong results.
+    """
 
     def falsify_direction(field):
         field.direction[1, 3][:, 1] += 1e-10
@@ -227,9 +236,10 @@ def make_verifier(position_analysis, count):
 def test_a_wrong_configuration_is_reported_or_has_no_reference():
     """An error of 1e-8 rad is a deviation; one of 1e-4 rad leaves no reference.
 
-    Newton's method in 50 digits starts at the row. From 1e-4 rad away it ends in a
-    configuration that is too far to be the same one. The distance between both has the
-    size of the error.
+    The reference is a configuration in 50 digits, to which Newton's method leads from the
+    row (sample of an assembly mode). From 1e-4 rad away it is too far to be the same
+    configuration. The distance between both has the size of the error. `make_verifier`
+    returns a request of a pole and a verifier.
     """
     position_analysis = PositionAnalysis(sk.load("four_bar"), samples=7)
     motion = position_analysis.motion()
@@ -361,12 +371,12 @@ def test_an_analysis_of_whole_motions_is_verified():
 
 
 def test_angles_that_drift_are_noticed_in_an_analysis_of_whole_motions(monkeypatch):
-    """Continued angles are falsified by 1e-9 rad per sample.
+    """A drift of continued angles by 1e-9 rad per sample is found by the verification.
 
     Continued angles have no jumps of whole turns. The verified row that deviates most is
     then the last one, several turns on. The entry of a column in a verification is that
     row: its sample, value, reference and deviation. The reference has to be the value of
-    the run without drift. `RiseSinceFirstSample` is the analysis.
+    the run without drift. `RiseSinceFirstSample` is the analysis: the rise of an angle.
     """
     drift_rad = 1e-9
     four_bar = sk.load("four_bar")
@@ -392,12 +402,13 @@ def test_angles_that_drift_are_noticed_in_an_analysis_of_whole_motions(monkeypat
 
 @pytest.mark.parametrize("tolerance_rad", [1e-3, 1e-6])
 def test_errors_of_a_simulation_are_within_what_it_states(tolerance_rad):
-    """Loops of a simulation stay open by its tolerance, not by rounding.
+    """Rows of a simulation deviate from 50 digits by no more than the run states.
 
-    The verification allows for that: no column is "beyond" its tolerance, although the
-    worst row is off by more than 1e4 times rounding. Pole directions are within the error
-    bounds that the run states. The stated error of configurations has the size of the
-    tolerance, here at most ten times as much. Six rows are verified.
+    Loops of a simulation stay open by its tolerance, not by rounding. The verification
+    allows for that: no column is "beyond" its tolerance, although the worst row is off by
+    more than 1e4 times rounding. Pole directions (axes of relative rotation) are within the
+    error bounds that the run states. The stated error of configurations has the size of the
+    tolerance, here at most ten times that. Six rows are verified.
     """
     summary = sk.run(
         sk.load("four_bar"),
@@ -448,7 +459,11 @@ def test_wrong_uses_of_verify_are_refused(capsys):
 
 
 def test_an_analysis_that_fails_when_computed_again_does_not_lose_the_run():
-    """The plugin works in the run and fails in its verification."""
+    """An analysis that works in a run and fails in its verification is named there.
+
+    The verification computes some rows again. The run has no failure, and the columns of
+    its other tables are still verified.
+    """
 
     @dataclass(frozen=True)
     class FailsSecondTime(MinimalAnalysis):

@@ -53,8 +53,9 @@ def shipped_subjects(names=()):
 def random_subject(seed):
     """Return the random mechanism of a seed, with its name, kind and number of samples.
 
-    The kind changes with the seed. Mechanisms are drawn until the position analysis accepts
-    one, that is, until one can be assembled and has as many degrees of freedom as inputs.
+    `KINDS` has a function per kind that draws a mechanism; the kind changes with the seed.
+    Mechanisms are drawn until one can be assembled and has as many degrees of freedom as
+    inputs.
     """
     kind = tuple(KINDS)[seed % len(KINDS)]
     # The second number gives a sequence that differs from that of `default_rng(seed)`.
@@ -107,9 +108,12 @@ def _special(links):
 
 
 def _geared(random):
-    """Return a five-bar whose cranks on the ground are wheels in mesh, over several turns.
+    """Return a five-bar of R pairs whose cranks on the ground are bevel wheels in mesh.
 
-    The links are the ground g, the cranks a and b, and the couplers c and d.
+    The links are the ground g, the cranks a and b, and the couplers c and d. The pair
+    "mesh" is the rolling contact (type Cr) of both pitch cones, which are circles on the
+    unit sphere. Teeth, shaft angle and axes are random. The input is one of the cranks,
+    over several turns.
     """
     first_teeth, second_teeth = TEETH[random.integers(len(TEETH))]
     shaft_angle = np.radians(random.uniform(40.0, 120.0))
@@ -129,6 +133,7 @@ def _geared(random):
     pairs = [Pair(name, "R", tuple(links)) for name, links in ends.items()]
     pairs.append(Pair("mesh", "Cr", ("a", "b"), wheels))
     pose = PoseGeometry(dict(zip(ends, map(as_float_tuple, axes), strict=True)))
+    # Ranges of the input, rad.
     span = ((0.0, 2 * TURN), (-TURN, TURN), (0.0, 3 * TURN))[random.integers(3)]
     inputs = (Input("left" if random.random() < 0.7 else "right", *span),)
     return sk.Mechanism("made", "g", tuple("gabcd"), tuple(pairs), pose, inputs)
@@ -214,9 +219,9 @@ def _cams(random):
 def _legs(random, leg_count):
     """Return a platform on two or three legs of R pairs, driven at the ground.
 
-    Two legs are a five-bar whose output is a direction of link 3; three legs are a 3-RRR
-    whose output is the orientation of link 8. Axes are random; in 40 % of the mechanisms
-    one of them is a coordinate axis.
+    Two legs are a five-bar; its output is the direction of the axis of pair 3-4, as carried
+    by link 3. Three legs are a 3-RRR; its output is the orientation of link 8. Axes are
+    random; in 40 % of the mechanisms one of them is a coordinate axis.
     """
     if leg_count == 3:
         edges = [(1, 2), (2, 3), (3, 8), (1, 4), (4, 5), (5, 8), (1, 6), (6, 7), (7, 8)]

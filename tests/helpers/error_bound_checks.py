@@ -102,7 +102,9 @@ class ErrorComparison:
 
 
 def judge_bounds(mechanism, path, **options):
-    """Assert that every number in a row with status OK has a bound and keeps it.
+    """Assert that every number in a row with status OK has an error bound that holds.
+
+    A row is one configuration with the input that moves in it.
 
     Parameters
     ----------
@@ -132,11 +134,11 @@ def judge_bounds(mechanism, path, **options):
 
 
 def compare_special_mechanism(seed):
-    """Compare errors and bounds for the special mechanism of a seed.
+    """Compare errors and their stated bounds for the special mechanism of a seed.
 
-    It is a four-bar, perhaps with more pairs of links (dyads) added, whose geometry is
-    special or nearly so, such as equal arcs. The reference has 50 digits in rows in which
-    fewer digits do not decide, and in every 50th row.
+    It is a four-bar, perhaps with dyads (two links joined by a pair) added. Its geometry is
+    special or nearly so, such as equal arcs. The reference uses few digits where these
+    decide, and 50 digits in other rows (samples of a mode) and in every 50th row.
 
     Returns
     -------
@@ -162,6 +164,9 @@ def compare_special_mechanism(seed):
 
 def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
     """Compare all rows of a motion that have status OK with their reference.
+
+    A row is one configuration with the input that moves in it. The reference solves the
+    same loops in more digits.
 
     Parameters
     ----------
@@ -218,7 +223,11 @@ def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
 
 
 def _count_missing_numbers(field, is_ok):
-    """Return how many coefficients and error bounds are NaN in rows (n,) that are OK."""
+    """Return how many coefficients and error bounds are NaN although their row is OK.
+
+    `field` has poles (axes of relative rotation of two links) with their coefficients, and
+    a status for each pole and row. `is_ok` (n,) is True for the rows to count in.
+    """
     count = 0
     for pole, codes in field.pole_status.items():
         has_direction = is_ok & (codes == Status.OK)
@@ -245,6 +254,9 @@ def _count_missing_numbers(field, is_ok):
 class EvaluatedPoles:
     """The poles of a motion while one input moves, as spherekit evaluates them.
 
+    A pole is the axis of the relative rotation of two links. The poles are compared with a
+    reference in more digits.
+
     Attributes
     ----------
     motion, field, pole_request
@@ -263,6 +275,8 @@ class EvaluatedPoles:
 @dataclass(frozen=True)
 class RowErrors:
     """Errors of some rows against a reference, and the bounds stated for them.
+
+    A row is one configuration with the input that moves in it.
 
     Attributes
     ----------

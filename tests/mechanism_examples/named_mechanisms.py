@@ -28,6 +28,8 @@ def direction_at_colatitude(colatitude):
 def cam_with_follower(ground, profile, follower, contact="external"):
     """Return a cam (link 2) and an oscillating follower (link 3) in sliding contact.
 
+    Both turn about axes in the ground, link 1. The cam is driven.
+
     Parameters
     ----------
     ground
@@ -95,12 +97,13 @@ def four_bar(arcs, span=TURN):
 
 
 def dixon_mechanism(random):
-    """Return Dixon's movable framework K(3,3) on the sphere: nine bars, six points.
+    """Return Dixon's movable framework K(3,3) on the sphere: nine bars join six points.
 
-    Three points lie on one great circle and three on another across it, and every bar joins
-    a point of one to a point of the other. With azimuths x and y on the great circles, a
-    bar has the cosine cos x cos y. It is unchanged if all cos x are multiplied by a common
-    factor and all cos y by its inverse, so the framework moves. By counting it is rigid.
+    Three points lie on one great circle and three on another at right angles; every bar
+    joins a point of one to a point of the other. With azimuths x and y on the great
+    circles, a bar has the cosine cos x cos y. It is unchanged if all cos x are multiplied
+    by a factor and all cos y divided by it, so the framework moves. By the count of bars
+    and points it is rigid.
     """
     x = random.uniform(0.5, 1.2, 3)
     y = random.uniform(0.5, 1.2, 3)
@@ -128,7 +131,7 @@ def dixon_mechanism(random):
 
 
 def mechanism_from_sizes(links, pairs, inputs, output, zeros=None):
-    """Return a mechanism from a short notation of links and pairs.
+    """Return a mechanism of R pairs (revolute joints) from a short notation.
 
     Parameters
     ----------
@@ -183,7 +186,8 @@ def platform_with_unlike_legs():
     """Return a platform on three legs that are driven in three ways.
 
     Leg 1 is driven at the base, leg 2 through a four-bar (drive, rod, crank2), and leg 3 at
-    its elbow. Sizes are degrees; see `mechanism_from_sizes`.
+    its elbow. By link, `links` has the names of the axes, the arcs between them and the
+    angles between arcs (deg).
     """
     links = {
         "base": ("a1 a2 d2 a3", [70.0, 95.0, 110.0], [30.0, 140.0]),
@@ -223,7 +227,8 @@ def platform_with_unlike_legs():
 def serial_chain(count):
     """Return an open chain of two or three R pairs in a row, all of them driven.
 
-    With two pairs the output is a direction of the last link, with three its orientation.
+    Links are base, yoke, fork and, with three pairs, tool. With two pairs the output is a
+    direction of the last link, with three its orientation.
     """
     # By link: names of its axes, arcs between them and angles between arcs (both deg).
     links = {"base": ("p", [], []), "yoke": ("p q", [80.0], [])}
@@ -277,8 +282,9 @@ def crank_rocker(base=60.0, crank=20.0, coupler=70.0, rocker=40.0, zero=0.0, **m
 def two_followers(contact_links=("3", "5"), contact="external"):
     """Return cams 2 and 3, which pair 23 joins, with the followers 4 and 5 on the ground.
 
-    All profiles are circles. The order of the links of contact 35 can be chosen, and
-    whether it is internal or external.
+    Cam 2 slides on follower 4 and cam 3 on follower 5 (pairs of type Cs). All profiles are
+    circles. `contact_links` is the order of the links in contact 35, and `contact` is
+    `"external"` or `"internal"`.
     """
     degree = np.pi / 180.0
     arcs = (60.0 * degree, 80.0 * degree)

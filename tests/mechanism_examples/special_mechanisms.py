@@ -23,8 +23,9 @@ FOUR_BAR = (("41", 1, 4), ("21", 1, 2), ("32", 2, 3), ("43", 3, 4))
 def special_mechanism(seed):
     """Return a random mechanism of special geometry, and inputs near special angles.
 
-    It is a four-bar with none, one or two dyads. In half of the cases one arc of the
-    four-bar is changed by 1e-3 to 1e-12 degrees, so its geometry is only nearly special.
+    Rounding errors are largest in such geometry. The mechanism is a four-bar with none, one
+    or two dyads (two links joined by a pair). In half of the cases one arc of the four-bar
+    is changed by 1e-3 to 1e-12 degrees, so its geometry is only nearly special.
 
     Returns
     -------
@@ -57,7 +58,8 @@ def special_mechanism(seed):
 def straight_mechanism(seed):
     """Return a random mechanism with nearly special arcs, and inputs (n, 1) rad.
 
-    It is a four-bar with none, one or two dyads, of one of three kinds:
+    It is a four-bar with none, one or two dyads (two links joined by a pair), of one of
+    three kinds:
 
     - 0: an arc of the four-bar differs from 0 or 180 degrees by 1e-2 to 1e-9 degrees.
     - 1: the four-bar nearly has a change point, at which all its links are on one great
@@ -104,9 +106,9 @@ def _nearly_straight(random):
 
 
 def _arcs(random, kind):
-    """Return the four arcs (degrees) of a four-bar of one of `KINDS`.
+    """Return the four arcs (degrees) of a four-bar of one of `KINDS`, at random.
 
-    A "folding" four-bar can lie flat: opposite arcs have equal sums.
+    A "folding" four-bar can lie flat: both pairs of opposite arcs have equal sums.
     """
     a, b, c = (float(5 * random.integers(4, 32)) for _ in range(3))
     if kind == "right angles":
@@ -121,6 +123,7 @@ def _arcs(random, kind):
         return [a, 180.0 - a, b, 180.0 - b]
     if kind == "some right angles":
         return list(random.permutation([90.0, 90.0, a, b]))
+    # Only a "folding" four-bar is left: a + c = b + d.
     d = a + c - b
     while not 10.0 <= d <= 170.0:
         a, b, c = (float(5 * random.integers(4, 32)) for _ in range(3))
@@ -155,6 +158,9 @@ def four_bar(arcs):
 def _with_dyad(random, mechanism, sizes_deg):
     """Return the mechanism with a dyad: two links in a row between two of its links.
 
+    The two links are chosen at random. Each gets a further axis, to which the dyad is
+    joined.
+
     Parameters
     ----------
     random
@@ -162,7 +168,8 @@ def _with_dyad(random, mechanism, sizes_deg):
     mechanism
         Mechanism with links numbered from 1.
     sizes_deg
-        Arcs (degrees) that are drawn from; both links have the same arc in half the cases.
+        Arcs (degrees) that are drawn from; both new links have the same arc in half the
+        cases.
     """
     links = dict(mechanism.geometry.links)
     first_end, second_end = map(str, random.choice(mechanism.links, 2, replace=False))

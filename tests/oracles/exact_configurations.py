@@ -22,6 +22,8 @@ CLOSED_RAD = 1e-40
 def _equations_and_start(motion):
     """Return the closure equations of a motion, and its rows as start of Newton's method.
 
+    A row is one sample in one assembly mode (way to assemble the links).
+
     Returns
     -------
     linkage
@@ -70,11 +72,11 @@ def closure_residuals(motion):
 
 
 def deviations_with_free_inputs(motion):
-    """Return how far variables and inputs are from the nearest closed configuration.
+    """Return how far each row of a motion is from the nearest closed configuration.
 
-    Newton's method changes the inputs too. It therefore finds a solution also if no
-    configuration closes at the input of the row itself, beside a dead centre. Numbers have
-    `DIGITS` digits and are balls: each has a centre and an error bound.
+    Newton's method changes the inputs too. At a dead centre (the input reverses), the exact
+    mechanism may not close at the rounded input; then a solution is found beside it.
+    Numbers have `DIGITS` digits and are balls: each has a centre and an error bound.
 
     Returns
     -------
@@ -88,9 +90,8 @@ def deviations_with_free_inputs(motion):
     with arithmetic.within(), np.errstate(all="ignore"):
         linkage, input_variables, start = _equations_and_start(motion)
         values = start.copy()
-        # The residuals have `DIGITS` digits, the inverse only those of float64. A step
-        # therefore does not square the error; it gains about as many digits as the inverse
-        # has. After 25 steps the loops are closed even if each gains only two digits.
+        # The inverse has only the digits of float64, so each step gains no more than these.
+        # If a step gains only two digits, 25 steps are enough.
         for _ in range(25):
             orientations, residuals = linkage.place_links(values)
             jacobian = centre_floats(
