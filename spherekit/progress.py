@@ -146,7 +146,7 @@ class ProgressReporter:
     ) -> float | None:
         """Return the time (s) that the rest will take, or None if it cannot be estimated.
 
-        The rate of work since the first report is assumed to continue.
+        The rate of work since the first numbers is assumed to continue.
 
         Parameters
         ----------

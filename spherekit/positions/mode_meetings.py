@@ -185,8 +185,8 @@ class ModeMeeting:
             Name of the input pair.
         passed
             Whether the user wants modes to follow their smooth curves through crossings
-            (option "pass"). With "end", a mode ends where its smooth curve goes on in
-            another mode.
+            (option "pass"). With "end", a mode keeps the signs of its dyads (groups of two
+            links), and no mode with other signs continues it.
         """
         # Modes with the same configuration at the meeting, as text such as "0 and 1".
         meeting_modes = [
@@ -248,7 +248,7 @@ def find_mode_meetings(
     # One list for each input at which curves cross, with the crossings at this input.
     crossings_by_input: list[list[Crossing]] = []
     for crossing in sorted(crossings, key=input_of):
-        # Inputs that differ by less than rounding and search errors count as equal.
+        # Inputs that differ only by the errors of the search count as equal.
         is_at_last_input = bool(crossings_by_input) and (
             input_of(crossing) - input_of(crossings_by_input[-1][0])
             < SAME_CROSSING_INPUT_RAD

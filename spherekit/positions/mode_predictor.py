@@ -69,7 +69,7 @@ class ModePrediction(NamedTuple):
         (n, variables) predicted pair variables (rad).
     spread
         (n,) largest change of a variable between the two nodes around the sample (rad). The
-        permitted error of the prediction is proportional to it. Zero if the values are
+        permitted error of the prediction grows with it. Zero if the values are
         exact.
     status
         (n,) OK, or a code that says why the mode has no configuration at the sample.
@@ -122,7 +122,7 @@ class ModeCurve:
             (n, variables) interpolated variables (rad).
         spread
             (n,) largest difference of a variable between the two nodes around q (rad). The
-            permitted error of the interpolated values is proportional to it.
+            permitted error of the interpolated values grows with it.
         """
         # A curve of one node is constant.
         if len(self.inputs) == 1:

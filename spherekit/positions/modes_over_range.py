@@ -229,10 +229,10 @@ class ModesOverRange:
         values = solver.shift_near_samples(solver.reference, self.input_grid.q)
         (curve,) = self._follow_configurations(values)
         self._add_mode(curve)
-        # The mode of the pose may end before the range begins. For wheels (`gear_phases`),
-        # other modes on the same curve of configurations may reach the range. That curve is
-        # followed beyond the turning points of the input. Without wheels, the later search
-        # finds these modes.
+        # The mode of the pose may end before the range begins. This matters for wheels
+        # (`gear_phases`): without a period of the input, the pose cannot be shifted into
+        # the range. Other modes on the same curve of configurations may reach the range.
+        # So the curve is followed beyond the turning points of the input.
         if not self.assembly_modes and solver.gear_phases is not None:
             self._add_modes_on_curve(values[0])
         # `_follow_configurations` has stored the degrees of freedom of the pose, if a group
@@ -288,7 +288,7 @@ class ModesOverRange:
         ----------
         curve
             The curve, with rising values of the input. None if the start was not followed,
-            because it has not one degree of freedom.
+            because its number of degrees of freedom is not 1.
         component
             Number of the component to which the mode belongs. A component is a connected
             curve of configurations; it has several modes if the input turns back on it.

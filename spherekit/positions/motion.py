@@ -292,9 +292,8 @@ class Motion(ArrayRows):
 def make_motion(solver: PositionSolver, values: Floats) -> Motion:
     """Return closed configurations as a motion, without determining their assembly modes.
 
-    A motion is a table of configurations, one in each row. It is the input of most
-    analyses. Without their assembly modes (ways to assemble), all rows have the mode number
-    0.
+    A motion is a table of configurations, one in each row. Without assembly modes (ways to
+    assemble the mechanism), all rows have the mode number 0.
 
     Parameters
     ----------
@@ -341,8 +340,7 @@ def arrange_rows(
     solver
         The mechanism with its inputs.
     assembly_modes
-        The modes. Empty if they were not determined; all rows then have the mode number
-        0.
+        The modes. Empty if they were not determined. All rows then have the mode number 0.
     q
         (samples, inputs) values of the inputs (rad).
     sample

@@ -285,7 +285,7 @@ class PositionSolver:
 
         A body is a set of links that are rigid relative to each other. Gear ratios give the
         angles of the wheels. Newton's method starts from these angles and closes the loops
-        of the train, since the ratios alone have small errors.
+        of the train.
 
         Parameters
         ----------

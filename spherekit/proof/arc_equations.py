@@ -581,9 +581,9 @@ def _rotation_jet(
 ) -> Jet:
     """Return the rotation of a link about one pair, with derivatives by its variable.
 
-    The angle of the pair is x = factor * variable j. Without toothed wheels the factor is
-    1. With wheels, several angles are whole multiples of one variable. All numbers are
-    balls (numbers with a bound of their error).
+    The angle of the pair is x = factor * variable j. The factor is 1 if there are no
+    toothed wheels. With wheels, several angles are whole multiples of one variable. All
+    numbers are balls (numbers with a bound of their error).
 
     Parameters
     ----------

@@ -386,10 +386,10 @@ def wheels_certificate(
 ) -> dict[str, Any]:
     """Return the certificate of a mechanism in which wheels determine all angles.
 
-    All pairs are followers: wheels drive them, and their angles are linear functions of the
-    inputs. So there is one assembly mode (one way to assemble the links), and no dead
-    centre. The certificate is a table for a JSON file. Another program can check the slopes
-    ("ratios") and the bounds of their errors ("off").
+    All pairs but the inputs are followers: wheels drive them, and their angles are linear
+    functions of the inputs. So there is one assembly mode (one way to assemble the links),
+    and no dead centre. The certificate is a table for a JSON file. Another program can
+    check the slopes ("ratios") and the bounds of their errors ("off").
 
     Parameters
     ----------
@@ -490,9 +490,9 @@ def _system_tables(
     """Return systems of equations with approximations of all their solutions, as tables.
 
     A system is a smallest set of equations that can be solved on its own, after the systems
-    before it. It is solved for each combination of their solutions, which are given values
-    here. A solution has for each unknown angle the number z = e^(i angle). Where "inverse"
-    is true, the number is 1 / z instead, so that an infinite z is listed as 0.
+    before it. All its other variables then have given values; it is solved for several sets
+    of them. A solution has for each unknown angle the number z = e^(i angle). Where
+    "inverse" is true, the number is 1 / z instead, so that an infinite z is listed as 0.
 
     Parameters
     ----------

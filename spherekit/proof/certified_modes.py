@@ -410,7 +410,7 @@ class _RootSearch:
                     approximations.append(angles)
             if self._is_complete(roots):
                 break
-            # Without roots the systems need not be tried, since they take time.
+            # The systems take time, so they are not tried after a homotopy without roots.
             systems = self._find_complete_systems() if len(roots) else ()
             if systems:
                 return _HomotopyResult(approximations, systems)

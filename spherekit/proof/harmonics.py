@@ -176,8 +176,7 @@ class Harmonics:
         coefficients = self.coefficients[equation].transpose([*unknowns, *others])
         waves = _evaluate_waves(given, self.max_degree, order=1)
         sums = _sum_waves(coefficients, waves)
-        # Without given angles, the axis of the n sets (the last one) still has the length
-        # 1.
+        # Without given angles, the last axis, of the n sets, still has the length 1.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
         values = _select_derivative(sums, len(others))  # (2 m_1 + 1, ..., n)
         slopes = np.empty((len(others), *values.shape), dtype=complex)

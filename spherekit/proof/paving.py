@@ -241,7 +241,7 @@ def subdivide(
 ) -> int:
     """Examine boxes, and then the parts that `examine` returns, until nothing remains.
 
-    This is the loop of all proofs that divide space into boxes.
+    Proofs that divide space into boxes use this loop.
 
     Parameters
     ----------

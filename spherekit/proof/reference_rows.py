@@ -695,9 +695,8 @@ def _derivative_with_link(reference: ExactRows, pair: int, direction: Array) -> 
         (n, 3) the direction u, as balls.
     """
     link = reference.mechanism.ends[pair][0]
-    # The product is rounded only at the end, so that it is exactly zero if the axis rests.
-    # Otherwise its rounding error could exceed the error bound of the motion, which can be
-    # 0.
+    # The product is rounded only at the end, so that it is exactly 0 if the axis rests.
+    # Otherwise its rounding error could exceed the error bound of the motion.
     return centre_floats(np.cross(reference.w[:, link], direction))
 
 

@@ -300,7 +300,7 @@ class _Stretch:
 
     @property
     def reach(self) -> float:
-        """Bound (rad) of the coordinate s in the stretch, at its end.
+        """Upper bound (rad) of the coordinate s in the stretch.
 
         s is the coordinate along the tangent of the arc, 0 at its centre. The bound
         includes the errors of the end and of its coordinate.
