@@ -815,7 +815,7 @@ def classify_real_roots(
     root_radius = radius[:, np.newaxis] * ROUND_UP + 1e-14
     mirror_distance = _bound_mirror_distance(magnitude, root_radius)
     mirror_is_inside = mirror_distance * ROUND_UP < uniqueness_radius[:, np.newaxis]
-    # The bound of the distance requires that the magnitude exceeds the radius.
+    # The bound requires a magnitude above the radius. For safety, twice the radius counts.
     has_valid_bound = magnitude > 2 * root_radius
     is_real = np.all(has_valid_bound & mirror_is_inside, axis=1)
     is_not_real = np.any(np.abs(magnitude - 1.0) > root_radius, axis=1)
