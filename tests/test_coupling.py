@@ -34,13 +34,13 @@ def five_bar_table():
 
 @pytest.mark.parametrize("mode", [0, 1])
 def test_a_coupling_table_of_one_input_is_within_its_errors(four_bar_table, mode):
-    """Numbers interpolated in a table are compared with `sk.evaluate` at 200 random inputs.
+    """Numbers interpolated in a coupling table are within the errors that it states.
 
-    The table of the four-bar stores, on a grid of the input, the angles of the passive
-    pairs, their coefficients (rates per unit rate of the input), and the angular velocity
-    of link 3 relative to link 1. It states its largest error, which was measured at some
-    inputs between the nodes of the grid. Other inputs can have a slightly larger error, so
-    that 5 % more is allowed.
+    The reference is `sk.evaluate` at 200 random inputs. The table of the four-bar stores,
+    on a grid of the input, the angles of the passive pairs, their coefficients (rates per
+    unit rate of the input), and the angular velocity of link 3 relative to link 1. It
+    states its largest error, which was measured at some inputs between the nodes of the
+    grid. Other inputs can have a slightly larger error, so that 5 % more is allowed.
     """
     q = np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, 200)
     exact = sk.evaluate("four_bar", q, poles=["3/1"], assembly_mode=mode)
@@ -62,16 +62,17 @@ def test_a_coupling_table_of_one_input_is_within_its_errors(four_bar_table, mode
 
 
 def test_a_coupling_table_of_two_inputs_is_within_its_errors(five_bar_table):
-    """Numbers interpolated in a table are compared with `sk.evaluate` at 300 random inputs.
+    """Numbers interpolated in a table of two inputs are within its tolerance and errors.
 
-    The table of the five-bar stores, on a grid of its inputs 21 and 51, the angles of the
-    passive pairs and their coefficients (rates per unit rate of an input). Where the
-    mechanism cannot be assembled, and beside such inputs, it has no numbers (NaN).
+    The reference is `sk.evaluate` at 300 random inputs. The table of the five-bar stores,
+    on a grid of its inputs 21 and 51, the angles of the passive pairs and their
+    coefficients (rates per unit rate of an input). Where the mechanism cannot be assembled,
+    and beside such inputs, it has no numbers (NaN).
 
     The error of the angles should be within the tolerance that was requested for the table,
     and that of the coefficients within the largest error that the table states. Both errors
-    were measured at some inputs when the table was made. Other inputs can have a slightly
-    larger error, so that 5 % more is allowed.
+    were measured at some inputs when the table was computed. Other inputs can have a
+    slightly larger error, so that 5 % more is allowed.
     """
     q = np.random.default_rng(7).uniform(0.8, 2.3, (300, 2))
     interpolated = five_bar_table.at(q)
@@ -97,14 +98,14 @@ def test_second_derivatives_of_a_coupling_table_are_symmetric(five_bar_table):
 
 
 def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_bar_table):
-    """The interpolation from values and derivatives at nodes has to reproduce cubics.
+    """Interpolation from values and derivatives at nodes is exact for cubic polynomials.
 
     A coupling table stores angles on a grid of inputs (nodes), with their first and second
     derivatives by the inputs. Here a table on the nodes of the five-bar's table is filled
-    with a cubic of both inputs and its derivatives, as the only angle of one assembly mode.
-    It is evaluated at 50 random points. All cells of the grid are marked as sure, which
-    means that they can be interpolated. No input is periodic, so that `rise`, the growth of
-    the angle over a period, does not matter.
+    with a cubic of both inputs and its derivatives, as the only angle of one assembly mode
+    (way to assemble the links). It is evaluated at 50 random points. All cells of the grid
+    are marked as sure, which means that they can be interpolated. No input is periodic, so
+    that `rise`, the growth of the angle over a period, does not matter.
     """
     x, y = five_bar_table.nodes.T
     cubic = x**3 - 2.0 * x**2 * y + 0.5 * x * y**2 + y**3 + x * y - 4.0
@@ -136,12 +137,12 @@ def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_b
 def test_archives_and_csv_hold_the_numbers_of_a_coupling_table(
     four_bar_table, tmp_path, capsys
 ):
-    """`export --to coupling` writes .npz and .csv files, which are read back.
+    """Files written by `export --to coupling` have the numbers of the coupling table.
 
     A coupling table has, at nodes of the input, the angles of passive pairs, their rates
     per unit rate of the input, and the angular velocity of a pole, here that of link 3
     relative to link 1. It also has the error of interpolation in each cell, which is the
-    interval from a node to the next one.
+    interval from a node to the next one. The .npz and .csv files are read back.
     """
     command = ["export", "four_bar", "--to", "coupling", "--poles", "3/1", "-o"]
     archive = tmp_path / "t.npz"

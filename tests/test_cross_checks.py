@@ -33,6 +33,10 @@ def findings(evidence, name):
         `compared`, so that tests notice a check that compares nothing.
     name
         Name of the check.
+
+    Returns
+    -------
+    List of (name of the check, kind of contradiction, its words).
     """
     notes = Notes()
     # Random numbers of the check do not depend on checks before it.

@@ -98,13 +98,14 @@ def test_one_lap_of_a_four_bar_without_a_crank(no_crank):
     ],
 )
 def test_curves_of_shipped_mechanisms_close_after_one_lap(name, winding):
-    """Each variable grows by whole turns in a lap: its winding number times its period.
+    """A closed curve of configurations is back at its start after one lap.
 
-    The configurations form a closed curve in the space of all variables. The period of a
-    variable is its growth (rad) after which the pair is in the same state, such as one
-    revolution. The total growth in a lap is `curve.rise`. The curve may be followed in
-    either direction, so the winding numbers are compared up to a common sign. Beyond its
-    length the curve repeats itself, with variables that have grown by `curve.rise`.
+    The curve is in the space of all variables. Each variable grows by whole turns in a lap:
+    its winding number times its period. The period of a variable is its growth (rad) after
+    which the pair is in the same state, such as one revolution. The total growth in a lap
+    is `curve.rise`. The curve may be followed in either direction, so the winding numbers
+    are compared up to a common sign. Beyond its length the curve repeats itself, with
+    variables that have grown by `curve.rise`.
     """
     curve = shipped(name)
     assert curve.closed
@@ -163,10 +164,11 @@ def test_stops_end_a_curve_where_they_are(no_crank):
 
 @pytest.mark.slow
 def test_curves_of_a_parallelogram_end_at_their_crossings():
-    """A four-bar with arcs of 60-40-60-40 degrees folds flat in two poses.
+    """Configuration curves of a parallelogram end in the two poses in which it folds flat.
 
-    Its four open curves end there: the axes of all pairs lie in a plane, so the smallest
-    singular value of their matrix vanishes. A curve cannot be started there.
+    The four-bar has arcs of 60-40-60-40 degrees. Four open curves meet in these poses: the
+    axes of all pairs are in one plane, so the smallest singular value of their matrix
+    vanishes. A curve cannot be started there.
     """
     curves = all_curves(four_bar(np.radians([60.0, 40.0, 60.0, 40.0])))
     assert len(curves) == 4
@@ -197,8 +199,9 @@ def test_starts_that_cannot_be_followed(no_crank):
 def test_modes_that_meet_at_dead_points_are_one_curve():
     """Both modes of a four-bar without a crank are pieces of one configuration curve.
 
-    The pieces cover the whole curve. On each piece the configurations are those of its mode
-    at the same input, and `find` returns their place on the curve.
+    A mode is a way to assemble the links; at a dead point the input turns back. The pieces
+    cover the whole curve. On each piece the configurations are those of its mode at the
+    same input, and `find` returns their place on the curve.
     """
     position_analysis = PositionAnalysis(four_bar(NO_CRANK))
     (item,) = position_analysis.configurations.curves
@@ -243,10 +246,11 @@ def test_a_curve_has_two_configurations_between_dead_points_and_one_at_each(no_c
 
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "shaped_cam"])
 def test_derivatives_along_a_curve_are_limits_of_central_differences(name):
-    """First and second derivatives by arc length (`tangents`, `bends`) at seven places.
+    """Derivatives of a configuration curve by its arc length are those of differences.
 
-    Central differences have an error of second order: it falls by 4 with half the step,
-    and (4 fine - coarse) / 3 is right to fourth order (Richardson's extrapolation).
+    First and second derivatives (`tangents`, `bends`) are compared at seven places. Central
+    differences have an error of second order: it falls by 4 with half the step, and (4 fine
+    - coarse) / 3 is right to fourth order (Richardson's extrapolation).
     """
     curve = shipped(name)
     s = np.linspace(0.1, curve.length, 7)

@@ -12,7 +12,7 @@ SIDEWAYS = np.array([-0.8, 0.6, 0.0])
 
 
 def points_near_circle(parameter, count=9, whole=2.0 * np.pi):
-    """Return points near a circle, which a parameter moves in random directions.
+    """Return points near a circle on the sphere, moved by a parameter.
 
     A curve through these points is an example of a profile whose shape changes.
 
@@ -117,10 +117,12 @@ and its rate. The rate of the curvature has larger errors of its differences."""
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("kind", ["circle", "fourier", "closed", "open"])
 def test_the_derivative_of_a_changing_curve_is_its_central_difference(kind, backwards):
-    """Tangent, point, curvature and its rate are differentiated by the parameter x.
+    """Derivatives of a curve by its shape are those of central differences.
 
-    The family of `curves` changes with x. The arc length s stays fixed while x changes. The
-    reference is the difference of the curves at x = STEP and x = -STEP.
+    Tangent, point, curvature and its rate are differentiated by a parameter x, with which
+    the family of `curves` changes. The arc length s stays fixed while x changes. The
+    reference is the difference of the curves at x = STEP and x = -STEP. `backwards`
+    reverses the direction of the curve.
     """
     curve_at, derivative = curves(kind, backwards)
 

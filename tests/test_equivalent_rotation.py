@@ -44,12 +44,12 @@ def form(paper):
 def random_reachable_normals(form, count, seed, margin=0.0):
     """Return random normals (count, 3) of mid-planes that all three legs reach.
 
-    The mid-plane mirrors the fixed platform onto the moving one (Chen et al. 2021). A leg
-    has two links of equal arcs (`form.plane.arcs`). Its opening angle is that between its
-    axes at both platforms: 0 if it is folded, twice the arc if it is stretched. By the rule
-    of section 3 of the paper, driven legs are opened by at least 10 degrees. `margin` (rad)
-    is the distance of opening angles from this limit and from stretched legs. As in the
-    paper, the angle phi of the mid-plane is positive.
+    The mid-plane mirrors the fixed platform onto the moving one (Chen et al. 2021), so its
+    normal determines the pose. A leg has two links of equal arcs (`form.plane.arcs`). Its
+    opening angle is that between its axes at both platforms: 0 if it is folded, twice the
+    arc if it is stretched. By the rule of section 3 of the paper, driven legs are opened by
+    at least 10 degrees. `margin` (rad) is the distance of opening angles from this limit
+    and from stretched legs. As in the paper, the angle phi of the mid-plane is positive.
     """
     random = np.random.default_rng(seed)
     # Far more than `count`, because only a part of them is within reach.
@@ -71,7 +71,7 @@ def random_reachable_normals(form, count, seed, margin=0.0):
 def test_axis_and_angle_of_a_rotation(angle):
     """Axis and angle of a relative rotation are those from which SciPy built it.
 
-    The error of the axis grows with 1 / angle (rad).
+    The angle is right to 2e-15 rad. The error of the axis grows with 1 / angle.
     """
     random = np.random.default_rng(3)
     for first_orientation in Rotation.random(20, random_state=3).as_matrix():
@@ -158,10 +158,10 @@ def test_four_sets_of_driving_angles_lead_to_one_pose(form):
     """Each pose has four sets of driving angles (Chen et al. 2021, Fig. 5).
 
     Base and end effector mirror each other in a mid-plane, so the normal of this plane
-    gives the pose. The driving angles theta obey eqs. (12) and (13): sin(theta) is the z
-    component of the elbow, the axis between the two links of a leg, divided by sin(arc of
+    determines the pose. The driving angles theta obey eqs. (12) and (13): sin(theta) is the
+    z component of the elbow, the axis between the two links of a leg, divided by sin(arc of
     the driving link). The angle between each elbow and the base axis of its leg is the arc
-    of the link.
+    of the link. `form` has these closed forms.
     """
     normals = random_reachable_normals(form, 50, 6)
     solutions = form.plane.solutions(normals)
@@ -183,9 +183,9 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
     """Positions by mirroring in the mid-plane close all loops of the 11 links.
 
     Base and end effector of the paper's mechanism mirror each other in this plane, whose
-    normal and a sign for each of three legs determine a configuration. The configurations
-    are compared with Newton's method on the loop closure of all 14 pairs, which is started
-    1e-4 rad away and knows nothing of mid-planes.
+    normal and a sign for each of three legs determine a configuration. The reference is
+    Newton's method on the loop closure of all 14 pairs, which is started 1e-4 rad away and
+    does not use mid-planes. `random_reachable_normals` returns normals of mid-planes.
     """
     assert (len(paper.links), len(paper.pairs)) == (11, 14)
     # `proof` tests the mirror symmetry in many configurations. It returns the largest angle
@@ -253,10 +253,10 @@ def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
     """Between two poses the end effector turns about an axis that moves by less than 1e-12.
 
     The mechanism is that of Chen et al. 2021 (`form`). Its base and end effector mirror
-    each other in a plane, so the normal of this plane gives the pose. The axis is fixed in
-    the base and in the end effector. Its coordinates in the latter are computed from the
-    orientations alone. Between two random poses, a leg may be unable to follow. More than
-    90 % of all rotations must reach their last pose.
+    each other in a plane, so the normal of this plane determines the pose. The axis is
+    fixed in the base and in the end effector. Its coordinates in the latter are computed
+    from the orientations alone. Between two random poses, a leg may be unable to follow.
+    More than 90 % of all rotations must reach their last pose.
     """
     starts = random_reachable_normals(form, pairs, 21)
     stops = random_reachable_normals(form, pairs, 22)
@@ -329,7 +329,7 @@ def derivative_at_middle(samples, h):
 
 
 def check_rates_by_differences(rotation, theta, rate_tolerance, second_tolerance):
-    """Check rates of the inputs at an angle theta (rad) by finite differences.
+    """Assert that rates of the inputs at an angle theta (rad) are finite differences.
 
     Parameters
     ----------
@@ -363,9 +363,9 @@ def check_rates_by_differences(rotation, theta, rate_tolerance, second_tolerance
 def test_three_inputs_turn_the_output_about_any_axis(name):
     """With three inputs the output turns exactly about axes that were chosen freely.
 
-    The expected orientation is the start turned by Rodrigues' formula. A rotation by 0.3
-    rad is asked for; the mechanism may reach less (`reached`). The drift is the angle from
-    the axis about which the link turns at the moment to the chosen one.
+    The expected orientation is the start turned by Rodrigues' formula. The test asks for a
+    rotation by 0.3 rad; the mechanism may reach less (`reached`). The drift is the angle
+    from the axis about which the link turns at the moment to the chosen one.
     """
     mechanism, values = configuration(name)
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
@@ -388,7 +388,7 @@ def test_three_inputs_turn_the_output_about_any_axis(name):
 
 
 def test_two_inputs_follow_an_axis_with_the_least_orientation_error():
-    """The output of a five-bar follows a rotation about a given axis as nearly as possible.
+    """The output of a five-bar follows a rotation about an axis as nearly as possible.
 
     With two inputs, its three-parameter orientation cannot follow exactly. The orientation
     error is the angle between the wanted and the real orientation. It is least at the
@@ -469,10 +469,11 @@ def test_an_open_wrist_turns_by_its_euler_angles():
 
 
 def test_a_wrist_passes_its_gimbal_pose():
-    """A wrist turns about the axis of its middle pair b through b = 0 (a singularity).
+    """A wrist turns about the axis of its middle pair through its gimbal pose.
 
-    There a and c turn about one axis. By hand: b falls from 0.5 rad with rate -1, and a and
-    c stand still. The singular configuration, at theta = 0.5 rad, is stepped over (a leap).
+    The angle b of the middle pair is 0 there, and the first and last pairs, a and c, have
+    one axis (a singularity). By hand: b falls from 0.5 rad with rate -1, and a and c stand
+    still. The singular configuration, at theta = 0.5 rad, is stepped over (a leap).
     """
     a = 0.3  # rad
     # The opposite direction of the axis of b, so that b falls.
@@ -490,9 +491,9 @@ def test_a_wrist_passes_its_gimbal_pose():
 def test_a_mechanism_with_a_cam_follows_an_axis():
     """The lever of a roller cam turns exactly about its pivot, and nearly about others.
 
-    Rates are checked by finite differences. If the lever cannot turn exactly about the
+    Rates are compared with finite differences. If the lever cannot turn exactly about the
     axis, the nearest orientation is followed. Its second rates would need third derivatives
-    of the contact, and are not given.
+    of the contact, so they are NaN.
     """
     mechanism = sk.load("roller_cam")
     motion = sk.trace(mechanism, samples=9)
@@ -560,11 +561,12 @@ PEAKS = {
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_durations_at_a_limit_are_those_of_closed_forms(shape):
-    """The shortest duration lets the peak of the time law s(t/T) meet a limit.
+    """The shortest duration of a rotation lets the peak of its time law meet a limit.
 
-    While the output turns by 0.8 rad, the inputs a and b turn by 1.2 and -1.6 rad. A speed
-    limit v gives T = angle * max s' / v, an acceleration limit a gives
-    T^2 = angle * max |s''| / a.
+    The time law is s(t/T), of several shapes. `PEAKS` has its largest derivatives in closed
+    form. While the output turns by 0.8 rad, the inputs a and b turn by 1.2 and -1.6 rad.
+    From a speed limit v follows T = angle * max s' / v, from an acceleration limit a
+    follows T^2 = angle * max |s''| / a.
     """
     peak_speed, peak_acceleration = PEAKS[shape]
     # Input b has the larger angle and the smaller limit, so it decides the duration.

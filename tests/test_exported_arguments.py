@@ -46,11 +46,11 @@ def keys_of(document):
 
 
 def change_number(document, variable, inputs):
-    """Return the mechanism with one number changed a little, and the new number.
+    """Return the mechanism with one number of its file changed a little, and the number.
 
     Numbers of a file can be whole or have to stay in order, so that several changes are
-    tried. Returns None if none of them gives a valid mechanism. `inputs` are the input
-    pairs to use if the file has none.
+    tried. The result is None if none of them leads to a valid mechanism. `inputs` are the
+    input pairs to use if the file has none.
     """
     size = RELATIVE_CHANGE * (abs(variable.value) or 1.0)
     for step in (size, -size, 1.0, -1.0):
@@ -274,11 +274,11 @@ CANCELLING = {
 @pytest.mark.parametrize("name", CANCELLING)
 @pytest.mark.parametrize("key", ["links.2.arc", "links.4.arc", "pairs.41.zero"])
 def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):
-    """Two torques at one pair cancel for all sizes, so that no size is an argument.
+    """A size is no argument of exported formulas if results do not depend on it.
 
-    Their sum is zero but for rounding. The size is then idle: no result depends on it. If
-    a third torque of about a millionth of them is added, the size has an effect and is an
-    argument.
+    Two torques at one pair cancel for all sizes; their sum is zero but for rounding. Each
+    size is then idle, that is without effect. If a third torque of about a millionth of
+    them is added, the size has an effect and is an argument.
     """
     one, other = CANCELLING[name]
     loads = (sk.PairTorque("one", "41", one), sk.PairTorque("other", "41", other))

@@ -57,8 +57,8 @@ PATHS_ALONG_RIM = (
 def test_an_axis_is_drawn_by_its_direction_on_the_visible_side(name, sense):
     """Of the two opposite directions of an axis, that on the visible hemisphere is drawn.
 
-    On the rim both directions are visible. Rounding may not let the path jump from one to
-    the other there. `sense` is the direction in which the path is stated.
+    On the rim of the map both directions are visible. Rounding may not let the path jump
+    from one to the other there. `sense` is the direction in which the path is stated.
     """
     path = sense * PATHS[name]
     directions = turn_to_side(path, MAP_MIDDLE)
@@ -92,10 +92,11 @@ def drawn_distances_from_middle(panel):
 @pytest.mark.many
 @pytest.mark.parametrize("samples", [9, 37, 91])
 def test_paths_of_axes_are_as_far_from_the_middle_as_the_axes(samples):
-    """Each axis of the table of poles is drawn once, at its distance from the middle.
+    """Each axis of the table of poles is drawn once, at the right distance from the middle.
 
-    A panel shows the hemisphere about a coordinate axis, its middle, as an equal-area map.
-    An axis at an angle to the middle is drawn at the radius that the map gives this angle.
+    A pole is the axis of the relative rotation of two links. A panel shows the hemisphere
+    about a coordinate axis, its middle, as an equal-area map. The expected distance is the
+    radius of the map for the angle between axis and middle.
     """
     result = sk.run("four_bar", "poles", samples=samples)
     figure = result.plot("poles/paths of the axes")
@@ -129,10 +130,10 @@ def lines_of_zeros(figure):
 def test_maps_over_a_grid_draw_no_reversal_of_an_axis(name, poles, grid):
     """Over a grid, magnitudes of relative angular velocities are drawn, without a sign.
 
-    The sign of a velocity coefficient depends on the direction of its axis, which cannot be
-    continuous over a grid. A figure of magnitudes has "|" in its name, as in "|w31/w21|",
-    no negative values, and no line at zero. Axes of pairs are fixed in a link and keep
-    their sign, so they have no such figure.
+    The sign of a velocity coefficient (relative rate per rate of the input) depends on the
+    direction of its axis, which cannot be continuous over a grid. A figure of magnitudes
+    has "|" in its name, as in "|w31/w21|", no negative values, and no line at zero. Axes of
+    pairs are fixed in a link and keep their sign, so they have no such figure.
     """
     links = sk.load(name).links
     poles = poles or [f"{links[-1]}/{links[0]}"]
@@ -155,10 +156,10 @@ def test_maps_over_a_grid_draw_no_reversal_of_an_axis(name, poles, grid):
 
 
 def test_sizes_over_a_grid_are_those_of_the_angular_velocities():
-    """Magnitudes of angular velocities over a grid are those of `sk.evaluate`.
+    """Magnitudes of angular velocities drawn over a grid are those of `sk.evaluate`.
 
     They are the angular velocities of link 3 relative to link 1 over the rate of input 21.
-    The derivative of a magnitude by this input is checked by a central difference.
+    The derivative of a magnitude by this input is compared with a central difference.
     """
     result = sk.run("five_bar", "poles:only=3/1", samples=(7, 7))
     # The series of numbers that figures of assembly mode 0 (page 0) show, by path. A path
@@ -209,11 +210,11 @@ def tilted_circle(radius, tilt=0.0):
 
 
 def test_curves_on_pages_of_modes_are_drawn_for_every_mode():
-    """A curve on the pages of three modes gives three figures, and one on a named page a
-    fourth.
+    """A curve on the pages of three modes has three figures, one on a named page a fourth.
 
-    The circles of 0.2, 0.4, 0.6 and 1 rad about the middle of the map are circles there,
-    with the radius of an equal-area map.
+    A page is a scene for one mode (way to assemble the links). The circles of 0.2, 0.4, 0.6
+    and 1 rad about the middle of the map are circles there, with the radius of an
+    equal-area map.
     """
     scenes = []
     for mode in range(3):
@@ -255,7 +256,8 @@ def pages_of_arrows(count):
 def drawn_figures():
     """Yield groups of figures with maps of a hemisphere, to test where titles are drawn.
 
-    They have one and two columns, legends, colours, and up to five maps.
+    They have one and two columns, legends, colours, and up to five maps. `sphere_page` and
+    `pages_of_arrows` return what the figures show.
     """
     border = SphereCurves("c", "border", [tilted_circle(radius=0.3, tilt=0.4)])
     # The second circle is on the other hemisphere.
@@ -288,9 +290,10 @@ def drawn_figures():
 
 @pytest.mark.slow
 def test_titles_of_round_panels_are_inside_their_figures():
-    """Titles are inside their figure and do not overlap names of directions on the rim.
+    """Titles of maps are inside their figure and beside names of directions on the rim.
 
-    Some panels have no title. The count at the end makes sure that titles were tested.
+    `drawn_figures` has figures of many kinds. Some panels have no title; the count at the
+    end makes sure that titles were tested.
     """
     title_count = 0
     figures = [figure for group in drawn_figures() for figure in group.values()]

@@ -43,6 +43,8 @@ def with_input(name):
 def evaluate_terms(formula_set, expressions, motion, mode_values, sizes=None):
     """Return the values (expressions, n) of symbolic terms of formulas, by NumPy.
 
+    They are the reference for exported source code.
+
     Parameters
     ----------
     formula_set
@@ -53,8 +55,9 @@ def evaluate_terms(formula_set, expressions, motion, mode_values, sizes=None):
         (k, n) inputs of the mechanism; their rates and further variables of time may
         follow.
     mode_values
-        (k, n) or (k, 1) values that select the assembly mode: signs of its dyads, or the
-        variables of all pairs from which Newton's method starts.
+        (k, n) or (k, 1) values that select the assembly mode (way to assemble the links):
+        signs of its dyads (groups of two links), or the variables of all pairs from which
+        Newton's method starts.
     sizes
         (k, n) or (k, 1) numbers of the file that are arguments; by default those of the
         file.
@@ -99,8 +102,8 @@ def accepted_keys(mechanism_or_name):
     """Return keys of sizes, of a mass and of springs that formulas accept as arguments.
 
     A key names a number of the mechanism file. Which of them are accepted depends on the
-    mechanism, so all candidates are tried with formulas of the inputs ("q*"). At most four
-    sizes are taken, which keeps the formulas short.
+    mechanism, so each candidate is tried with formulas of the inputs ("q*"). At most four
+    sizes are taken, so that the formulas are short.
     """
     document = document_of(mechanism_or_name)
     mechanism = mechanism_or_name
@@ -124,7 +127,8 @@ def random_arguments(formula_set, seed=1):
     """Return 200 random arguments of formulas: motion, mode values and sizes.
 
     Each is an array (variables, 200) as described in `evaluate_terms`. Each column is in a
-    random assembly mode. Sizes differ by up to a thousandth from those of the file.
+    random assembly mode (way to assemble the links). Sizes differ by up to a thousandth
+    from those of the file.
 
     Without a closed form, the mode values are pair variables. They are those of a
     configuration of the mode, corrected by five steps of Newton's method at inputs near
@@ -154,8 +158,10 @@ def test_sources_return_the_values_of_their_symbolic_terms(name, tmp_path):
     """Compiled sources in every language agree with their terms evaluated by NumPy.
 
     C may differ by 4 units of the last place. Other languages may differ by 1e-14 plus 100
-    times the change of the result when arguments change by one unit. So may mechanisms
-    with contact profiles, which are stored as tables of coefficients.
+    times the change of the result when arguments change by one unit. So may mechanisms with
+    contact profiles, which are stored as tables of coefficients. `accepted_keys` are the
+    numbers of the file that become arguments, and `random_arguments` has 200 sets of
+    arguments.
     """
     mechanism = with_input(name)
     formula_set = formulas(mechanism, vary=accepted_keys(mechanism))
@@ -198,12 +204,12 @@ def test_sources_return_the_values_of_their_symbolic_terms(name, tmp_path):
     ],
 )
 def test_arguments_are_numbers_of_the_file(name, keys):
-    """Changing numbers by arguments or in the file gives the same results.
+    """Changing numbers by arguments of formulas or in the file has the same results.
 
     Formulas with some numbers of the file as arguments are compared with formulas of a file
     in which these numbers are changed. The values are 0.99 to 1.01 times those of the file.
     A file may state the mass of a link as that of a bar along its arc: inertia then changes
-    with the arc. "B*" are the equivalent inertia and its derivatives.
+    with the arc. "B*" are the inertia reduced to the input and its derivatives.
     """
     document = document_of(name)
     variables = [design_variable(document, key) for key in keys]
@@ -229,7 +235,8 @@ def test_arguments_are_numbers_of_the_file(name, keys):
 def test_formulas_have_the_angles_and_coefficients_of_evaluate(name):
     """Formulas agree with `sk.evaluate`, which places links by another method.
 
-    Coefficients are compared in size, because an axis has two directions.
+    Velocity coefficients (relative rates per rate of the input) are compared in size,
+    because an axis has two directions.
     """
     formula_set = formulas(name, ["theta_*", "velocity_coefficient_*"])
     links = sk.load(name).links
@@ -269,8 +276,9 @@ def test_fewer_results_take_fewer_operations():
 def test_newton_steps_of_a_source_close_the_loops(tmp_path):
     """Six calls of the step function in C converge quadratically to `sk.evaluate`.
 
-    The input is 0.02 rad from the start of mode 2. Each call returns how far the loops were
-    open before it.
+    The function does one step of Newton's method, for a mechanism without a closed form.
+    The input is 0.02 rad from the start of mode 2 (a way to assemble the links). Each call
+    returns how far the loops were open before it.
     """
     formula_set = formulas("double_butterfly", ["theta_*"])
     source_path = str(tmp_path / "x.c")
@@ -311,10 +319,10 @@ def test_stored_functions_have_their_source(tmp_path):
 
 @pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="no cross compiler")
 def test_the_wiper_fits_a_microcontroller(tmp_path):
-    """The file of the first tutorial compiles for a Cortex-M4 to less than 8 kB.
+    """The formulas of the first tutorial's file compile for a Cortex-M4 to less than 8 kB.
 
-    It is exported to C by one command, and compiled without a warning. It has no variables
-    of its own (sections data and bss).
+    They are exported to C by one command, and compiled without a warning. The object has no
+    global variables (sections data and bss).
     """
     page = (ROOT / "docs" / "first_mechanism.md").read_text("utf-8")
     file_text = page.partition("```toml\n")[2].partition("```")[0]

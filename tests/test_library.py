@@ -16,7 +16,11 @@ SOUND_FILE = mechanism_text("library_sound")
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
-    """Return a function that installs a pack of mechanism files, as pip would."""
+    """Return a function that installs a pack of mechanism files, as pip would.
+
+    A pack is an installed package with mechanism files. It is found by its entry point,
+    without importing it.
+    """
     site = tmp_path / "site"
     site.mkdir()
     monkeypatch.syspath_prepend(str(site))

@@ -22,8 +22,8 @@ def with_spring(name, pair, zero_deg=0.0, input_pair=None):
     """Return a mechanism whose only load is a spring at a pair.
 
     Its stiffness is 1.3 N m/rad, and its torque is zero at the angle 0.4 rad. `zero_deg` is
-    added to the zero of this pair, so that its angle may cross half a turn. Names of
-    assembly modes in the file, which are identified by angles, are then removed.
+    added to the zero of this pair, so that its angle may cross half a turn. This changes
+    the angles by which the file identifies assembly modes, so their names are removed.
     `input_pair` replaces the driven pair.
     """
     mechanism = sk.load(name)
@@ -63,11 +63,13 @@ SWINGING_SPRINGS = {
 @pytest.mark.many
 @pytest.mark.parametrize("name", SWINGING_SPRINGS)
 def test_exported_torque_of_a_spring_at_a_swinging_pair_needs_no_count_of_turns(name):
-    """The formulas have no argument for turns and agree with `sk.inverse_dynamics`.
+    """Exported torques with a spring at a swinging pair agree with `sk.inverse_dynamics`.
 
-    Formulas give the angle of a pair in (-pi, pi], and the torque of a spring depends on
-    the angle with its whole turns. A pair that swings by less than a turn has only one
-    possible number of turns at each angle. A pair that rotates fully has many.
+    The formulas have no argument for turns. They compute the angle of a pair in (-pi, pi],
+    and the torque of a spring depends on the angle with its whole turns. A pair that swings
+    by less than a turn has only one possible number of turns at each angle. A pair that
+    rotates fully has many. `with_spring` returns the mechanism, and `exported_torques`
+    evaluates the formulas in a mode (way to assemble the links).
     """
     mechanism = with_spring(*SWINGING_SPRINGS[name])
     exported_formulas = formulas(mechanism, ["torque"])

@@ -19,9 +19,10 @@ BASE = LOADED.partition("[mass")[0]
 
 
 def test_every_load_is_read_in_si():
-    """Angles of the file are in degrees and become radians; expressions stay texts.
+    """Loads and joint limits of a file are read, with angles in radians.
 
-    The file has one load of each kind, and one joint limit (rad, low and high).
+    The file `LOADED` has one load of each kind, and one joint limit (low and high). Its
+    angles are in degrees. Expressions stay texts. The expected values are written out.
     """
     mechanism = loads(LOADED)
     assert mechanism.loads == (
@@ -68,10 +69,10 @@ def test_the_arc_of_a_link_runs_between_its_axes():
 
 
 def test_a_tensor_at_the_centre_of_mass_is_moved_to_the_centre_of_the_sphere():
-    """Sums over six mass points give the inertia tensors about both centres.
+    """An inertia tensor about the centre of mass is read as that about the sphere's centre.
 
-    The file has the tensor about the centre of mass; the mechanism has to hold that about
-    the centre of the sphere (the origin). No parallel axis theorem is used here.
+    The expected tensors about both centres are sums over six mass points, without the
+    parallel axis theorem. The centre of the sphere is the origin.
     """
     random = np.random.default_rng(3)
     point_masses = random.uniform(0.1, 1, 6)

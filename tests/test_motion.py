@@ -25,10 +25,11 @@ SHIPPED = (
 def test_joint_angles_and_orientations_of_links_agree_over_a_whole_turn(name):
     """R_second = R_first F_first Z(angle) F_second^T for each R pair, to 1e-14.
 
-    R are the rotations of the two links of the pair, F are its frames in these links (by an
-    independent function), and Z is the rotation about the pair's axis, which is z of these
-    frames. After a turn of the input all links are back in their first orientations, so the
-    motion has not changed to another assembly mode on the way.
+    R_first and R_second are the rotations of both links of the pair. F_first and F_second
+    are the frames of the pair in these links, by an independent function. Z is the rotation
+    about the pair's axis, which is z of these frames. After a turn of the input all links
+    are back in their first orientations, so the motion has not changed to another assembly
+    mode (way to assemble the links).
     """
     # Without a search, the mode of the reference pose is computed alone if the file has
     # one.
@@ -53,10 +54,11 @@ def test_joint_angles_and_orientations_of_links_agree_over_a_whole_turn(name):
 
 
 def test_samples_are_out_of_reach_exactly_where_the_diagonal_of_a_four_bar_is_too_long():
-    """Coupler and rocker reach over arcs between their difference and their sum.
+    """A four-bar is out of reach exactly where coupler and rocker cannot span its diagonal.
 
-    The diagonal from the crank's tip to the rocker's ground axis follows from the spherical
-    law of cosines. Arcs are those of ground, crank, coupler and rocker.
+    Two links can span arcs between their difference and their sum. The diagonal from the
+    crank's tip to the rocker's ground axis follows from the spherical law of cosines. Arcs
+    are those of ground, crank, coupler and rocker.
     """
     ground, crank, coupler, rocker = np.radians([70.0, 60.0, 30.0, 45.0])
     motion = sk.trace(four_bar(np.array([ground, crank, coupler, rocker])), samples=3601)
@@ -103,10 +105,11 @@ def test_arcs_that_cannot_close_are_refused_with_the_group():
 
 
 def test_inputs_go_opposite_ways_where_a_range_falls():
-    """A range of an input that falls gives the same results as a law with negative speed.
+    """A range of an input that falls leads to the results of a law with negative speed.
 
     The left axle of a differential turns forwards through its range, the right one
-    backwards through half of that. Its cage turns at the mean of both.
+    backwards through half of that. Its cage turns at the mean of both, by 90 degrees in
+    all. The tables of motion, dynamics and reactions of both runs are compared.
     """
     differential = sk.load("bevel_differential")
     left, right = differential.inputs

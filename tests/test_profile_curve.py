@@ -80,10 +80,11 @@ def test_circle_has_its_closed_form(radius):
 
 
 def test_a_circle_is_its_fourier_series_and_both_begin_on_the_same_side():
-    """A series with a constant colatitude of 0.7 rad is a circle of that radius.
+    """A Fourier series with a constant colatitude of 0.7 rad is a circle of that radius.
 
-    Frames and curvature agree at arc lengths over more than a lap. The start lies from the
-    centre towards the x axis, or towards y if the centre is near x.
+    Frames and curvature agree at arc lengths over more than a lap. The curvature is 1 /
+    tan(radius). The start lies from the centre towards the x axis, or towards y if the
+    centre is near x.
     """
     radius = 0.7
     for centre in (CENTRE, np.array([0.6, 0.0, -0.8]), np.array([-1.0, 0.0, 0.0])):
@@ -103,11 +104,12 @@ def test_a_circle_is_its_fourier_series_and_both_begin_on_the_same_side():
 
 
 def test_frames_obey_their_equations_in_arc_length(curve):
-    """Frenet's equations on the sphere: t' = k n - p, n' = -k t, p' = t.
+    """Frames of a curve obey Frenet's equations on the sphere.
 
-    The columns of a frame are the tangent t, the normal n in the sphere and the point p; k
-    is the geodesic curvature. Gauss quadrature of the right sides and of k', with ten nodes
-    in each of about 400 short spans, gives the changes of t, n, p and k over the spans.
+    They are t' = k n - p, n' = -k t, p' = t. The columns of a frame are the tangent t, the
+    normal n in the sphere and the point p; k is the geodesic curvature. The right sides and
+    k' are integrated by Gauss quadrature, with ten nodes in each of about 400 short spans.
+    The integrals have to be the changes of t, n, p and k over the spans.
     """
     nodes, weights = leggauss(10)
     span_ends = np.union1d(np.linspace(0.0, 1.0, 401) * curve.length, curve.edges)
@@ -153,8 +155,8 @@ def test_reversing_and_not_a_number(curve):
 def test_closed_curves_repeat_and_open_ones_stop(curve):
     """A lap further on, closed curves have the same frames and curvatures, to rounding.
 
-    Open curves have no points beyond their ends: `inside` is false there, and the frame is
-    that of the end.
+    A frame has tangent, normal and point of the curve. Open curves have no points beyond
+    their ends: `inside` is false there, and the frame is that of the end.
     """
     s = np.linspace(0.0, 1.0, 33) * curve.length
     first_lap = curve.evaluate(s)
@@ -269,10 +271,12 @@ def arc_length_at(curve, point, low, high):
 
 @pytest.mark.parametrize("knot", [0, 2])
 def test_balls_about_a_knot_contain_the_curve_on_both_sides(knot):
-    """A spline through points has two polynomials at each, whose fifth derivatives differ.
+    """A ball about a knot of a spline encloses the curve on both sides of the knot.
 
-    Coefficients of power series of the frames are compared, at a ball about the knot and
-    at exact arc lengths within it. The knot 0 is the seam of the closed profile.
+    A ball is a number with an error bound. A knot is a point where two polynomials of the
+    spline meet; their fifth derivatives differ. Coefficients of power series of the frames
+    are compared, at a ball about the knot and at exact arc lengths within it. The knot 0 is
+    the seam of the closed profile.
     """
     azimuths = np.radians([0.0, 60.0, 130.0, 185.0, 240.0, 300.0])
     colatitudes = np.radians([30.0, 36.0, 29.0, 38.0, 33.0, 35.0])

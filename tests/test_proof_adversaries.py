@@ -19,12 +19,12 @@ BASE, TIP = 40, 75
 def tripod(plate):
     """Return a platform on three equal legs, with two equal modes at inputs of zero.
 
-    Each leg has a crank and a bar. At inputs of zero, the three axes of every leg are in
-    one plane with the axis of symmetry: the axis at the base and that between crank and bar
-    at the angles BASE and TIP from it, and that at the plate at the angle `plate` (deg). If
-    the plate turns about the axis of symmetry by D, the arc of the bars requires cos(bar) =
-    cos(tip) cos(plate) + sin(tip) sin(plate) cos(D). At D = 0 this is a double root, so
-    that two modes (ways to assemble the platform) are equal.
+    A mode is a way to assemble the platform. Each leg has a crank and a bar. At inputs of
+    zero, the three axes of every leg are in one plane with the axis of symmetry. Their
+    angles from it are BASE at the base, TIP between crank and bar, and `plate` (deg) at the
+    plate. If the plate turns about the axis of symmetry by D, the arc of the bars requires
+    cos(bar) = cos(tip) cos(plate) + sin(tip) sin(plate) cos(D). At D = 0 this is a double
+    root, so that two modes are equal.
     """
     text = 'format = 1\nname = "tripod"\nangle_unit = "deg"\nground = "base"\n'
     text += "[links.base]\n[links.plate]\n"
@@ -98,11 +98,11 @@ def modes_beside(plate, digits):
 def test_modes_of_a_platform_that_are_1e_6_to_1e_14_rad_apart_are_both_certified(digits):
     """Two modes of a platform on three legs are certified however near they are.
 
-    Two modes (ways to assemble it) are equal at inputs of zero. Here the inputs are
-    10 ** -digits degrees. One mode has the plate turned by a small angle to one side, the
-    other by the same angle to the other side. `half_angle_between_modes` computes this
-    angle by a closed form in 200 bits; it is 0.5 to 1 times 10 ** (-digits - 2) rad. All 8
-    complex modes are certified.
+    Two modes (ways to assemble it) are equal at inputs of zero. Here the inputs are 10 **
+    -digits degrees. One mode has the plate turned by a small angle to one side, the other
+    by the same angle to the other side. `half_angle_between_modes` computes this angle by a
+    closed form in 200 bits; it is 0.5 to 1 times 10 ** (-digits - 2) rad. All 8 complex
+    modes (solutions of the closure equations) are certified.
     """
     plate = 50  # angle (deg) from the axis of symmetry to the axes of the plate
     half_angle, has_real_modes = half_angle_between_modes(plate, digits)
@@ -180,12 +180,13 @@ def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
 def test_two_equal_dyads_stretched_at_one_input_leave_a_small_range_undecided():
     """Two equal dyads are stretched at one input, and a range about it stays undecided.
 
-    The second four-bar is the first one turned by 140 degrees, so both dyads are stretched
-    at the same input. Each dyad closes in two ways before this input and in none after it.
-    So there are 4 modes before it, and their configuration curves cross there.
+    A dyad is two links joined by a pair. The second four-bar is the first one turned by 140
+    degrees, so both dyads are stretched at the same input. Each dyad closes in two ways
+    before this input and in none after it. So there are 4 modes (ways to assemble the
+    links) before it, and their configuration curves cross there.
 
-    spherekit bounds the distance (rad) at which the curves miss each other by `gap`. It is
-    nearly zero. But it proves a crossing only where all axes of a loop of four pairs are
+    spherekit bounds the distance (rad) at which the curves miss each other by `gap`, which
+    is nearly zero. But it proves a crossing only where all axes of a loop of four pairs are
     in one plane, which is not so here. The sign that says on which side the curves miss
     each other (`level_sign`) is therefore None. The result is complete except for a range
     of the input below 1e-4 rad (`completeness.box`).
@@ -224,8 +225,9 @@ FOUR_BAR = mechanism_text("four_bar_proof_adversaries")
 def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, still):
     """Proven intervals with two modes are those in which the triangle inequality holds.
 
-    Coupler and rocker close the loop, in two modes, if the arc between crank and fixed axis
-    is between the difference and the sum of their arcs.
+    A mode is a way to assemble the links. Coupler and rocker close the loop, in two modes,
+    if the arc between crank and fixed axis is between the difference and the sum of their
+    arcs.
 
     Parameters
     ----------

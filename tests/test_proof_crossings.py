@@ -47,9 +47,10 @@ def closes_at_half_a_turn(arcs):
     """Return whether a four-bar can be assembled with its crank at 180 degrees.
 
     Ground and crank are then in line, and their sum has to lie between difference and sum
-    of coupler and rocker (triangle inequality). Balls of 300 digits decide it. The arcs are
-    nearly those at which both sums are equal, so it is asserted that the digits are enough
-    for this comparison. The difference of coupler and rocker is far smaller.
+    of coupler and rocker (triangle inequality). This is decided by balls (numbers with an
+    error bound) of 300 digits. The arcs are nearly those at which both sums are equal, so
+    it is asserted that the digits are enough for this comparison. The difference of coupler
+    and rocker is far smaller.
     """
     with working_precision(300):
         ground, crank, coupler, rocker = (
@@ -67,11 +68,13 @@ def closes_at_half_a_turn(arcs):
 @pytest.mark.parametrize("step", ["1e-6", "1e-8", "1e-10", "1e-12", "1e-14", "1e-20"])
 @pytest.mark.parametrize(("link", "sign"), [(0, "+"), (1, "-"), (3, "+"), (3, "-")])
 def test_the_proof_knows_on_which_side_a_four_bar_misses_a_crossing(step, link, sign):
-    """Arcs 80 + 30 = 50 + 60 deg make configuration curves cross at 180 deg (a saddle).
+    """A proof finds whether two modes of a four-bar pass 180 deg or turn back there.
 
-    One arc is changed by `step` degrees, up or down as `sign` says. Then the curves of both
-    assembly modes either get past 180 deg without meeting, or turn back just before and
-    just after it. The triangle inequality in 300 digits says which.
+    Arcs 80 + 30 = 50 + 60 deg let configuration curves cross at 180 deg (a saddle). One arc
+    is changed by `step` degrees, up or down as `sign` says. Then the curves of both
+    assembly modes (ways to assemble the links) either get past 180 deg without meeting, or
+    turn back just before and just after it. The triangle inequality in 300 digits says
+    which.
 
     A saddle is a place where curves cross or nearly do. Four arms (branches of curves)
     leave it, one in each quadrant of two coordinates u and v. An arm is named by the signs
@@ -208,11 +211,12 @@ def test_the_command_says_where_curves_cross(tmp_path, capsys):
 
 
 def kite_with_dyads(count):
-    """Return a kite-shaped four-bar, with further four-bars of one crank.
+    """Return a kite-shaped four-bar, with further four-bars on the same crank.
 
     With the crank at 0 degrees, the tip of the crank is on the axis of the kite's rocker,
-    which then can turn while the crank stands still. The others are all alike, with an
-    angle of 50 degrees between the crank arc and the ground arc in this position.
+    which then can turn while the crank stands still. The `count` further four-bars are all
+    alike, with an angle of 50 degrees between the crank arc and the ground arc in this
+    position.
     """
     ground_axes = ["a", "r0", *(f"r{k}" for k in range(1, count + 1))]
     crank_axes = ["a", "c0", *(f"c{k}" for k in range(1, count + 1))]
@@ -238,11 +242,13 @@ def kite_with_dyads(count):
 
 
 def test_a_configuration_in_a_box_is_bounded_by_its_euclidean_distance():
-    """The sides of a box have any directions, so that a bound per variable is not enough.
+    """The stated error of a configuration in a proof covers the errors of all variables.
 
-    The crank of the kite is constant on a curve. A stand-in for an arc of this curve notes
-    with which error the configuration of 7 variables is said to be inside. Five of these
-    are only known to be within `SOLUTION_RADIUS_RAD`.
+    A box about an arc of a curve may have sides in any directions, so its bound is a
+    Euclidean distance. The crank of the kite is constant on a curve. A stand-in for an arc
+    of this curve notes with which error the configuration of 7 variables is said to be
+    inside. Five of these are only known to be within `SOLUTION_RADIUS_RAD`, so the error
+    has to be at least sqrt(5) times that.
     """
     count = 5
     mechanism = kite_with_dyads(count)

@@ -63,12 +63,14 @@ CASES = [
 def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_form(
     teeth, laps, ends
 ):
-    """Dead centres are the zeros of `margin`, and two modes exist where it is positive.
+    """Proven modes and dead centres of a geared five-bar are those of its closed form.
 
-    `margin` is the arc by which two couplers can span more than the gap between the crank
-    tips (closed form). `laps` is the number of turns of the input after which all wheels
-    have come back. `ends` are the ends of the input's range in degrees, as decimal texts,
-    since a proof is about exact decimal numbers.
+    A mode is a way to assemble the links; at a dead centre the input cannot go on. `margin`
+    is the closed form: the arc by which two couplers can span more than the gap between the
+    crank tips. Dead centres are its zeros, and two modes exist where it is positive. `laps`
+    is the number of turns of the input after which all wheels have come back. `ends` are
+    the ends of the input's range in degrees, as decimal texts, since a proof is about exact
+    decimal numbers.
     """
     curves = certify_curves(geared(teeth), ends)
     low, high = map(float, ends)
@@ -96,8 +98,9 @@ def test_the_clearance_of_a_geared_five_bar_is_the_distance_to_a_dead_centre(
 ):
     """The clearance of an input is its distance to the next singularity or end of range.
 
-    It may not exceed the distance to the dead centres of the closed form, and may be less
-    by 1e-5 deg at most. Distances of a full cycle are taken around its `laps` turns.
+    It may not exceed the distance to the dead centres, where the input cannot go on, and
+    may be less by 1e-5 deg at most. `dead_centres` computes these by a closed form.
+    Distances of a full cycle are taken around its `laps` turns.
     """
     curves = certify_curves(geared(teeth), ends)
     located = locate_singularities(curves)
@@ -134,7 +137,8 @@ def test_certify_prints_the_ranges_between_dead_centres_of_a_geared_five_bar(
 ):
     """The command prints two modes before and after two dead centres, and none between.
 
-    A closed form gives the dead centres. The wheels have 20 and 40 teeth, so that
+    A mode is a way to assemble the links. At a dead centre the input cannot go on;
+    `dead_centres` computes them by a closed form. The wheels have 20 and 40 teeth, so that
     everything repeats after two turns of the input, the range from 0 to 720 deg.
     """
     path = tmp_path / "geared.toml"
@@ -154,10 +158,11 @@ def test_certify_prints_the_ranges_between_dead_centres_of_a_geared_five_bar(
 def test_a_certificate_holds_the_turns_and_the_zero_of_a_wheel():
     """A certificate states the turns of a wheel, and its angle where the input is zero.
 
-    Wheels of 20 and 40 teeth come back after two turns of the input (0 to 720 deg). During
-    these the certificate's variable makes one turn, and so does the wheel, backwards. The
-    angle agrees with the closed form within the error bound that the certificate states
-    ("off").
+    A certificate is the file of a proof. Wheels of 20 and 40 teeth come back after two
+    turns of the input (0 to 720 deg). The certificate's variable makes one turn meanwhile.
+    The expected number of turns is that of the wheel in one turn of this variable, negative
+    for a backwards turn. The angle agrees with the closed form within the error bound that
+    the certificate states ("off").
     """
     teeth = (20, 40)
     certificate = curves_certificate(certify_curves(geared(teeth), ("0", "720")))

@@ -53,12 +53,14 @@ def test_mobility_by_graph_and_by_rank(name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", MOBILITIES)
 def test_poles_with_one_moving_input_agree_with_the_velocity_equations(name):
-    """The oracle solves the velocity equations of all loops with the other inputs locked.
+    """Poles with one moving input agree with an independent solution, to 1e-9.
 
-    It does not call spherekit's evaluation of poles. Rows near a singularity (ratio of
-    the extreme singular values of the equations below 1e-6) are left out. Rates are per
-    unit rate of the input. Links that do not turn relative to each other have no direction
-    to compare.
+    A pole is the axis of the relative rotation of two links, and its coefficient the rate
+    per rate of the input. The oracle `locked_rates` solves the velocity equations of all
+    loops with the other inputs locked. It does not call spherekit's evaluation of poles.
+    Rows (configurations) near a singularity are left out, where the ratio of the extreme
+    singular values of the equations is below 1e-6. Links that do not turn relative to each
+    other have no direction to compare.
     """
     position_analysis = PositionAnalysis(sk.load(name), samples=5)
     motion = position_analysis.motion()
@@ -121,11 +123,11 @@ def test_a_grid_of_inputs_has_the_configurations_of_the_path_on_its_diagonal(nam
 
 
 def test_an_over_constrained_mechanism_moves_and_has_its_poles():
-    """Dixon's K(3,3) has mobility 0 by the graph and yet moves: it closes at 11 samples.
+    """Dixon's framework K(3,3) moves although its mobility by counting is 0.
 
-    Relative rates of all 9 links at the middle of three samples agree with the velocity
-    equations of all loops, which are well conditioned there (ratio of the extreme singular
-    values above 1e-3).
+    Its loops close at 11 samples. Relative rates of all 9 links at the middle of three
+    samples agree with the velocity equations of all loops (`locked_rates`), which are well
+    conditioned there (ratio of the extreme singular values above 1e-3).
     """
     mechanism = dixon_mechanism(np.random.default_rng(3))
     motion = sk.trace(mechanism, samples=11, search=False)
@@ -147,7 +149,7 @@ def test_an_over_constrained_mechanism_moves_and_has_its_poles():
 
 
 def test_inputs_that_do_not_determine_the_pose_are_a_status():
-    """Where both couplers of the five-bar are in line, no row is OK.
+    """Where both couplers of the five-bar are in line, no configuration has the status OK.
 
     The couplers are then stretched, so that the inputs cannot move independently. The
     status is AT_SINGULARITY, or OUT_OF_REACH if rounding puts the ends of the cranks a

@@ -49,8 +49,9 @@ def no_silent_division():
 def open_chain(chain):
     """Return an open chain with random axes, masses and a weight, all pairs driven.
 
-    `chain` has the two links of each pair, such as "1-2 2-3". Each moving link has a mass
-    of 1 kg. The output is a direction of the last link, seen from link "1", the ground.
+    An open chain has no loop. `chain` has the two links of each pair, such as "1-2 2-3".
+    Each moving link has a mass of 1 kg. The output is a direction of the last link, seen
+    from link "1", the ground.
     """
     edges = chain.split()
     axes = random_axes(np.random.default_rng(len(edges)), len(edges))
@@ -107,9 +108,10 @@ def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, rou
     Rotations about an axis are matrix exponentials. While one pair moves, the links beyond
     it turn about its axis and the others rest. A route is a way to compute angular
     velocities. "equations" solves the velocity equations of all links, and "best" does so
-    in more digits where needed. "conditioned" finds each pole axis as the intersection of
-    two great circles, those that amplify rounding least. An open chain has one assembly
-    mode, so the set of modes is complete.
+    in more digits where needed. "conditioned" finds each pole (axis of relative rotation)
+    as the intersection of two great circles, those that amplify rounding least. An open
+    chain has one assembly mode (way to assemble the links), so the set of modes is
+    complete.
     """
     mechanism = open_chain(chain)
     input_count = len(mechanism.inputs)
@@ -141,10 +143,13 @@ def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, rou
 def test_every_command_handles_an_open_chain_or_refuses_its_inputs(chain, tmp_path, capsys):
     """No command ends with a traceback on an open chain; some refuse its number of inputs.
 
-    All pairs of an open chain are inputs, one to four. Eksergian's equation is for one
-    input. With four inputs an output can rest in every configuration, so a grid of inputs
-    (`input_grid`) cannot be divided by singularities. A table for a coupling has the
-    variables of pairs that are not driven, and there are none.
+    All pairs of an open chain are inputs, one to four. The reasons to refuse are:
+
+    - Eksergian's equation is for one input.
+    - With four inputs an output can rest in every configuration, so a grid of inputs
+      (`input_grid`) cannot be divided by singularities.
+    - A table for a coupling has the variables of pairs that are not driven, and there are
+      none.
     """
     mechanism = open_chain(chain)
     file = tmp_path / "open.toml"
@@ -190,7 +195,8 @@ def test_one_link_is_a_pendulum():
     """Inertia, torque and acceleration of a link about a fixed axis have closed forms.
 
     The inertia is a . I a about the axis a. The torque of the weight is a . (c x g), with
-    the centre of mass c turned by q and the mass of 1 kg.
+    the centre of mass c turned by the angle q and the mass of 1 kg. The driving torque at
+    constant speed balances the weight.
     """
     mechanism = open_chain(OPEN_CHAINS["one link"])
     axis = np.array(mechanism.geometry.axes["p1_2"])

@@ -21,7 +21,7 @@ BEVEL_GEARS = mechanism_text("example")
 
 
 def test_forces_of_bevel_gears_are_those_of_a_textbook(tmp_path):
-    """Forces along the pitch circles, torque and thrusts of a pair of bevel gears.
+    """Forces along the pitch circles, torque and thrusts of bevel gears are a textbook's.
 
     The example has 5 hp (745.7 W each) at 600 rev/min, 15 and 45 teeth, shafts at 90
     degrees, a pressure angle of 20 degrees, and a mean pitch radius of the pinion r = 1.293
@@ -34,6 +34,8 @@ def test_forces_of_bevel_gears_are_those_of_a_textbook(tmp_path):
     - W tan 20 = 657.7 N presses the wheels apart, across the line of contact. Its part sin
       g = 1/sqrt(10) along the pinion's shaft is 208.0 N, its part 3/sqrt(10) along the
       gear's shaft is 623.9 N.
+
+    `at_rest` returns what the pairs transmit in a mechanism that does not move.
     """
     text = BEVEL_GEARS.replace(
         "teeth =", "pressure_angle = 20\ndistance = 0.10385\nteeth ="

@@ -50,11 +50,12 @@ def test_motion_with_dry_friction_satisfies_newton_and_euler(
 ):
     """Newton-Euler equations of all links hold along a driven motion with friction.
 
-    Friction of `dry` N m acts at the pairs `rubbing`. It is smoothed: it grows from zero
-    to this torque within some `smoothing_speed` (deg/s). The drive is 10 sin(2 t) N m less
-    a damping. The motion starts at 0.3 rad with 1 rad/s. Friction of 6 N m, in the last
-    case, holds the crank at times, lets go, and holds it again. The others are below
-    1 N m. A simulation that misses its tolerance says so by `missed`.
+    Friction of `dry` N m acts at the pairs `rubbing`. It is smoothed: it grows from zero to
+    this torque within some `smoothing_speed` (deg/s). The drive is 10 sin(2 t) N m less a
+    damping. The motion starts at 0.3 rad with 1 rad/s. Friction of 6 N m, in the last case,
+    stops the crank at times and lets go again. The other cases are below 1 N m. A
+    simulation that misses its tolerance says so by `missed`. `check_simulated_motion` is
+    the independent reference.
     """
     if name == "four_bar":
         mechanism = replace(load(name), loads=())
@@ -115,7 +116,7 @@ IMPULSES = {
 @pytest.mark.parametrize("width", [pytest.param(WIDE, marks=pytest.mark.slow), NARROW])
 @pytest.mark.parametrize("kind", IMPULSES)
 def test_an_impulse_however_short_changes_the_momentum(kind, width, engine):
-    """The change of angular momentum is the integral of the torque over the 2 s.
+    """A short impulse of torque changes the angular momentum of a link by its integral.
 
     The torque acts around 1.37 s, for about `width` seconds. Its integral over all times is
     0.1 N m s times the area in `IMPULSES`. All torques vanish quickly before and after this
@@ -163,7 +164,7 @@ def test_a_narrow_step_of_the_potential_changes_the_energy(sense, engine):
     "speed", [1e-3, *(pytest.param(x, marks=pytest.mark.slow) for x in (1e-2, 0.1))]
 )
 def test_friction_stops_a_link_and_holds_it(speed, engine):
-    """The rate w of a link with friction alone has a closed form.
+    """The rate w of a link that friction stops is that of a closed form, to 1e-8 rad/s.
 
     From J w' = -F tanh(w / s), with the speed s over which friction is smoothed, follows
     sinh(w / s) = sinh(1 / s) exp(-F t / (J s)), with the initial rate 1 rad/s. Its
@@ -201,11 +202,11 @@ def test_a_stop_that_is_touched_ends_the_motion(engine):
 @pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
 def test_the_command_says_that_a_tolerance_is_missed(engine, tmp_path, capsys):
-    """A link moves into a saddle, where errors grow exponentially with time.
+    """A simulation whose errors grow beyond its tolerance says so, and `--strict` fails.
 
-    The torque makes the equation of motion q'' = 16 q. From q = 1 with the rate -4 the
-    exact motion is exp(-4 t), which tends to the saddle q = 0. Any error grows like exp(4
-    t). For one second the tolerance is met, for seven it is not; `--strict` then fails.
+    A torque turns the equation of motion of a link into q'' = 16 q, with a saddle at q = 0.
+    From q = 1 with the rate -4 the exact motion is exp(-4 t), which tends to the saddle.
+    Any error grows like exp(4 t). For one second the tolerance is met, for seven it is not.
     """
     path = tmp_path / "saddle.toml"
     dump(one_link(torque(repr(16.0 * INERTIA) + "*theta_12")), path)
@@ -246,11 +247,11 @@ def test_masses_and_loads_scaled_together_give_the_same_motion(engine):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_simulation_ends_where_no_link_with_mass_moves(engine):
-    """Only the rocker has mass, and it stands still where it turns back.
+    """A simulation ends where the only link with mass stands still: there is no inertia.
 
-    There crank and coupler are one arc, of 70 - 20 or of 70 + 20 degrees. The rocker's
-    angle follows from the spherical law of cosines with the base of 60 and the rocker of
-    40 degrees.
+    This is the rocker of a four-bar, which stands still where it turns back. There crank
+    and coupler are one arc, of 70 - 20 or of 70 + 20 degrees. The rocker's angle follows
+    from the spherical law of cosines with the base of 60 and the rocker of 40 degrees.
     """
     mechanism = load("four_bar")
     mass_of_rocker = tuple(mass for mass in mechanism.masses if mass.link == "4")

@@ -42,12 +42,12 @@ def mode_number(mechanism, label):
 
 @pytest.mark.slow
 def test_a_synthesized_rocker_follows_its_function():
-    """The rocker shall be at 30 (1 - cos q) degrees; the objective is the rms deviation.
+    """A synthesized four-bar has a rocker near the wanted angle 30 (1 - cos q) degrees.
 
-    The deviation of the best linkage is below 0.5 degrees, that of the best of 8192 random
-    ones is not. It is computed again from its angles, and differs only because the file has
-    the wanted angles with four decimals. The transmission angle of the linkage exceeds 40
-    degrees as required.
+    The objective is the root mean square of the deviation. For the best linkage it is below
+    0.5 degrees, and for the best of 8192 random ones it is not. It is computed again from
+    the angles of the linkage, and differs only because the file has the wanted angles with
+    four decimals. The transmission angle of the linkage exceeds 40 degrees as required.
     """
     path = EXAMPLES / "function.toml"
     result = sk.synthesize(path, designs=1024, starts=4)
@@ -112,11 +112,12 @@ def test_a_synthesized_peak_torque_is_that_of_the_mechanism_and_less_than_random
 
 
 def check_front(name, designs, count, starts, seed=0):
-    """Check that no random design beats one of a Pareto front in both objectives.
+    """Assert that no random design beats one of a Pareto front in both objectives.
 
-    A design counts as better only if it is so by more than the tolerance of the synthesis,
-    which is at most 1e-5 of the largest objective. Designs are compared in the same
-    assembly mode (way to assemble the mechanism), since each mode has a front of its own.
+    A Pareto front has the designs of a synthesis that no other one beats. A design counts
+    as better only if it is so by more than the tolerance of the synthesis, which is at most
+    1e-5 of the largest objective. Designs are compared in the same assembly mode (way to
+    assemble the mechanism), since each mode has a front of its own.
 
     Parameters
     ----------
@@ -153,8 +154,9 @@ def check_front(name, designs, count, starts, seed=0):
 def test_no_random_design_beats_a_front_of_torque_and_swing():
     """No random design beats the front of least peak torque against widest swing.
 
-    The minimum of the transmission angle (the figure ``least``) exceeds 30 degrees as
-    required. The last design of the front has the swing that its angles over a turn have.
+    The front has the designs of a synthesis that no other one beats in both objectives. The
+    minimum of the transmission angle (the figure ``least``) exceeds 30 degrees as required.
+    The swing of the last design is that of its angles over a turn.
     """
     result = check_front("trade_off.toml", designs=1024, count=8192, starts=1)
     frame = result.frame()
@@ -185,12 +187,13 @@ def test_no_random_design_beats_fronts_of_other_seeds(designs, count, starts, se
     ("least_y", "centre"), [(-1.0, [0.5, 0.2, 0.3]), (0.5, [0.5, 0.5, 0.3])]
 )
 def test_cutting_planes_find_the_smallest_ball_around_points(least_y, centre):
-    """The largest distance from four points is minimized, with the condition y >= least_y.
+    """The point with the least largest distance from four points is found, if y >= least_y.
 
-    The solution is the centre of the smallest ball with all points. The first two points,
-    0.8 apart, determine it: the centre is between them, with the radius 0.4. The third
-    point is on this ball, and the fourth slightly within, at 0.399 from the centre. The
-    condition either does not act, or it moves the centre along y to its limit.
+    It is the centre of the smallest ball with all points. The first two points, 0.8 apart,
+    determine it: the centre is between them, with the radius 0.4. The third point is on
+    this ball, and the fourth slightly within, at 0.399 from the centre. The condition
+    either does not act, or it moves the centre along y to its limit. `minimize_largest`
+    uses cutting planes: linear bounds from gradients.
     """
     random = np.random.default_rng(3)
     corners = np.array([[0.1, 0.2, 0.3], [0.9, 0.2, 0.3], [0.5, 0.2 + 0.16**0.5, 0.3]])
@@ -227,19 +230,20 @@ def test_nondominated_rows_are_those_that_no_row_of_their_mode_beats():
 
 @pytest.mark.slow
 def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
-    """The least sine between the distal arcs over a cone of 25 degrees is maximized.
+    """A synthesized five-bar has a larger least sine over a cone than the agile eye.
 
-    The five axes of the five-bar are A and D at the base, the elbows B and E, and C on the
-    platform. C is led round a cone whose axis is at right angles to A and D. The distal
-    arcs are those from C to B and from C to E. Pair F has the same axis as C, so that the
-    angle between the distal arcs is theta_C - theta_F.
+    The sine is that of the angle between the distal arcs, which is maximized over a cone of
+    25 degrees. The five axes of the five-bar are A and D at the base, the elbows B and E,
+    and C on the platform. C is led round a cone whose axis is at right angles to A and D.
+    The distal arcs are those from C to B and from C to E. Pair F has the same axis as C, so
+    that the angle between the distal arcs is theta_C - theta_F.
 
     With all arcs of 90 degrees, as in the agile eye, the sine has a closed form. B is along
-    A x C and E along D x C. The cosine between the distal arcs has the size
-    a d / sqrt((1-a^2)(1-d^2)), with the components a and d of C along A and D. On the cone
-    a^2 + d^2 = sin(25 deg)^2. The cosine is therefore largest, and the sine least, where
-    a = d. This is at 45 degrees on the cone, which is one of 73 samples. The objective of
-    the synthesis is the negative of the least sine.
+    A x C and E along D x C. The cosine between the distal arcs has the size a d /
+    sqrt((1-a^2)(1-d^2)), with the components a and d of C along A and D. On the cone a^2 +
+    d^2 = sin(25 deg)^2. The cosine is therefore largest, and the sine least, where a = d.
+    This is at 45 degrees on the cone, which is one of 73 samples. The objective of the
+    synthesis is the negative of the least sine.
     """
     result = sk.synthesize(EXAMPLES / "cone.toml", designs=512, starts=1)
     arcs = {f"links.{link}.arc": [90.0] for link in "2345"}
@@ -257,12 +261,15 @@ def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
 
 
 def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
-    """Compare the gradients of all figures with central differences of a sweep.
+    """Assert that gradients of all figures are central differences of a sweep.
+
+    A figure of merit is a number of a design in an assembly mode (way to assemble the
+    links).
 
     Parameters
     ----------
     evaluator
-        Computes the figures of merit of designs: numbers of a design in an assembly mode.
+        Computes the figures of merit of designs.
     design, steps
         (variables,) numbers of the design and half-widths of the differences.
     mode
@@ -296,11 +303,12 @@ def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
 
 
 def test_gradients_of_figures_of_every_kind_agree_with_differences(tmp_path):
-    """Gradients agree for extremes, means, ranges, and values at inputs.
+    """Gradients of extremes, means, ranges, and values at inputs agree with differences.
 
-    Two arcs and the zero angle of pair 41 vary (deg). Figure e is a value at the input of
-    70 deg, and B in figure f is the equivalent inertia. Both assembly modes close at all
-    samples.
+    These are figures of merit: numbers of a design that a synthesis improves. Two arcs and
+    the zero angle of pair 41 vary (deg). Figure e is a value at the input of 70 deg, and B
+    in figure f is the inertia reduced to the input. Both assembly modes (ways to assemble
+    the links) close at all samples. `check_gradients` compares with differences of a sweep.
     """
     path = tmp_path / "synthesis.toml"
     path.write_text(
@@ -404,7 +412,11 @@ def test_mistakes_in_a_synthesis_file_are_refused(call, tmp_path):
 
 
 def test_match_of_an_angle_is_the_rms_of_its_deviations(tmp_path):
-    """The rocker's angle is asked for at three inputs; deviations count modulo a turn."""
+    """The objective "match" of an angle is the root mean square of its deviations.
+
+    The file states wanted angles of the rocker at three inputs. Deviations count modulo a
+    turn, and are computed again from `sk.evaluate`.
+    """
     path = tmp_path / "synthesis.toml"
     path.write_text(
         """
@@ -444,11 +456,11 @@ values = [[10.0, 20.0, 30.0], [0.0, 0.0, 0.6, 0.8]]
 
 
 def test_match_of_directions_and_orientations_is_the_rms_of_chords(tmp_path):
-    """A deviation is a chord 2 sin(angle/2), converted to degrees.
+    """The objective "match" of poses is the root mean square of chords, in degrees.
 
-    The angle is that between the wanted and the actual direction or orientation. The file
-    (`POSES_TEXT`) asks for two directions and two orientations of the output, each at
-    values of both inputs. They are written out here:
+    A chord is 2 sin(angle/2) for the angle between the wanted and the actual direction or
+    orientation. The file (`POSES_TEXT`) asks for two directions and two orientations of the
+    output, each at values of both inputs. They are written out here:
 
     - the direction (0, 2, 1), normalized;
     - the direction of azimuth 30 and tilt 60 degrees;
@@ -456,8 +468,9 @@ def test_match_of_directions_and_orientations_is_the_rms_of_chords(tmp_path):
       the first and the last of the Euler angles ZYZ, which are 10, 20 and 20 degrees;
     - the orientation of the quaternion xyzw (0, 0, 0.6, 0.8).
 
-    A row of the result is a design in one of its assembly modes. The deviations are
-    computed in all modes of the design, and must agree in one of them.
+    A row of the result is a design in one of its assembly modes (ways to assemble the
+    links). The deviations are computed in all modes of the design, and must agree in one of
+    them.
     """
     path = tmp_path / "synthesis.toml"
     path.write_text(POSES_TEXT)
@@ -503,7 +516,11 @@ TARGET_ARCS_DEG = {"1": 80.0, "2": 25.0, "3": 75.0, "4": 60.0}
 
 @pytest.mark.slow
 def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
-    """Six orientations of the coupler of a known four-bar determine its four arcs."""
+    """A synthesis finds a known four-bar by six orientations of its coupler.
+
+    The orientations are those of the known four-bar. The four arcs may vary by 20 degrees
+    to both sides of the numbers that are to be found, and are found to 1e-5 degrees.
+    """
     target = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=TARGET_ARCS_DEG)
     inputs_deg = [0.0, 40.0, 90.0, 150.0, 230.0, 300.0]
     rotations = sk.evaluate(target, np.radians(inputs_deg), assembly_mode=0).rotation("3")
@@ -525,10 +542,11 @@ def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
 
 @pytest.mark.slow
 def test_a_linkage_is_found_again_by_the_path_of_a_point_of_its_coupler(tmp_path):
-    """Nine points of the path of a coupler point determine the four-bar.
+    """A synthesis finds a known four-bar by nine points of the path of a coupler point.
 
     Arcs, the zero of the crank, and longitude and latitude of the point on the coupler
-    vary, each by 15 degrees to both sides of the number that is to be found again.
+    vary, each by 15 degrees to both sides of the number that is to be found again. They are
+    found to 1e-4 degrees.
     """
     target = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=TARGET_ARCS_DEG)
     inputs_deg = np.arange(0.0, 360.0, 40.0)

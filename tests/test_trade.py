@@ -67,11 +67,12 @@ def compute_exact_rows(plan):
 
 
 def compute_true_error(plan, setting, exact_rows_by_request):
-    """Return the largest error of the table `poles`, compared with 50 digits.
+    """Return the largest error of the table `poles` of a run, compared with 50 digits.
 
-    Directions count absolutely. Velocity and acceleration coefficients count relative to
-    the largest coefficient of their column. The result is at least `EPS`, the rounding
-    error of the numbers in the table.
+    A pole is the axis of the relative rotation of two links. Errors of directions count
+    absolutely. Those of velocity and acceleration coefficients (rates per rate of the
+    input, and their derivatives) count relative to the largest coefficient of their column.
+    The result is at least `EPS`, the rounding error of the numbers in the table.
 
     Parameters
     ----------
@@ -193,9 +194,10 @@ def test_recommended_settings_meet_the_tolerance(name, count, samples):
 
     A trade measures the time and the error of evaluation settings, and recommends the
     cheapest one whose error times `MARGIN` is below a tolerance. It measures errors at a
-    third of the samples only. If it recommends none, the errors of all settings on the
-    front (those that no other beats in time and error) are too large, with this margin.
-    Times do not matter here, so they are measured in one round.
+    third of the samples only; here all samples are compared with the reference. If no
+    setting is recommended, all settings on the front have errors that are too large, with
+    this margin. The front has the settings that no other beats in time and error. Times do
+    not matter here, so they are measured in one round.
     """
     random = np.random.default_rng(MECHANISM_NAMES.index(name))
     options = {"assembly_mode": 0, "search": True}

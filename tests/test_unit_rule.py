@@ -98,7 +98,10 @@ def command_of(option, cell, out):
 
 
 def study_of(option, cell, folder):
-    """Write the study that a row of the table stands for; return its path."""
+    """Write the study file that a row of the table of angles stands for; return its path.
+
+    `option` says which key of the study is tested, and `cell` is its text with an angle.
+    """
     mechanism = "five_bar" if "lock" in option else "four_bar"
     lines = ["format = 1", f'mechanism = "{mechanism}"']
     if "values" not in cell:
@@ -134,11 +137,11 @@ def synthesis_of(option, cell, folder):
 
 
 def results_in(folder):
-    """Return the contents of the files that a command wrote, comparable by number.
+    """Return the contents of the files that a command wrote, for comparison by number.
 
     Returns
     -------
-    dict from the name of a file to a data frame or a list of numbers and texts
+    dict from the name of a file to a data frame or a list of words
     """
     contents = {}
     for path in sorted(folder.rglob("*")):
@@ -171,7 +174,11 @@ def without_turns(frame):
 
 
 def assert_equal(first, second):
-    """Compare contents of files: numbers to 1e-8, other words exactly."""
+    """Assert that contents of files are equal: numbers to 1e-8, other words exactly.
+
+    Both arguments are dictionaries by file name, as `results_in` returns them. Angles of
+    pairs in tables may differ by whole turns.
+    """
     assert first.keys() == second.keys() and first
     for name, expected in first.items():
         if isinstance(expected, pd.DataFrame):
@@ -206,6 +213,12 @@ def is_slow(row):
 def test_an_angle_in_the_unit_of_the_file_in_degrees_and_in_radians_is_the_same(
     row, tmp_path, capsys
 ):
+    """Options and keys have the same results for an angle written in three ways.
+
+    `row` is a row of a table in the documentation: the option or key, and the angle in the
+    unit of the file, in degrees and in radians. The command of the row runs with each of
+    the three, and the files that it writes are compared (`assert_equal`).
+    """
     option, *cells = row
     assert len(cells) == 3
     if "mesh" in cells[0]:
@@ -230,6 +243,7 @@ def test_an_angle_in_the_unit_of_the_file_in_degrees_and_in_radians_is_the_same(
             words = command_of(option, cell, folder)
         status = main([*words, "-q"])
         output, error_text = capsys.readouterr()
+        # Status 3 says that some samples failed, which is allowed here.
         assert status in (0, 3), error_text
         # Files that state the angle as it was written are no result.
         results.append(
@@ -247,7 +261,12 @@ def test_an_angle_in_the_unit_of_the_file_in_degrees_and_in_radians_is_the_same(
 
 
 def python_result(name, arguments, folder):
-    """Call a function of `spherekit` and return an array of its result."""
+    """Call a function of `spherekit` and return numbers of its result for comparison.
+
+    `arguments` are its arguments as text, from a table in the documentation. MODEL, VALUES,
+    AXIS and ROTATION in this text stand for objects that are created here. `folder` is for
+    files that the function writes.
+    """
     model = sk.reduced_model("four_bar") if "MODEL" in arguments else None
     values = axis = rotation = None
     if "VALUES" in arguments or "ROTATION" in arguments:
@@ -377,6 +396,11 @@ def test_parameters_of_analyses_are_in_the_unit_of_the_mechanism():
 
 
 def test_each_mechanism_knows_the_unit_of_its_file(tmp_path):
+    """A mechanism keeps the angle unit of its file when inputs are changed or locked.
+
+    The unit does not change the mechanism itself: a file in radians is read as an equal
+    mechanism. A study has the unit of its mechanism unless it states another.
+    """
     four_bar = sk.load("four_bar")
     assert four_bar.angle_unit == "deg"
     assert sk.lock(sk.load("five_bar"), {"51": 1.4}, angle_unit="rad").angle_unit == "deg"

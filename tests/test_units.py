@@ -18,7 +18,10 @@ TURN_STUDY = mechanism_text("units_turn.study")
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """Write one run twice; return its folders by whether columns are in degrees."""
+    """Write one run twice; return its folders by whether columns are in degrees.
+
+    The run is that of a four-bar over time, by the study in `TURN_STUDY`.
+    """
     parent = tmp_path_factory.mktemp("units")
     path = parent / "turn.study.toml"
     path.write_text(TURN_STUDY)
@@ -47,7 +50,7 @@ def read_units(folder):
 
 @pytest.mark.parametrize("is_in_degrees", [False, True])
 def test_side_file_summary_and_parquet_state_the_same_units(folders, is_in_degrees):
-    """`columns.csv`, `summary.json` and each Parquet file have one list of units.
+    """`columns.csv`, `summary.json` and each Parquet file state the same units.
 
     The fixture `folders` has the files of a run of the four-bar, with columns in radians
     and in degrees. The ranges of the inputs in the summary are in rad in both cases.
@@ -71,7 +74,7 @@ def test_side_file_summary_and_parquet_state_the_same_units(folders, is_in_degre
 def test_numbers_in_degrees_differ_by_the_factor_of_their_unit(folders):
     """Columns whose unit begins with rad are multiplied by 180/pi and get a new header.
 
-    All other columns, also those in 1/rad, are equal in both folders.
+    All other columns, also those in 1/rad, are equal in both folders of the same run.
     """
     unit_changes = set()
     units_by_rad = read_units(folders[False])
@@ -105,10 +108,10 @@ def test_numbers_in_degrees_differ_by_the_factor_of_their_unit(folders):
 
 
 def test_every_column_of_every_analysis_has_a_unit():
-    """Units of numbers are products or quotients of known units.
+    """Units of columns with numbers are products or quotients of known units.
 
     One column has a unit in words: "sr or sr rad", of an area or a volume. Columns without
-    numbers have an empty unit.
+    numbers have an empty unit. Radians may be written in degrees.
     """
     from spherekit.runs.registry import load_analysis
 

@@ -48,6 +48,8 @@ class Kind(Enum):
 class Notes:
     """Findings of a check of one mechanism, and the number of comparisons.
 
+    A check compares results of independent methods; a finding is a disagreement or a fault.
+
     Attributes
     ----------
     compared

@@ -10,7 +10,7 @@ from spherekit.velocities.pole_request import request
 def run_single_analysis(analysis, mechanism, **parameters):
     """Run one analysis with some parameters, and require that it does not fail.
 
-    The number of samples of the inputs is that of a run by default.
+    `analysis` is its name. The inputs have the default number of samples.
 
     Returns
     -------
@@ -29,12 +29,15 @@ def run_single_analysis(analysis, mechanism, **parameters):
 def evaluate_poles_of_motion(mechanism, samples=361, search=True, wanted=None):
     """Return the motion over the range of the first input, and the poles of this motion.
 
+    A pole is the axis of the relative rotation of two links.
+
     Parameters
     ----------
     samples
         Number of samples of the input.
     search
-        Whether assembly modes without a closed form are searched.
+        Whether assembly modes (ways to assemble the links) without a closed form are
+        searched.
     wanted
         Pairs of links whose relative poles are evaluated; all pairs by default.
     """

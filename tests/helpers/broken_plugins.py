@@ -42,8 +42,9 @@ TIMES = []
 class Sound(AbstractAnalysis):
     """A sound plugin, without a mistake: angular velocity and speed of one link.
 
-    The link is the second one of the last pair. The table has one row per sample and
-    assembly mode, and the scene a plot of the speed.
+    Broken plugins are derived from it. The link is the second one of the last pair. The
+    table has one row per sample and assembly mode (way to assemble the links), and the
+    scene a plot of the speed.
     """
 
     name: ClassVar = "sound"
@@ -213,7 +214,7 @@ class Unfinished(AbstractAnalysis):
 class Tuned(MinimalAnalysis):
     """An analysis with one parameter of each type that parameters may have.
 
-    It refuses a `count` above 9, and computes nothing.
+    Tests of parameters use it. It refuses a `count` above 9, and computes nothing.
     """
 
     name: ClassVar[str] = "tuned"

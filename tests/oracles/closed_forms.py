@@ -84,7 +84,8 @@ def mid_plane_area():
     The mechanism is that of Z. Chen et al. (2021), source [2] of this module. Base and end
     effector are mirror images of each other in the mid-plane. B1 and B6 are axes on the
     base, with the mirror images B3 and B4 on the end effector. Q is the middle between B1
-    and B6, in the direction of the x axis. The output P is the mirror image of Q.
+    and B6, in the direction of the x axis. The output P is the mirror image of Q, and its
+    area is computed.
 
     Let m be the unit normal of the mid-plane with m . Q > 0, s1 = m . B1 and s6 = m . B6.
     The arc from B1 to B3 is 2 arcsin(s1). It is between the smallest angle and twice the
