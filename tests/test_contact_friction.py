@@ -121,11 +121,13 @@ def by_hand(mechanism, coefficient, rest, t, mode):
 def test_contact_forces_and_torques_with_friction_are_those_by_hand(
     cam, coefficient, rest, mode
 ):
-    """Reactions, loads and driving torques of a run at nine times, against `by_hand`.
+    """Reactions, loads and driving torques with friction are those of a hand calculation.
 
-    The fixture `cam` makes the mechanism with a coefficient of friction and the angle
-    `rest` (rad) at which its spring is free. In its file "touch" is the contact of cam and
-    roller, and "rub" the friction there. Friction takes power away at all times.
+    A run at nine times is compared with `by_hand`. The fixture `cam` builds the mechanism
+    with a coefficient of friction and the angle `rest` (rad) at which its spring is free.
+    In its file "touch" is the contact of cam and roller, and "rub" the friction there.
+    Friction takes power away at all times. `mode` is the number of the assembly mode (way
+    to assemble the links).
     """
     distance = 0.1  # of the contact from the centre of the sphere, m
     mechanism = cam(coefficient, rest, f"distance = {distance}")

@@ -44,17 +44,17 @@ FIRST_SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in ra
 
 
 def miura_sheet(rows=2, columns=2, driven_pair="z00", range_deg=(10.0, 170.0)):
-    """Return a folded Miura-ori sheet as a spherical mechanism.
+    """Return a folded Miura-ori sheet (origami of parallelograms) as a spherical mechanism.
 
     Rotations of rigid facets depend on the directions of the creases only. If all creases
     are moved to one point, the sheet is a spherical mechanism with a loop for each vertex.
 
     The sheet has `rows` times `columns` vertices. Facet (i, j) is the link `fij`. Crease
-    `zij` joins it to the next facet of its row, crease `hij` to the next of its column.
-    The directions of creases repeat in every other row and column. The fold angles of
-    creases z alternate in sign along a row, those of creases h along rows and columns. One
-    fold angle is driven through `range_deg`. In the reference pose, creases z have fold
-    angles of 60 deg, as in the file.
+    `zij` joins it to the next facet of its row, crease `hij` to the next of its column. The
+    directions of creases repeat in every other row and column. The fold angles of creases z
+    alternate in sign along a row, those of creases h along rows and columns. One fold angle
+    is driven through `range_deg`. In the reference pose, creases z have fold angles of 60
+    deg, as in the file.
     """
     sheet_of_four = sk.load(MIURA)
     axes = {}
@@ -98,13 +98,13 @@ def four_bar_with_two_equal_couplers(random):
 
 
 def check_rates_against_null_space(mechanism, samples=9):
-    """Compare the angular velocities of all links with those of another method.
+    """Assert that the angular velocities of all links are those of another method.
 
     The reference is the null space of the velocity equations (one equation for each pair,
-    without elimination), scaled to a rate of 1 rad/rad of the driven pair. A row must have
-    the status AT_SINGULARITY exactly if the closure Jacobian with the input locked has a
-    singular value below `LEAST_SINGULAR_VALUE`. The result is the number of configurations
-    (rows) in which the velocities were compared.
+    without elimination), scaled to a rate of 1 rad/rad of the driven pair. A row
+    (configuration) must have the status AT_SINGULARITY exactly if the closure Jacobian with
+    the input locked has a singular value below `LEAST_SINGULAR_VALUE`. The result is the
+    number of rows in which the velocities were compared.
     """
     position_analysis = PositionAnalysis(mechanism, samples=samples)
     motion = position_analysis.motion()
@@ -184,11 +184,11 @@ def test_rates_of_a_sheet_of_six_vertices_match_the_null_space(range_deg):
 def test_compiled_rows_of_a_long_run_equal_those_of_a_short_run():
     """Compiled rows of a folded sheet (`MIURA`) equal those that are not compiled.
 
-    Velocities follow from the closure equations by elimination of the passive pair
-    variables. The compiled functions of a long run eliminate them in one order for all
-    assembly modes. Rows where this order has a zero pivot are computed again with an order
-    of their own. The short run (5 samples) is not compiled, and its sample k is sample
-    700 k of the long run.
+    A row is a sample in one assembly mode (way to assemble the links). Velocities follow
+    from the closure equations by elimination of the passive pair variables. The compiled
+    functions of a long run eliminate them in one order for all modes. Rows where this order
+    has a zero pivot are computed again with an order of their own. The short run (5
+    samples) is not compiled, and its sample k is sample 700 k of the long run.
     """
     long_run = sk.run(MIURA, "poles:only=f01/f00+f12/f00", samples=2801)
     short_run = sk.run(MIURA, "poles:only=f01/f00+f12/f00", samples=5)
@@ -236,12 +236,13 @@ def test_rates_of_mechanisms_without_redundant_loops_match_the_null_space(seed):
 
 @pytest.mark.slow
 def test_evaluating_one_configuration_uses_the_order_of_its_own_mode():
-    """The velocity coefficient of link f12 equals that of another method in modes 1 and 4.
+    """A velocity coefficient is right in modes in which another order of elimination fails.
 
+    It is the rate of link f12 per rate of the input; a mode is a way to assemble the links.
     The velocity equations are solved by elimination of one variable after another. No
-    single order of elimination fits all assembly modes: the order that fits the others has
-    zero pivots in modes 1 and 4. The other method is the null space of the velocity
-    equations of all links.
+    single order of elimination fits all modes: the order that fits the others has zero
+    pivots in modes 1 and 4. The reference is the null space of the velocity equations of
+    all links.
     """
     mechanism = sk.load(MIURA)
     input_rad = 0.9
@@ -264,9 +265,10 @@ def test_evaluating_one_configuration_uses_the_order_of_its_own_mode():
 def test_each_configuration_gets_an_order_that_is_regular_at_it():
     """Every configuration gets one order of elimination that amplifies errors little.
 
-    Elimination gives an inverse of the closure Jacobian's columns of the passive variables.
-    The pseudo-inverse of these columns has the smallest norm. The norm of the inverse by
-    elimination may be larger by the factor `MAX_AMPLIFICATION` at most.
+    Elimination computes an inverse of the closure Jacobian's columns of the passive
+    variables (all but the input). The pseudo-inverse of these columns has the smallest
+    norm. The norm of the inverse by elimination may be larger by the factor
+    `MAX_AMPLIFICATION` at most.
     """
     motion = PositionAnalysis(sk.load(MIURA), samples=17).motion()
     jacobians = motion.linearisation.jacobian
@@ -312,9 +314,10 @@ def test_singular_configurations_do_not_change_the_orders_of_regular_ones(positi
     none may be spent on a singular configuration. As many singular Jacobians as regular
     ones are placed before, between or after them.
 
-    Elimination gives an inverse of the columns of the passive variables. In regular
-    configurations its norm may be larger than that of the pseudo-inverse, the smallest
-    one, by the factor `MAX_AMPLIFICATION` at most.
+    Elimination computes an inverse of the columns of the passive variables (all but the
+    input). In regular configurations its norm may be larger than that of the
+    pseudo-inverse, the smallest one, by the factor `MAX_AMPLIFICATION` at most.
+    `miura_jacobians` returns the regular Jacobians of a folded sheet.
     """
     jacobians, passive_variables = miura_jacobians()
     expected = assign_elimination_orders(jacobians, passive_variables)

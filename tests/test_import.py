@@ -75,8 +75,9 @@ def place_links(mechanism, q):
 def with_closed_configuration(mechanism):
     """Return a mechanism with inputs, and the joint angles (variables,) of a configuration.
 
-    It is the reference pose if there is one. Otherwise it is the one farthest from a
-    singularity that Newton's method finds from 60 random starts.
+    The configuration is the reference pose if there is one. Otherwise Newton's method finds
+    configurations from 60 random starts, and the one farthest from a singularity is
+    returned.
     """
     input_pairs = [mechanism.pairs[k].name for k in driven_pairs(mechanism)]
     mechanism = mechanism.with_inputs(*input_pairs)
@@ -93,6 +94,7 @@ def with_closed_configuration(mechanism):
     passive = [k for k, name in enumerate(names) if name not in input_pairs]
     jacobian = closure.linearise(closed).jacobian[:, :, passive]
     singular_values = np.linalg.svd(jacobian, compute_uv=False)
+    # The least singular value with locked inputs is 0 at a singularity.
     least = singular_values[:, len(passive) - 1]
     return mechanism, closed[int(np.argmax(least))]
 
@@ -101,7 +103,7 @@ def with_closed_configuration(mechanism):
     "mechanism", [*PLAIN, *map(load, GEARED)], ids=lambda each: each.name
 )
 def test_an_exported_model_is_imported_as_the_same_mechanism(mechanism, tmp_path):
-    """Export to MJCF and import give the same names, ranges and motion.
+    """Export to MJCF (MuJoCo's format) and import keep names, ranges and motion.
 
     All inputs are moved by 0.06 rad from the exported configuration, in both mechanisms.
     The frames of links may differ, so the rotations of each link by this motion are
@@ -140,12 +142,13 @@ def test_an_exported_model_is_imported_as_the_same_mechanism(mechanism, tmp_path
 
 
 def test_loads_and_masses_are_imported_again(tmp_path):
-    """A five-bar with loads of many kinds is exported to MJCF and imported.
+    """Loads and masses that are exported to MJCF (MuJoCo's format) are imported again.
 
-    Gravity, spring, damper and friction have the same parameters again. The other loads
-    have expressions that may be written in another way. For all loads, the power in the
-    pose is therefore compared. Imported masses are compared with the original ones turned
-    into the pose, since frames of imported links are parallel to that of the ground there.
+    The mechanism is a five-bar with loads of many kinds. Gravity, spring, damper and
+    friction have the same parameters again. The other loads have expressions that may be
+    written in another way. For all loads, the power in the exported pose is therefore
+    compared. Imported masses are compared with the original ones turned into this pose,
+    since frames of imported links are parallel to that of the ground there.
     """
     all_loads = (
         sk.Gravity("gravity", (1.0, 2.0, -9.0)),
@@ -193,9 +196,9 @@ def numbers_of(load):
 def power_of_loads(mechanism, values=None):
     """Return the power (W) of each load by name, while the first input turns at 1 rad/s.
 
-    Other inputs are at rest. A load has components, such as the three of a force, whose
-    powers are added. `values` are the joint angles (variables,); by default those of the
-    reference pose.
+    Loads with different expressions are compared by their power. Other inputs are at rest.
+    A load has components, such as the three of a force, whose powers are added. `values`
+    are the joint angles (variables,); by default those of the reference pose.
     """
     from spherekit.dynamics.coordinates import motion_by_variables
     from spherekit.dynamics.generalised_forces import Loads
@@ -234,10 +237,10 @@ GEARS = (HERE / "files" / "import_gears.xml").read_text(encoding="utf-8")
 def test_joints_at_a_constant_ratio_are_gears(ratio, tmp_path):
     """An equality of two joints in MJCF becomes a contact of wheels with that ratio.
 
-    The equality says two = ratio one + bent one^2 for the angles of the joints one and two.
-    Only if the coefficient bent is 0, as here, is the ratio constant. Joint two must then
-    turn at the ratio times the rate of joint one, with its sign. The sines of the radii of
-    bevel wheels are in the inverse ratio of the rates.
+    MJCF is MuJoCo's format. The equality says two = ratio one + bent one^2 for the angles
+    of the joints one and two. Only if the coefficient bent is 0, as here, is the ratio
+    constant. Joint two must then turn at the ratio times the rate of joint one, with its
+    sign. The sines of the radii of bevel wheels are in the inverse ratio of the rates.
     """
     text = GEARS.format(axis="0 0.6 0.8", ratio=ratio, bent=0)
     mechanism = sk.import_mechanism(write_model(tmp_path, text)).mechanism
@@ -276,11 +279,12 @@ def test_a_serial_wrist_turns_as_in_mujoco(tmp_path):
 
 
 def test_the_command_imports_a_serial_wrist(tmp_path, capsys):
-    """Links, ranges, masses and loads of the MJCF file are in the written file.
+    """The command `import` writes links, ranges, masses and loads of an MJCF file.
 
-    The body "hand" of the model has two joints, pitch and roll, so a link is added between
-    them. It is welded to a "tool", whose mass is added to its own. The actuator of pitch is
-    a position servo. Its feedback is not imported, and a message says so.
+    MJCF is MuJoCo's format. The body "hand" of the model has two joints, pitch and roll, so
+    a link is added between them. It is welded to a "tool", whose mass is added to its own.
+    The actuator of pitch is a position servo. Its feedback is not imported, and a message
+    says so.
     """
     path = write_model(tmp_path, WRIST)
     target = tmp_path / "wrist.toml"
@@ -309,11 +313,11 @@ def test_the_command_imports_a_serial_wrist(tmp_path, capsys):
 
 @pytest.mark.parametrize("loop", LOOPS)
 def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
-    """Each way in which URDF files close a loop gives the same five-bar.
+    """Each way in which robot descriptions (URDF) close a loop leads to the same five-bar.
 
-    `loop` is the extension's name; its element joins the tips of two chains. The sense of
-    the axis "tip" may differ. The link "left" has the mass 0.2 kg with its centre at 0.05 m
-    along y and 0.02 m along z, and moments of 1e-4 kg m2 about the centre.
+    `loop` is the name of an extension of URDF; its element joins the tips of two chains.
+    The sense of the axis "tip" may differ. The link "left" has the mass 0.2 kg with its
+    centre at 0.05 m along y and 0.02 m along z, and moments of 1e-4 kg m2 about the centre.
     """
     path = write_model(tmp_path, wrist_model(LOOPS[loop]), "wrist.urdf")
     result = sk.import_mechanism(path)
@@ -324,6 +328,7 @@ def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
     assert {pair.name for pair in mechanism.pairs} == pairs
     assert np.abs(mechanism.geometry.axes["tip"]) == pytest.approx([0.0, 0.0, 1.0])
     distance_square = 0.05**2 + 0.02**2
+    # The parallel axis theorem about the centre of the sphere.
     first_row = (1e-4 + 0.2 * distance_square, 0.0, 0.0)
     assert mechanism.masses[0].tensor[0] == pytest.approx(first_row)
     assert loads(result.text).pairs == mechanism.pairs
@@ -335,7 +340,7 @@ def test_axes_that_miss_are_refused_with_their_distances(tmp_path, capsys):
     """An axis that misses the common centre by 1 cm is refused, unless `within` allows it.
 
     The joint `pivot` is placed 1 cm beside the place where its axis passes the common point
-    of the four other axes, (0, 0, 0.3) m.
+    of the four other axes, (0, 0, 0.3) m. The message names the distance of each axis.
     """
     model = wrist_model(LOOPS["origins"], pivot_y=PIVOT_THROUGH_CENTRE_M + 0.01)
     path = write_model(tmp_path, model, "off.urdf")

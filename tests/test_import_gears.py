@@ -52,10 +52,11 @@ def sums_of_tendons(text):
 
 
 def with_tendons(*sums):
-    """Return the differential wrist as a MuJoCo model with other couplings.
+    """Return the differential wrist as a MuJoCo model with other couplings of its joints.
 
-    Each coupling has the factors of the joints m_l, m_r, pitch and roll in a sum that is
-    zero. A tendon of the model holds the sum, and an equality sets the tendon to zero.
+    Each coupling is a sum that is zero; `sums` has its factors for the joints m_l, m_r,
+    pitch and roll. In the model, a tendon is the sum, and an equality sets the tendon to
+    zero.
     """
     joints = ("m_l", "m_r", "pitch", "roll")
     tendons = ""
@@ -148,10 +149,11 @@ def motor_angles(kind, actuators, joints, q):
 
 
 def transmission(kind, actuators, joints, form="ros_control"):
-    """Return a URDF of joints pitch and roll that motors m_l and m_r drive together.
+    """Return a robot description (URDF) of two joints that two motors drive together.
 
-    `kind` is "Differential" or "FourBarLinkage"; `actuators` and `joints` are their
-    mechanical reductions. `form` is the dialect, "ros_control" or "ros2_control".
+    The joints are pitch and roll, the motors m_l and m_r. `kind` is "Differential" or
+    "FourBarLinkage"; `actuators` and `joints` are their mechanical reductions. `form` is
+    the dialect, "ros_control" or "ros2_control".
     """
     entries = [
         ("actuator", 1, "m_l", actuators[0]),
@@ -201,13 +203,13 @@ def transmission(kind, actuators, joints, form="ros_control"):
 def test_motors_turn_by_the_equations_of_transmissions(
     kind, actuators, joints, form, tmp_path
 ):
-    """The rates of motors follow from those of both joints by `motor_angles`.
+    """Rates of motors in an imported transmission are those of its published equations.
 
-    A transmission couples two motors with the joints pitch and roll. `kind` is its type,
-    `actuators` and `joints` are the mechanical reductions of the motors and of the joints,
-    and `form` is the dialect of URDF. The imported mechanism has bevel wheels in place of
-    the transmission. Where a motor turns faster than the wheel, or than the joint, that it
-    drives, a note says how many times.
+    `motor_angles` has these equations. A transmission couples two motors with the joints
+    pitch and roll. `kind` is its type, `actuators` and `joints` are the mechanical
+    reductions of the motors and of the joints, and `form` is the dialect of URDF. The
+    imported mechanism has bevel wheels in place of the transmission. Where a motor turns
+    faster than the wheel, or than the joint, that it drives, a note says how many times.
     """
     text = transmission(kind, actuators, joints, form)
     imported = import_text(tmp_path, text, "wrist.urdf")

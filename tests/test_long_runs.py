@@ -125,9 +125,11 @@ def interrupt_after(number, is_last=False):
     ],
 )
 def test_stopped_after_every_block_it_ends_as_if_never_stopped(job, tmp_path):
-    """A run interrupted after each block and resumed writes the files of one run.
+    """A run interrupted after each block and resumed writes the files of one whole run.
 
-    They are equal byte by byte. `job` is one of the runs above, each of six blocks.
+    A block is a part of the samples. The files are equal byte by byte. `job` is one of the
+    runs above, each of six blocks. `interrupt_after` returns a function that interrupts
+    like Ctrl-C.
     """
     job(tmp_path / "whole")
     folder = tmp_path / "resumed"
@@ -167,10 +169,11 @@ sk.run(
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_a_killed_run_is_resumed_bit_for_bit(tmp_path):
-    """A run that was killed twice (SIGKILL) ends with the files of one run.
+    """A run that was killed twice (SIGKILL) ends with the files of one whole run.
 
-    After each kill, files are put where the next block writes: parts that the journal, the
-    record of what is complete, does not list. They are overwritten.
+    After each kill, files are put where the next block (part of the samples) writes. They
+    are not in the journal, the record of what is complete, so they are overwritten.
+    `contents` returns the bytes of all files of a folder.
     """
     folder = tmp_path / "killed"
     for done in (20, 40):
@@ -225,7 +228,7 @@ def run_with_signal(number, handler, arguments):
 def test_a_signal_stops_a_run_and_prints_the_command_to_resume_it(
     number, tmp_path, capsys, monkeypatch
 ):
-    """After SIGINT or SIGTERM one line says what is done and how to go on.
+    """After SIGINT or SIGTERM a run prints what is done and the command to go on.
 
     Exit status 128 + number says which signal it was. The same command without `--resume`
     is refused, because the folder has an unfinished run. The printed command completes the
@@ -265,9 +268,10 @@ def test_a_run_in_the_background_of_a_shell_ignores_ctrl_c(tmp_path):
 
 
 def test_a_full_disk_keeps_what_is_done(tmp_path, monkeypatch):
-    """If the disk is full after some blocks, the run can be resumed from there.
+    """If the disk is full after some blocks of samples, the run can be resumed from there.
 
-    `os.fsync` fails from its 21st call on, so that some blocks of 10 samples are complete.
+    `os.fsync`, which writes a file to the disk, fails from its 21st call on, so that some
+    blocks of 10 samples are complete.
     """
     sync_count = 0
     fsync = os.fsync
@@ -342,7 +346,8 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
 def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
     """Unfinished work is continued only by the same run; otherwise the difference is named.
 
-    `unfinished="discard"` starts anew.
+    A run is interrupted after two blocks of samples. Other runs into its folder are
+    refused. `unfinished="discard"` starts anew.
     """
     with pytest.raises(KeyboardInterrupt):
         run_four_bar(tmp_path, progress=interrupt_after(2))
@@ -410,9 +415,9 @@ def change_done_count(path):
 
 @pytest.mark.parametrize("job", [run_four_bar, run_swinging_rocker, run_springs_by_law])
 def test_memory_and_folder_give_the_same_bits(job, tmp_path):
-    """A run in memory, written later, and a run into a folder give equal files and tables.
+    """A run in memory, written later, and a run into a folder have equal files and tables.
 
-    `job` is one of the runs above.
+    `job` is one of the runs above. `contents` returns the bytes of all files of a folder.
     """
     in_memory = job()
     streamed = job(tmp_path / "streamed")
@@ -442,9 +447,9 @@ def test_csv_has_no_negative_zero(tmp_path):
 class AnalysisWithTexts(MinimalAnalysis):
     """An analysis with a table of texts that CSV has to quote, and two further tables.
 
-    One of these has no column of assembly modes, and the other one has no rows. With
-    `plain` the texts need no quotes. The texts are not in order, and some of them occur for
-    the first time in later blocks.
+    It tests how tables are written. One further table has no column of assembly modes, and
+    the other one has no rows. With `plain` the texts need no quotes. The texts are not in
+    order, and some of them occur for the first time in later blocks of samples.
     """
 
     name: ClassVar = "words"
@@ -536,11 +541,12 @@ def test_whole_numbers_of_a_table_become_floats():
 
 
 def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
-    """Writing in pieces of 32 rows does not change the table.
+    """Files that are written in pieces of 32 rows have the table of an ordinary run.
 
-    The run has 120 rows: 60 samples, in blocks of 10, in two assembly modes. Pieces may end
-    inside blocks and modes. The CSV file is made from the rows that are stored, which are
-    read in pieces as well. It is compared with a run with pieces of the usual size.
+    The run has 120 rows: 60 samples, in blocks of 10, in two assembly modes (ways to
+    assemble the links). Pieces may end inside blocks and modes. The CSV file is written
+    from the rows that are stored, which are read in pieces as well. It is compared with a
+    run with pieces of the usual size.
     """
     for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK_ROWS", 32)
@@ -562,10 +568,10 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
     """A run with four times as many samples does not keep the additional rows in memory.
 
-    Rows are written to files, and only inputs are kept for all samples. For each additional
-    sample the peak of memory may grow by five numbers of 8 bytes and by a tenth of the
-    bytes of its rows. Afterwards the library Arrow has less than 1 MB more than before.
-    `count` is the smaller number of samples.
+    Rows are written to files, and only inputs stay in memory for all samples. For each
+    additional sample the peak of memory may grow by five numbers of 8 bytes and by a tenth
+    of the bytes of its rows. Afterwards the library Arrow has less than 1 MB more than
+    before. `count` is the smaller number of samples.
     """
     for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK_ROWS", 1024)
@@ -610,8 +616,9 @@ def test_an_analysis_of_all_samples_is_not_resumed(tmp_path):
     """On resuming, an analysis that needs all samples at once starts from the first one.
 
     The run is interrupted when its 361 samples are done and before the table "words" of the
-    analysis is computed. After resuming, all 361 samples are given to the analysis in one
-    block, and its table has a row for each of them in both assembly modes.
+    analysis is computed. After resuming, the analysis gets all 361 samples in one block,
+    and its table has a row for each of them in both assembly modes (ways to assemble the
+    links).
     """
     # It interrupts after the first block, although this is the last one too.
     interrupt = interrupt_after(1, is_last=True)
@@ -662,9 +669,10 @@ def recorded_samples(listener):
 
 
 def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
-    """With at most 10 recorded samples, 45 are thinned to each fifth and the last.
+    """A recording with at most 10 samples has each fifth of 45 samples, and the last.
 
-    The tables of the run have all samples.
+    The tables of the run have all samples. `recorded_samples` returns the samples of what
+    was recorded.
     """
     from spherekit.runs import recording_session
 
@@ -724,9 +732,9 @@ def test_two_runs_do_not_record_into_one_file(tmp_path):
 
 
 def test_much_csv_is_written_when_asked_for(tmp_path, monkeypatch):
-    """Where CSV would be too large only Parquet is written, unless CSV is asked for.
+    """If a CSV file would be too large, only Parquet is written, unless CSV is asked for.
 
-    The summary says so. The limit is set to 10 kB.
+    The summary says so. The limit is set to 10 kB; a run with two samples is below it.
     """
     monkeypatch.setattr("spherekit.tables.table_formats.MAX_CSV_BYTES", 1e4)
     default = sk.run("four_bar", samples=40, folder=tmp_path / "one")

@@ -38,12 +38,13 @@ SAME_INPUT_RAD = 1e-6
 
 
 def find_contradictions(text, low, high):
-    """Compare the named meetings of modes of a run with a proof by `certify_curves`.
+    """Compare the inputs at which a run says that modes meet with a proof.
 
-    The proof by interval arithmetic encloses all saddles and turning points (dead centres)
-    of the configuration curves. Near a saddle the curves are the zeros of a function g of
-    two coordinates that has a saddle point. If g is 0 there, its level sign is 0 and two
-    curves cross. Otherwise they pass each other at a small distance.
+    A mode is a way to assemble the links. `certify_curves` proves by interval arithmetic.
+    It encloses all saddles and turning points (dead centres) of the configuration curves.
+    Near a saddle the curves are the zeros of a function g of two coordinates that has a
+    saddle point. If g is 0 there, its level sign is 0 and two curves cross. Otherwise they
+    pass each other at a small distance.
 
     Parameters
     ----------
@@ -108,8 +109,9 @@ def symmetric_range(random):
 def compare_with_proof(count, seed):
     """Assert that runs of random four-bars contradict no proof about meetings of modes.
 
-    Assembly modes meet at an input where their configuration curves cross. A run names
-    these inputs; `certify_curves` proves where curves cross (see `find_contradictions`).
+    Assembly modes (ways to assemble the links) meet at an input where their configuration
+    curves cross. A run names these inputs; `certify_curves` proves where curves cross (see
+    `find_contradictions`).
 
     The curves of each four-bar cross in a flat configuration (a change point), in which all
     axes lie on one great circle. The zero position of the pairs is varied, so that their
@@ -175,10 +177,11 @@ def test_claims_do_not_contradict_proofs_in_many_ranges():
 @pytest.mark.parametrize("shift", [0.0, 0.1, 1.0])
 @pytest.mark.parametrize("power", [2, 4])
 def test_a_double_zero_is_never_excluded(shift, power):
-    """A zero of even order without a change of sign stays in an undecided interval.
+    """A zero of even order without a change of sign is inside an undecided interval.
 
-    The function is zero at `shift` only, to the second or fourth order, and has a rounding
-    error of some 2e-16 that oscillates quickly.
+    `find_sign_changes` returns zeros with a change of sign, and intervals that it cannot
+    decide. The function is zero at `shift` only, to the second or fourth order, and has a
+    rounding error of some 2e-16 that oscillates quickly.
     """
     random = np.random.default_rng(3)
     for _ in range(40):
@@ -206,8 +209,8 @@ def test_a_near_miss_is_no_crossing(difference):
     The configuration curves of a four-bar with two and two equal sides cross in a flat
     configuration. If one of two sides of 80 deg is changed by `difference` (deg), they pass
     each other at a small distance. For 1e-4 and 1e-7 deg the claims of the run are compared
-    with a proof. A difference of 1e-13 deg is smaller than what 64-bit numbers tell apart.
-    The run must then not fail, but may name a crossing.
+    with a proof. A difference of 1e-13 deg is too small for 64-bit numbers. The run must
+    then not fail, but may name a crossing.
     """
     from decimal import Decimal
 
@@ -235,8 +238,8 @@ def test_fold_angles_of_a_flat_vertex_keep_their_ratio_through_it(arcs):
     with a constant p (Huffman 1976; Evans et al. 2015). This is true on both sides of the
     flat state, in which the two motions cross. `arcs` are the sector angles (deg).
 
-    Without this option a mode is the configurations in which its dyad (two links and three
-    pairs) has one sign, and changes from one motion to the other in the flat state.
+    Without this option a mode has the configurations in which its dyad (two links joined by
+    a pair) has one sign, and changes from one motion to the other in the flat state.
     """
 
     def ratio_spread(**options):
@@ -270,10 +273,10 @@ def test_modes_pass_change_points_without_a_bend(arcs, low, high):
     """With `crossings="pass"` the steps of joint angles hardly change at a crossing.
 
     At a change point the four-bar is flat, and two curves of configurations cross. The
-    assembly modes on these curves meet there. A meeting is resolved if the run knows which
-    mode after it continues which mode before it. On the other curve, the angles would move
-    in another direction. `arcs` are those of ground, crank, coupler and rocker, the range
-    goes from `low` to `high` (both in degrees).
+    assembly modes (ways to assemble the links) on these curves meet there. A meeting is
+    resolved if the run knows which mode after it continues which mode before it. On the
+    other curve, the angles would move in another direction. `arcs` are those of ground,
+    crank, coupler and rocker, the range goes from `low` to `high` (both in degrees).
     """
     samples = 96
     mechanism = loaded(four_bar_text(arcs, low, high, zero="0"))
@@ -306,11 +309,12 @@ def test_modes_pass_change_points_without_a_bend(arcs, low, high):
 def test_followed_curve_agrees_with_the_smooth_mode():
     """A curve followed in arc length has the slope of the mode across the crossing.
 
-    In the flat state all angles are 0. The mode has samples 4 and 5 just before and after
-    it. From sample 4 the curve of configurations is followed in arc length, without the
-    signs of dyads by which modes are told apart. One end of the followed part is within
-    0.05 rad of the flat state. Slopes are the changes of all angles per change of the
-    input. Both are difference quotients, which agree to 5e-3.
+    At a crossing two modes (ways to assemble the links) meet, here in the flat state with
+    all angles 0. The mode has samples 4 and 5 just before and after it. From sample 4 the
+    curve of configurations is followed in arc length, without the signs of dyads that
+    distinguish modes. One end of the followed part is within 0.05 rad of the flat state.
+    Slopes are the changes of all angles per change of the input. Both are difference
+    quotients, which agree to 5e-3.
     """
     mechanism = sk.load(FILES / "flatfold_through.toml")
     position_analysis = PositionAnalysis(mechanism, samples=10, crossings="pass")
@@ -404,8 +408,9 @@ def test_angles_that_count_turns_are_continuous_through_crossings(arcs, zero):
 
     Such angles are needed for loads that depend on the turns of a pair. In flat
     configurations two curves of configurations cross. With `crossings="pass"` both assembly
-    modes follow their smooth curves through a crossing. `arcs` are those of ground, crank,
-    coupler and rocker (deg); `zero` is the input (deg) at which the four-bar is flat.
+    modes (ways to assemble the links) follow their smooth curves through a crossing. `arcs`
+    are those of ground, crank, coupler and rocker (deg); `zero` is the input (deg) at which
+    the four-bar is flat.
     """
     samples = 145
     mechanism = loaded(four_bar_text(arcs, low=0, high=360, zero=zero))
@@ -428,7 +433,8 @@ def test_evaluate_follows_smooth_curves():
 
     The mechanism is a paper vertex of four creases, a four-bar. In its flat state, at the
     input 0, two smooth curves of configurations cross. On each of them, the configurations
-    at -0.3 and 0.3 rad mirror each other, so velocity coefficients have equal sizes there.
+    at -0.3 and 0.3 rad mirror each other. So velocity coefficients (rates per rate of the
+    input) have equal sizes there.
 
     By default, a mode is one way to assemble the dyad of the four-bar (its two links that
     are not the ground or the crank). This mode changes to the other curve in the flat
@@ -492,11 +498,12 @@ def test_crossings_pass_changes_nothing_where_modes_do_not_cross(name):
 def test_modes_of_a_triad_follow_smooth_curves():
     """Modes of a triad also pass a crossing of configuration curves without a bend.
 
-    The ways to assemble a triad are not distinguished by signs, as those of a dyad are.
-    Without `crossings="pass"` a mode keeps the sign of the determinant of the closure
-    equations, so that it ends at the crossing or changes to another curve. The meeting is
-    resolved: it is known which mode continues which. A mode has no bend if its steps change
-    by less than half of the largest step there.
+    A mode is a way to assemble the links. A triad is a group of four links, and a dyad one
+    of two. Signs distinguish the modes of a dyad, but not those of a triad. Without
+    `crossings="pass"` a mode keeps the sign of the determinant of the closure equations, so
+    that it ends at the crossing or changes to another curve. The meeting is resolved: it is
+    known which mode continues which. A mode has no bend if its steps change by less than
+    half of the largest step there.
     """
     samples = 28
     mechanism = six_bar_with_a_flat_loop()

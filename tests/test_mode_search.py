@@ -73,7 +73,8 @@ def test_curves_that_are_short_along_the_input_are_met():
     The input is the rocker of a four-bar, which a crank of 0.2 deg swings by 0.6 deg only.
     The inputs of starts are drawn from a whole turn and change until the loop closes. One
     curve is near the reference pose, at the angle 0. The mirror image of the dyad (coupler
-    and rocker) has the other, near 97 deg. Many starts must lead to either.
+    and rocker) has the other curve, near 97 deg. More than a fifth of the starts of a round
+    must lead to each.
     """
     small = np.radians(0.2)
     crank, coupler = [np.sin(small), 0.0, np.cos(small)], [0.6, 0.6, np.sqrt(0.28)]
@@ -94,10 +95,11 @@ def test_curves_that_are_short_along_the_input_are_met():
 
 
 def test_modes_with_the_stated_share_of_starts_are_rarely_missed():
-    """A search says: a mode that more than this share of random starts lead to is known.
+    """A mode with at least the stated share of random starts is missed in under 1 of 100.
 
-    150 searches draw from 12 modes with random known shares until the statistics ask for no
-    more starts. Less than 1 of 100 modes whose share is at least the stated one is missed.
+    A mode is a way to assemble the links. A search states a share of starts: a mode that
+    more starts lead to is known. 150 searches draw from 12 modes with random known shares
+    until the statistics ask for no more starts.
     """
     random = np.random.default_rng(5)
     missed_count = 0
@@ -161,9 +163,10 @@ def test_a_long_search_says_what_it_does_unless_it_is_to_be_quiet(capsys, monkey
 def test_the_order_of_modes_does_not_hang_on_rounding_at_half_turns():
     """Assembly modes are sorted alike, although rounding changes signs of half turns.
 
-    The agile eye has modes with angles of half a turn. Rounding decides whether such an
-    angle is just below pi or just above -pi. `mode_sort_key` must not depend on this: modes
-    that are changed by up to 1e-12 rad and shuffled are sorted into the order of before.
+    A mode is a way to assemble the links. The agile eye has modes with angles of half a
+    turn. Rounding decides whether such an angle is just below pi or just above -pi.
+    `mode_sort_key` must not depend on this: modes that are changed by up to 1e-12 rad and
+    shuffled are sorted into their first order.
     """
     position_analysis = PositionAnalysis(sk.load("agile_eye"), samples=[1, 1, 1])
     solver = position_analysis.solver

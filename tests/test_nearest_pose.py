@@ -55,14 +55,14 @@ def angle_between(pose, second_pose):
 
 
 def check_nearest(kinematics, bounds, signs, count, seed=0, tries=40_000):
-    """Check that the poses that are offered instead of unreachable ones are the nearest.
+    """Assert that the poses that are offered instead of unreachable ones are the nearest.
 
-    Random poses are asked for, until `count` of them are unreachable: points on the sphere
-    if the output is a direction (`kinematics.points`), else orientations. `judge` says
-    which poses are reachable in the working mode `signs` and within `bounds`. The offered
-    pose has to be reachable, and none of `tries` random poses that are nearer to the asked
-    one may be reachable. Returns the asked poses, and the angles (rad) between each of them
-    and the offered one.
+    Random poses are tried until `count` of them are unreachable: points on the sphere if
+    the output is a direction (`kinematics.points`), else orientations. `judge` says which
+    poses are reachable in the working mode `signs` (way to bend each leg) and within
+    `bounds`. The offered pose has to be reachable. None of `tries` random poses that are
+    nearer to the asked one may be reachable. Returns the asked poses, and the angles (rad)
+    between each of them and the offered one.
     """
     random = default_rng(seed)
     asked_poses = random_poses(random, 4000, kinematics.points)
@@ -104,8 +104,8 @@ def test_the_nearest_reachable_pose_is_compared_with_random_poses_and_the_reach_
     poses near each. Without joint limits, a pose cannot be reached because an axis of the
     output is too near or too far for a leg. The arc by which it is too near or too far (the
     negative margin) is a lower bound of the angle between asked and offered pose. The angle
-    is as small as this for poses at which one leg alone decides. `mode` is the number of
-    the working mode (elbows of the legs).
+    is equal to this bound for poses at which one leg alone decides. `mode` is the number of
+    the working mode (way to bend each leg).
     """
     kinematics = output_kinematics(sk.load(name))
     bounds = kinematics.bounds
@@ -189,7 +189,7 @@ def test_nothing_is_offered_where_nothing_is_reached():
 
 @dataclass(frozen=True)
 class UnreachablePoint:
-    """A point that is moved outwards along its axis until its pose is reachable.
+    """A point that a search moves outwards along its axis until its pose is reachable.
 
     Numbers are distances from the asked pose along the axis, in rad.
 
@@ -198,7 +198,7 @@ class UnreachablePoint:
     distance
         The point, whose pose is not reachable.
     start
-        Reachable pose that the point came from. It is moved no farther than to it.
+        Reachable pose that the point came from. It is the end of the way.
     reachable_beyond
         Poses of the axis are reachable beyond this distance.
     """
@@ -232,6 +232,7 @@ def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_ret
 
     Poses are stated by coordinates about the asked pose, whose length is the distance from
     it: 2 for points on the sphere, 3 for orientations. Each point is on an axis of its own.
+    The expected distance is the smaller of both limits of reach.
     """
     chart = NormalCoordinates.around(np.eye(dimension + 1)[0])
     limits = np.array([point.reachable_beyond for point in points])

@@ -30,7 +30,7 @@ EVERY = (
 def opened(browser, tmp_path):
     """Return a function that writes the page of a mechanism and opens it in a browser tab.
 
-    `fragment` is the part of the address after "#", which holds the state; `options` are
+    `fragment` is the part of the address after "#", which contains the state; `options` are
     those of Playwright's `new_page`. The test fails at its end if the page wrote to the
     console, raised an error or asked for anything from the network. Such requests are
     recorded and not answered.
@@ -104,12 +104,13 @@ def drag(tab, start, offset):
 
 
 def compute_in_python(mechanism, q, name):
-    """Return a quantity of the page at inputs `q` (rad) in every assembly mode.
+    """Return a quantity of a browser page at inputs `q` (rad) in every assembly mode.
 
-    None of the page's code is used. `name` is the key of the quantity on the page:
+    An assembly mode is a way to assemble the links. It is the reference for the page, and
+    uses none of its code. `name` is the key of the quantity on the page:
 
-    - "velocity_LINK_LINK_INPUT" is the velocity coefficient of two links. The name of the
-      input that moves is missing if there is only one.
+    - "velocity_LINK_LINK_INPUT" is the velocity coefficient of two links (relative rate per
+      rate of the input). The name of the input that moves is missing if there is only one.
     - "transmission_PAIR" is the transmission angle: the acute angle between the planes of
       both arcs of the dyad (two links in series) with this middle pair.
     - "torque_INPUT", or "torque" with one input, is the driving torque of an input while
@@ -148,11 +149,12 @@ def compute_in_python(mechanism, q, name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", EVERY)
 def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):
-    """Python computes the table's numbers for the mechanism that the page saves.
+    """The numbers in the table of a page are those that Python computes, to 1e-12.
 
     Before, the knobs of all inputs and the last slider of a size, if there is one, are
-    dragged by some pixels. Each number of the table has to be that of some assembly mode,
-    to 1e-12.
+    dragged by some pixels. Python computes the numbers for the mechanism that the page
+    saves. Each number of the table has to be that of some assembly mode (way to assemble
+    the links). `opened` opens the page in a browser.
     """
     tab = opened(name)
     q_at_first = tab.evaluate("spherekit.state.q")
@@ -189,9 +191,10 @@ def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):
 def test_keys_and_links_reach_what_a_mouse_does(opened):
     """Keys change the state of a page, its address keeps the state, controls have names.
 
-    A page can be used without a mouse: keys turn the input and the view, choose the mode
-    and show the steps in which poles are found. A link with the state opens the same view.
-    Every control has a name that a screen reader can say.
+    A page can be used without a mouse: keys turn the input and the view, choose the
+    assembly mode (way to assemble the links) and show the steps in which poles (axes of
+    relative rotation) are found. A link with the state opens the same view. Every control
+    has a name that a screen reader can say.
     """
     tab = opened("four_bar", color_scheme="dark")
     assert tab.evaluate("document.documentElement.dataset.theme") == "dark"

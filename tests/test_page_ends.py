@@ -60,7 +60,7 @@ DRIVE_TO_ENDS = """async () => {
 
 @pytest.fixture
 def open_page(browser, tmp_path):
-    """Return a function that opens the page of a mechanism in the browser.
+    """Return a function that opens the browser page of a mechanism.
 
     Its `fragment` is what follows # in the address; further options go to `sk.page`. After
     the test the browser's console must be empty.
@@ -146,12 +146,15 @@ def assert_same_ranges(tab, mechanism, tolerance=1e-7):
 
 
 def ends_by_bisection(mechanism, number, more=()):
-    """Return the inputs (rad) at which an assembly mode begins or ends.
+    """Return the inputs (rad) at which an assembly mode begins or ends, by `sk.evaluate`.
 
-    A change between neighbouring samples is bisected 28 times, all changes at once.
+    An assembly mode is a way to assemble the links. A change between neighbouring samples
+    is bisected 28 times, all changes at once.
 
     Parameters
     ----------
+    mechanism
+        Mechanism with one input.
     number
         Number of the assembly mode.
     more
@@ -186,8 +189,9 @@ def evaluate_closes(mechanism, x, number):
 def test_modes_of_random_six_bars_end_where_evaluate_says(open_page, seed):
     """The page of a random Stephenson or Watt six-bar shows the ends of all modes.
 
-    In most of these either dyad fails somewhere. The ends are known by bisection of
-    `sk.evaluate`.
+    A mode is a way to assemble the links. In most of these mechanisms either dyad (two
+    links joined by a pair) cannot close at some inputs. The expected ends are those of
+    `sk.evaluate` by bisection. `open_page` opens the page in a browser.
     """
     rng = np.random.default_rng(seed)
     chain = sk.load("stephenson" if seed % 2 else "watt")
@@ -225,7 +229,8 @@ def test_a_gap_between_two_samples_is_found(open_page, arcs):
     The crank stops where the arc from its end to the rocker's axis is coupler + rocker or
     coupler - rocker. This arc, ground and crank are a spherical triangle, whose angle
     between ground and crank is the input. It follows from the law of cosines. If there is
-    no such angle, the crank turns fully.
+    no such angle, the crank turns fully. `open_page` opens the page in a browser, and
+    `curve_of_mode` returns what it knows of a mode (way to assemble the links).
     """
     tab = open_page(four_bar(arcs), vary=[])
     ground, crank, coupler, rocker = np.radians(arcs)
@@ -249,7 +254,8 @@ def test_a_gap_between_two_samples_is_found(open_page, arcs):
 def test_modes_that_meet_are_marked_and_do_not_end(open_page, name, where_deg):
     """At a change point the page says that modes meet, and shows no values there.
 
-    Both modes of these four-bars meet at the input `where_deg`; they close on either side.
+    A mode is a way to assemble the links. Both modes of these four-bars meet at the input
+    `where_deg`; they close on either side. `open_page` opens the page in a browser.
     """
     path = str(FILES / f"{name}.toml")
     tab = open_page(path, vary=[])
@@ -281,7 +287,11 @@ CONSTANT = [
 @pytest.mark.many
 @pytest.mark.parametrize(("name", "options"), CONSTANT, ids=lambda x: Path(str(x)).stem)
 def test_a_constant_curve_is_level_in_a_plot_of_a_sensible_range(open_page, name, options):
-    """A constant curve is a level line: the axis of a plot is far wider than rounding."""
+    """A constant curve on a page is a level line: its axis is far wider than rounding.
+
+    Curves of several mechanisms are constant but for rounding, which must not fill the
+    plot. `open_page` opens the page in a browser.
+    """
     tab = open_page(name, **options)
     figures = tab.evaluate(
         """spherekit.figures.map(({range, plot}) =>
@@ -304,10 +314,11 @@ BREAK_THE_SPHERE = (
 
 @pytest.mark.slow
 def test_an_error_in_a_drawing_is_shown_and_stops_no_number(browser, tmp_path):
-    """Numbers and the saved file follow the fields even if drawing the sphere fails.
+    """Numbers and the saved file of a page follow its fields even if drawing fails.
 
-    The browser's method `strokeText` is replaced by one that throws the error "torn". The
-    page shows this word in its message of faults. Numbers are compared with Python.
+    The page draws a sphere. The browser's method `strokeText` is replaced by one that
+    throws the error "torn". The page shows this word in its message of faults. Numbers are
+    compared with `sk.evaluate`.
     """
     path = tmp_path / "page.html"
     sk.page("four_bar", path)
@@ -345,6 +356,7 @@ def test_a_refused_number_is_replaced_by_the_one_in_use(open_page):
 def test_every_end_of_a_slider_gives_a_valid_file(name):
     """A file with any size at an end of its slider or of its field can be read.
 
+    The page of a mechanism has a slider and a field for each size, and can save the file.
     `low` and `high` are the ends of the slider, `least` and `most` those of the field. The
     text of the file is a list of passages, with the number of a size in its place.
     """
@@ -382,10 +394,11 @@ LIMITS += [pytest.param(*case, marks=pytest.mark.slow) for case in (("41", 1), (
 @pytest.mark.many
 @pytest.mark.parametrize(("pair", "turns"), LIMITS)
 def test_a_page_shows_where_a_mode_is_beyond_a_joint_limit(open_page, pair, turns):
-    """The page marks the inputs at which a pair of mode 0 is outside its joint limits.
+    """The page marks the inputs at which a pair is outside its joint limits.
 
-    The limits are the middle half of the angles of the pair in mode 0, stated `turns`
-    whole turns away. Angles are known by `sk.evaluate` at quarter degrees.
+    The limits are the middle half of the angles of the pair in assembly mode 0 (one way to
+    assemble the links), stated `turns` whole turns away. The expected angles are those of
+    `sk.evaluate` at quarter degrees. `open_page` opens the page in a browser.
     """
     x = np.linspace(0.0, 2.0 * np.pi, 1441)[1:-1]
     angle = sk.evaluate("four_bar", x, poles=[], assembly_mode=0).variable(pair)
@@ -424,7 +437,8 @@ SIGNED = [
 def test_velocity_coefficients_have_the_signs_of_evaluate(open_page, name):
     """Velocity coefficients on the page equal those of `sk.evaluate`, sign included.
 
-    They are compared along the range of the first input in every mode. The sign of a pole
+    They are relative rates of two links per rate of an input. They are compared along the
+    range of the first input in every mode (way to assemble the links). The sign of a pole
     axis is a choice, so a page could show the absolute value of the coefficient. Its curve
     would have a kink where the coefficient changes its sign.
     """
@@ -481,10 +495,11 @@ COUNT_COLOURS_OF_TRANSMISSION_PLOT = """(() => {
 
 
 def test_equal_curves_are_dashed_in_two_colours(open_page):
-    """Both modes of the four-bar have one transmission angle, and both colours are seen.
+    """Two equal curves on a page are both seen: the second one is dashed over the first.
 
-    The second curve is dashed over the first one. Velocity coefficients differ, so that
-    both of their curves are solid. The pixels of the plot are counted by colour.
+    Both modes of the four-bar (ways to assemble the links) have one transmission angle.
+    Velocity coefficients differ, so that both of their curves are solid. The pixels of the
+    plot are counted by colour. `open_page` opens the page in a browser.
     """
     tab = open_page("four_bar", vary=[], quantities=["transmission_angle_*", "velocity_*"])
     dashes = tab.evaluate(
@@ -507,9 +522,10 @@ def test_equal_curves_are_dashed_in_two_colours(open_page):
 def test_a_dashed_curve_lies_on_a_solid_one_everywhere(open_page):
     """A curve is dashed only if it coincides with curves of other modes, which are solid.
 
-    At each input the nearest solid curve must be within a hundredth of the height of the
-    figure, since a difference that nobody sees does not count. Mode 4 of this eight-bar
-    closes in a part of the range only, on curves of other modes.
+    A mode is a way to assemble the links. At each input the nearest solid curve must be
+    within a hundredth of the height of the figure, since a difference that nobody sees does
+    not count. Mode 4 of this eight-bar closes in a part of the range only, on curves of
+    other modes.
     """
     # With `vary=[]` the page has no sliders for sizes, so the sizes are those of the file.
     tab = open_page("eight_bar_05", "mode=4", vary=[])
@@ -540,7 +556,8 @@ def test_a_dashed_curve_lies_on_a_solid_one_everywhere(open_page):
 def test_every_mode_has_a_colour_of_its_own(open_page):
     """The colours of 96 modes differ, and those of the first 32 clearly, in both themes.
 
-    Clearly means a distance of 25 in the space of red, green and blue (0 to 255 each).
+    A mode is a way to assemble the links; its curves on the page have its colour. Clearly
+    means a distance of 25 in the space of red, green and blue (0 to 255 each).
     """
     tab = open_page("four_bar", vary=[])
     for theme in ("light", "dark"):
@@ -599,7 +616,8 @@ NEXT_PICTURE = """() => new Promise(done =>
 def test_springs_count_turns_as_inverse_dynamics_does(open_page, case):
     """The driving torque on the page counts all turns of a pair with a spring.
 
-    It equals the torque by `sk.inverse_dynamics` at constant speed.
+    It equals the torque by `sk.inverse_dynamics` at constant speed, in several modes (ways
+    to assemble the links). `open_page` opens the page in a browser.
     """
     mechanism = SPRING_CASES[case]()
     tab = open_page(mechanism, vary=[], quantities=["torque"])

@@ -21,10 +21,10 @@ from spherekit.status import Status
 def test_newton_and_euler_give_the_same_torques_and_reactions(name):
     """Torques and moments in pairs solve the Newton-Euler equations of all links.
 
-    The mechanism has random masses and loads, and its inputs are quadratic functions of the
-    time. Reactions are not compared where redundant constraints leave them open, as in the
-    differential, or where teeth press wheels apart, which the equations of the oracle leave
-    out.
+    The oracle `newton_euler` writes them by hand. The mechanism has random masses and
+    loads, and its inputs are quadratic functions of the time. Reactions are not compared in
+    two cases: where redundant constraints leave them open, as in the differential, and
+    where teeth press wheels apart, which the oracle leaves out.
     """
     seed = sum(map(ord, name))
     # `joint` is the R pair that has a motor, a spring and other loads.
@@ -76,8 +76,8 @@ def test_the_sign_of_a_contact_force_says_whether_it_presses(torque):
     The force F on the follower at the contact point p, a unit vector, follows from its
     moment p x F. It presses if it points away from the centre of the cam's circle. A
     contact that would have to pull has the status LIFT_OFF. The torque that presses in one
-    of the two assembly modes, 0 and 1, pulls in the other. This is also so in a run of
-    several blocks.
+    of the two assembly modes (ways to assemble the links), 0 and 1, pulls in the other.
+    This is also so in a run of several blocks. `pressed` returns the mechanism.
     """
     mechanism = pressed(torque)
     result = reactions(motion_by_polynomial_laws(mechanism, (0.5,), [0.0, 0.1]))
@@ -105,12 +105,14 @@ def test_the_sign_of_a_contact_force_says_whether_it_presses(torque):
 
 
 def test_the_stiffness_of_an_output_is_a_moment_over_the_turn_that_it_causes():
-    """A small moment m turns each input by w . m / k; loop closure then moves the output.
+    """The stiffness of an output is the moment over the small turn that it causes.
 
-    w is the angular velocity (3,) of the output per unit rate of an input, k the stiffness
-    (N m/rad) of its drive. The turn of the output, link 3, is the skew part of its rotation
-    from the unloaded to the loaded configuration. About a principal axis the turn has the
-    direction of the moment and the size moment / principal stiffness.
+    Drives yield: a small moment m turns each input by w . m / k, and loop closure then
+    moves the output. w is the angular velocity (3,) of the output per unit rate of an
+    input, k the stiffness (N m/rad) of its drive. The turn of the output, link 3, is the
+    skew part of its rotation from the unloaded to the loaded configuration. About a
+    principal axis the turn has the direction of the moment and the size moment / principal
+    stiffness.
     """
     mechanism = sk.load("five_bar")
     inputs = np.array([[1.0, 1.2]])
@@ -167,6 +169,12 @@ def test_redundant_constraints_are_named_and_left_open(capsys):
 
 
 def test_the_screen_names_the_row_with_the_largest_reaction_of_each_pair():
+    """The printed table has the largest moment of each pair, and where it occurs.
+
+    The moment is that across the axis of the pair. The reference is the table of the run:
+    its largest value, at the input (deg) and in the assembly mode (way to assemble the
+    links) that are printed.
+    """
     result = sk.run("roller_cam", "reactions", samples=9)
     (analysis,) = result.summary["analyses"]
     (screen_table,) = analysis["screen_tables"]
@@ -252,10 +260,11 @@ def test_a_file_keeps_that_a_contact_is_one_sided(tmp_path):
 def test_a_contact_lifts_off_where_the_torque_alone_accelerates_the_follower(
     lift_off_simulation,
 ):
-    """At the end, the follower's inertia times its acceleration is the pressing torque.
+    """A contact lifts off where the pressing torque alone accelerates the follower.
 
-    The acceleration is the second derivative of a polynomial through its last six angles,
-    1e-4 s apart.
+    At the end of the simulation, the follower's inertia times its acceleration is this
+    torque. The acceleration is the second derivative of a polynomial through its last six
+    angles, 1e-4 s apart.
     """
     simulation = lift_off_simulation
     assert simulation.end.kind == "lift_off"
@@ -273,11 +282,11 @@ def test_a_contact_lifts_off_where_the_torque_alone_accelerates_the_follower(
 
 @pytest.mark.slow
 def test_the_summary_of_a_run_states_when_a_contact_lifts_off(lift_off_simulation):
-    """The run states the same time of lift-off as `sk.simulate` with a small tolerance.
+    """A run states the same time of lift-off as `sk.simulate` with a small tolerance.
 
     The fixture `lift_off_simulation` has that result. `cost` lists the stages of a run with
     their seconds. A simulation follows one motion from its start, so there is no stage in
-    which assembly modes are searched.
+    which assembly modes (ways to assemble the links) are searched.
     """
     run = sk.run(
         one_sided_cam(),

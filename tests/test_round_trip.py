@@ -54,10 +54,10 @@ def test_a_direction_returns_from_its_inputs_and_inputs_from_their_direction(nam
     """Inverse and forward kinematics of random directions lead back to where they began.
 
     Inputs are computed for a direction, then the direction for these inputs, then its
-    inputs. A working mode is one way to assemble the legs at a given pose, an assembly mode
-    one way at given inputs. The inputs have several assembly modes. The one nearest to the
-    first direction counts. The errors are some rounding errors divided by a measure of
-    singularity of the configuration: type II for directions, type I for inputs.
+    inputs. A working mode is one way to assemble the legs at a pose, an assembly mode one
+    way at some inputs. Of several assembly modes, the one nearest to the first direction
+    counts. The errors are some rounding errors divided by a measure of singularity of the
+    configuration: type II for directions, type I for inputs.
     """
     # `labels` are the working modes. `type_1` and `type_2` of a row are the two measures.
     solver = output_kinematics(sk.load(name))

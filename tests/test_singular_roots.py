@@ -36,12 +36,12 @@ def geared_five_bar(tmp_path, low_deg, high_deg):
 
 
 def dead_centres_of_geared_five_bar(mechanism, low, high):
-    """Return the inputs (rad) at which both couplers are in line, sorted.
+    """Return the inputs (rad) at which both couplers of a geared five-bar are in line.
 
-    The two cranks, left and right, are geared to each other, with 20 and 40 teeth. The
-    couplers join their tips. The axes of one configuration are computed by the position
-    analysis. From there both tips are turned about the fixed axes: the left one by the
-    change of the input, the right one by half of it in the opposite sense.
+    They are sorted. The two cranks, left and right, are geared to each other, with 20 and
+    40 teeth. The couplers join their tips. The axes of one configuration are computed by
+    the position analysis. From there both tips are turned about the fixed axes: the left
+    one by the change of the input, the right one by half of it in the opposite sense.
 
     The couplers have arcs of 60 and 55 degrees. They are in line where the arc between the
     tips is the sum or the difference of these. Sign changes at 2001 inputs are refined.
@@ -109,9 +109,10 @@ does not grow with the input, but comes back with it."""
 def test_singularities_outside_the_range_are_listed_at_the_nearest_turn():
     """A dead centre just above the range of the input is marked as outside the range.
 
-    Its input is determined up to whole turns, and the listed value is the one nearest to
-    the range. A run over the full range has the dead centre of the closed form, where
-    coupler and rocker are in line.
+    A dead centre is a singularity of type II, where the input turns back. Its input is
+    determined up to whole turns, and the listed value is the one nearest to the range. A
+    run over the full range has the dead centre of the closed form, where coupler and rocker
+    are in line.
     """
     closed_form = np.max(angles_with_links_in_line(*ROCKER))
     frame = sk.run(four_bar(ROCKER), NAME, samples=9).frame()
@@ -143,11 +144,12 @@ def test_singularities_outside_the_range_are_listed_at_the_nearest_turn():
     ("low_deg", "high_deg"), [(0.0, 720.0), (-500.0, 400.0), (10.0, 370.0)]
 )
 def test_singularities_are_listed_for_every_turn_of_a_range(low_deg, high_deg):
-    """Dead centres of a rocker by the spherical law of cosines, in seven turns.
+    """All dead centres of a rocker within a range of several turns are listed.
 
-    All dead centres from three turns below to three turns above are computed. Those within
-    the range have to be listed. The column ``input_margin_II`` of a row is the distance of
-    its input (rad) to the nearest singularity of type II, which is a dead centre.
+    A dead centre is a singularity of type II, where the input turns back. The expected ones
+    follow from the spherical law of cosines, from three turns below to three turns above.
+    The column ``input_margin_II`` of a row is the distance of its input (rad) to the
+    nearest singularity of type II.
     """
     turns_deg = np.arange(-3, 4)[:, None] * 360.0
     dead_centres_deg = turns_deg + np.degrees(angles_with_links_in_line(*ROCKER))
@@ -193,18 +195,20 @@ def test_a_place_at_both_ends_of_a_turn_is_listed_once():
 
 
 def check_points(position_analysis, points, kind):
-    """Check that singular points are closed, and of type II if they say so.
+    """Assert that singular points are closed, and of type II if they say so.
 
     Their flags `inside` must say whether the inputs are within their ranges.
 
     Parameters
     ----------
+    position_analysis
+        The mechanism with its solver.
     points
         Configurations on curves or on a surface. `values` are all pair variables (rad). The
         angles of inputs in it may differ by whole turns from `inputs` (rad).
     kind
-        "I" or "II". At type II the columns of the passive pairs in the loop equations are
-        linearly dependent. Type I is not checked.
+        "I" or "II". At type II the columns of the passive pairs (all but the inputs) in the
+        loop equations are linearly dependent. Type I is not compared.
     """
     mechanism = position_analysis.mechanism
     solver = position_analysis.solver
@@ -231,11 +235,12 @@ def check_points(position_analysis, points, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["I", pytest.param("II", marks=pytest.mark.long)])
 def test_surfaces_from_random_starts_lie_within_the_ranges_of_inputs(kind):
-    """All vertices of the mesh are singular configurations within the input ranges.
+    """A singular surface of three inputs is a mesh of singular points within their ranges.
 
     It is consistently oriented: no directed edge belongs to two triangles. The surface of
     type II is complete: its border is on ends of input ranges. Surfaces of type I cross
-    each other, and the mesh ends where they do. So its border and edges are not checked.
+    each other, and the mesh ends where they do. So its border and the length of its edges
+    are not compared.
     """
     # The wanted length of edges (rad). The first mesh has edges of up to 1.5 times this
     # length, which are then halved once.
@@ -274,11 +279,11 @@ def test_surfaces_from_random_starts_lie_within_the_ranges_of_inputs(kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["I", "II"])
 def test_random_starts_find_the_curves_that_slices_find(kind):
-    """Each point of the curves by slices is on a curve that random starts lead to.
+    """Each point of the singular curves by slices is on a curve that random starts find.
 
     A slice is the set of configurations with all inputs but one locked. A search by slices
     (here at 4 values of each input) guarantees all curves down to a box size. A search from
-    random configurations, without slices, guarantees nothing.
+    random configurations, without slices, guarantees nothing. Curves of both are compared.
     """
     mechanism = wide_five_bar()
     by_slices = singular_curves(mechanism, kind, slices_of_each=4)
@@ -301,8 +306,9 @@ def test_a_search_without_time_says_so():
     """With 0 s of processor time nothing is searched, and each part of the run says so.
 
     A search that was stopped only claims that it has sampled (`Guarantee.SAMPLED`), because
-    anything may be missing. The rows of the motion are examined nevertheless: the agile eye
-    is of type I in every row of four assembly modes, which is a remark, no warning.
+    anything may be missing. The rows of the motion (its samples in each assembly mode, or
+    way to assemble the links) are examined nevertheless. The agile eye is of type I in
+    every row of four modes, which is a remark, no warning.
     """
     time_limit = TimeLimit(0.0, "curves of type II")
     curves = singular_curves(sk.load("five_bar"), "II", budget=time_limit)
@@ -395,9 +401,10 @@ def test_mid_plane_loci_of_type_one_are_circles_at_the_limit_of_reach(mid_plane)
 def test_the_output_reverses_where_singularities_are_listed(name, tmp_path):
     """Between samples the output's rate reverses if an odd number of reversals is listed.
 
-    The rate is the velocity coefficient times the pole axis of table `poles`. Its product
-    at successive samples is negative where it reverses. Mode labels such as "0+1" list all
-    modes of a singularity.
+    The rate is the velocity coefficient times the pole axis of table `poles` (the axis of
+    the output's rotation and its rate per rate of the input). Its product at successive
+    samples is negative where it reverses. A label such as "0+1" lists all assembly modes
+    (ways to assemble the links) of a singularity.
     """
     (tmp_path / "dwell.toml").write_text(DWELL)
     mechanism = sk.load(tmp_path / "dwell.toml" if name == DWELL else name)

@@ -82,11 +82,13 @@ def let_signals_end_the_process():
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_worker_processes_end_with_their_sweep(number, tmp_path):
-    """A sweep of 90000 designs with two workers gets a signal before its first part.
+    """A signal ends a sweep with all its worker processes.
 
-    SIGINT goes to all processes, as Ctrl-C from a terminal; the others go to the first
-    alone. All workers end, and none writes after the first has ended. SIGTERM and SIGINT
-    leave a message of one line and the exit status of shells, 128 plus the signal.
+    A sweep of 90000 designs with two workers gets the signal before its first part is
+    complete. SIGINT goes to all processes, as Ctrl-C from a terminal; the others go to the
+    first process alone. All workers end, and none writes after the first process has ended.
+    SIGTERM and SIGINT leave a message of one line and the exit status of shells, 128 plus
+    the signal.
     """
     words = ["sweep", "four_bar", "--vary", "links.2.arc=10:20:300", "--workers", "2"]
     words += ["--vary", "links.3.arc=0:90:300", "--reduce", "max(rate_41)", "-q", "-o"]
@@ -140,11 +142,12 @@ def test_worker_processes_end_with_their_sweep(number, tmp_path):
 def test_commands_end_well_where_streams_are_closed_full_or_endless(
     words, redirection, status, fragment, tmp_path
 ):
-    """A command of bash with redirected streams: exit status, and a fragment of stderr.
+    """Commands end with the right status where streams are closed, full or endless.
 
-    Nothing is on standard output, there is no traceback, and files are written even if
-    their list cannot be printed. `>&-` closes a stream, `/dev/full` takes nothing, `| true`
-    reads nothing, and `< <(yes)` does not end.
+    They are run by bash with a redirection. Expected are the exit status and a fragment of
+    stderr. Nothing is on standard output, there is no traceback, and files are written even
+    if their list cannot be printed. `>&-` closes a stream, `/dev/full` takes nothing, `|
+    true` reads nothing, and `< <(yes)` does not end.
     """
     file = Path(__file__).parent.parent / "mechanisms" / "four_bar.toml"
     (tmp_path / "four_bar.toml").write_bytes(file.read_bytes())
@@ -219,10 +222,11 @@ def test_usable_memory_is_below_a_limit_of_the_address_space():
 def test_usable_memory_is_the_limit_of_an_enclosing_control_group(
     membership, limit_file, group, tmp_path, monkeypatch
 ):
-    """The process is in group a/b, which has no limit; the group a has 70000 bytes.
+    """Usable memory is the limit of the control group that encloses the process's group.
 
-    Files have the layout of Linux control groups: a line of `/proc/self/cgroup`, and a file
-    with the limit in the folder of each group.
+    Linux control groups limit the memory of processes. Here the process is in group a/b,
+    which has no limit; the group a has 70000 bytes. Files have the layout of Linux: a line
+    of `/proc/self/cgroup`, and a file with the limit in the folder of each group.
     """
     monkeypatch.setattr(resources, "GROUP_LIMITS", tmp_path)
     monkeypatch.setattr(resources, "GROUP_MEMBERSHIP", tmp_path / "cgroup")

@@ -111,7 +111,11 @@ def test_the_table_of_a_trade_is_aligned_and_explains_its_errors():
 
 
 def test_settings_that_do_not_apply_for_one_reason_share_a_line():
-    """Reasons that differ only in the name of the setting or in a number count as one."""
+    """Settings of a trade that do not apply for the same reason share a line of its table.
+
+    A trade has the time and the error of several settings, which are ways to compute a run.
+    Reasons that differ only in the name of the setting or in a number count as one.
+    """
     refused_engines = [
         Measured(name, None, reason=f"m: engine {name} finds rates by one input")
         for name in ("compiled", "extended")
@@ -140,12 +144,13 @@ def test_settings_that_do_not_apply_for_one_reason_share_a_line():
     ],
 )
 def test_the_chart_of_a_trade_shows_all_settings_and_the_chosen_one(tolerance):
-    """A tolerance is drawn as a line; the recommended setting is marked as taken.
+    """The chart of a trade has a line for the tolerance and a mark on the chosen setting.
 
     A trade has the time and the error of several settings, which are ways to compute a run.
     The chart shows the error of each setting over its time. Labels of curves name the
     settings, for example "numpy s 64". The recommended setting is the cheapest one that
-    meets the tolerance. If there is none, none is marked.
+    meets the tolerance; its mark has the label "taken". If no setting meets it, there is no
+    such mark.
     """
     trade = make_trade()
     # The other primitive is a text.
@@ -195,7 +200,11 @@ def test_a_trade_without_settings_has_a_chart():
 
 
 def test_output_paths_are_refused_before_anything_is_measured(tmp_path, capsys):
-    """A million samples would take minutes, so the refusal comes before them."""
+    """The command `trade` refuses paths that it cannot write before it measures anything.
+
+    A million samples would take minutes, so a late refusal would be noticed. Nothing is
+    written.
+    """
     file = tmp_path / "file"
     file.write_text("mine")
     for flags, message in [

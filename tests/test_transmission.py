@@ -39,6 +39,8 @@ DISTANCES_RAD = [0.0, 1e-12, 1e-10, 1e-8, 1e-5, 1e-3, 0.1]
 def compute_axes(mechanism, values):
     """Return axes of R pairs, and directions of the output, for rows of pair angles.
 
+    R pairs are revolute joints; a row is one configuration.
+
     Returns
     -------
     axes
@@ -59,11 +61,11 @@ def compute_axes(mechanism, values):
 def measure_by_velocity_equations(mechanism, values):
     """Return the measure (n,) of type II from the velocity equations of all links.
 
-    The misfit is the norm of the relative angular velocities that the pairs do not allow.
-    The measure is the least misfit at unit rate of the output with the inputs locked,
-    divided by that with all pairs locked. It is 0 at a singularity of type II, where the
-    output can move although the inputs are locked, and at most 1. `values` (n, variables)
-    are the pair angles (rad).
+    It is the independent reference. The misfit is the norm of the relative angular
+    velocities that the pairs do not allow. The measure is the least misfit at unit rate of
+    the output with the inputs locked, divided by that with all pairs locked. It is 0 at a
+    singularity of type II, where the output can move although the inputs are locked, and at
+    most 1. `values` (n, variables) are the pair angles (rad).
     """
     # Unit vectors of the pair axes, and the directions of the output if it is a direction
     # (None if it is an orientation). Rates about the direction do not count.
@@ -121,8 +123,10 @@ def rotation_of_the_paper():
 def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
     """All analyses have the same measure of type II as the velocity equations.
 
-    The analyses are inverse kinematics, singularities, workspace, and rotation about a
-    fixed axis. The measure is 0 at a singularity of type II, and at most 1.
+    The measure is 0 at a singularity of type II, where the output can move although the
+    inputs are locked, and at most 1. The analyses are inverse kinematics, singularities,
+    workspace, and rotation about a fixed axis. `solve_random_poses` solves the inverse
+    kinematics of random poses.
 
     The workspace also has a measure of type I. The arcsines of both measures are angles to
     the singularities. At least 8 degrees are asked for. The margin of a pose is the smaller
@@ -178,10 +182,11 @@ def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
 ):
     """Every analysis has the same measure of type II near a singularity.
 
-    The path of the paper (Chen et al. 2021) crosses a singularity of type II: the links can
-    move although both inputs stand still. The measure is about 0.6315 times the angle (rad)
-    along the path from the crossing. This factor was computed in 50 digits. Status and type
-    follow from the measure. Differences below 2e-14 are rounding.
+    The path of the paper (Chen et al. 2021) crosses a singularity of type II: the output
+    can move although both inputs stand still. The measure is 0 there; it is about 0.6315
+    times the angle (rad) along the path from the crossing. This factor was computed in 50
+    digits. Status and type follow from the measure. Differences below 2e-14 are rounding.
+    `rotation_of_the_paper` is this path.
     """
     mechanism = sk.load("two_dof_spm")
     (crossing,) = rotation_of_the_paper.crossings
@@ -280,10 +285,10 @@ def test_the_measure_does_not_depend_on_the_frame_or_the_ground(name):
 def test_turning_about_the_direction_of_an_output_does_not_count_as_motion():
     """An output that only turns about its own direction does not count as moving.
 
-    In a five-bar whose cranks are locked, both couplers (links 3 and 4) are in line. Link 3
-    can then turn about the axis of the pair at the end of its crank. This axis is the
-    direction of the output here, which does not move. The measure of type II would be 0 if
-    the output could move. It is not nearly 0, and it is nearly the same as for couplers
+    The output of a five-bar is a direction of link 3: the axis of the pair at the end of
+    its crank. The cranks are locked, and both couplers (links 3 and 4) are in line. Link 3
+    can then turn about this axis, so the direction does not move. The measure of type II
+    would be 0 if the output could move. It is above 0.1, and nearly the same for couplers
     that are not quite in line.
     """
     mechanism = sk.load("five_bar")

@@ -49,10 +49,10 @@ def read_sample(evidence, sample):
 def compare(notes, inputs_text, first, second):
     """Note configurations that one of two sources has and the other lacks.
 
-    Each source makes its own claim of completeness. If it claims that it has all
-    configurations, a missing one is a contradiction. With a weaker claim (a sampled search)
-    it is noted as not found, which is no fault. A source without a claim may lack any
-    number.
+    A source is an independent way to find all configurations at an input, with its own
+    claim of completeness. If it claims that it has all configurations, a missing one is a
+    contradiction. With a weaker claim (a sampled search) it is noted as not found, which is
+    no fault. A source without a claim may lack any number.
 
     Parameters
     ----------
@@ -91,10 +91,11 @@ def describe_inputs(q):
 
 @check("run and curves", "a run and the configuration curves have the same modes")
 def run_and_curves(evidence, notes):
-    """Compare the rows of some samples with the points of curves at the same input.
+    """Compare the configurations of a run with points of curves at the same inputs.
 
-    Configuration curves are followed independently of samples, over the whole range of the
-    only input. Mechanisms with several inputs have no such curves.
+    Some samples of the run are compared. Configuration curves are followed independently of
+    samples, over the whole range of the only input. Mechanisms with several inputs have no
+    such curves.
 
     Parameters
     ----------
@@ -106,9 +107,9 @@ def run_and_curves(evidence, notes):
         return
     position_analysis = evidence.position_analysis
     curves = evidence.configurations
-    # With wheels in mesh, another configuration can follow after a revolution of the input.
-    # The curves continue over several revolutions, so they may have more configurations at
-    # an input than the run. The run is then not compared with its claim of completeness.
+    # With wheels in mesh, curves go on over several revolutions of the input and may have
+    # more configurations at an input than a run. The run is then not required to be
+    # complete.
     has_wheels = any(pair.type == "Cr" for pair in position_analysis.mechanism.pairs)
     run_claim = None if has_wheels else position_analysis.claim
     variable = position_analysis.solver.input_variable
@@ -131,11 +132,12 @@ def run_and_curves(evidence, notes):
 
 @check("run and forward", "forward kinematics finds the modes that a run has")
 def run_and_forward(evidence, notes):
-    """Compare the rows of three samples with all configurations found at each input.
+    """Compare the configurations of a run with all those found at an input alone.
 
-    Forward kinematics solves for all configurations at the inputs of a single sample,
-    whereas a run follows assembly modes from sample to sample. Configurations beside a dead
-    centre (by their condition number) are left out, because rounding decides on them.
+    Three samples of the run are compared. Forward kinematics solves for all configurations
+    at the inputs of a single sample, whereas a run follows assembly modes (ways to assemble
+    the links) from sample to sample. Configurations beside a dead centre (by their
+    condition number) are left out, because rounding decides on them.
 
     Parameters
     ----------
@@ -163,10 +165,11 @@ def run_and_forward(evidence, notes):
 
 @check("whole turns", "a range a whole turn on has the same modes, without wheels in mesh")
 def whole_turns(evidence, notes):
-    """Compare the rows of three samples with those of the range moved by a turn.
+    """Compare the configurations of a run with those of its range moved by a whole turn.
 
-    Without wheels the configurations at an input repeat after a whole turn. Rolling
-    contacts (Cr) can have rolled on by then, so such mechanisms are left out.
+    Three samples are compared. Without wheels the configurations at an input repeat after a
+    whole turn. Rolling contacts (Cr) can have rolled on by then, so such mechanisms are
+    left out.
 
     Parameters
     ----------

@@ -4,7 +4,7 @@ from rerun.chunk import RrdReader
 
 
 def read_recording_columns(path, static=False):
-    """Return the columns of a recording.
+    """Return the columns of a recording (file for the viewer Rerun), for tests.
 
     Parameters
     ----------
@@ -17,9 +17,9 @@ def read_recording_columns(path, static=False):
     Returns
     -------
     dict
-        List of the values of all rows, by path of the entity and name of the component
-        ("Scalars:scalars") or timeline ("sample"). Data logged for each sample are in the
-        order of the samples.
+        List of the values of all rows, by path of the entity (what is shown) and name of
+        the component ("Scalars:scalars") or timeline ("sample"). Data logged for each
+        sample are in the order of the samples.
     """
     columns = {}
     chunks = [chunk for chunk in RrdReader(path).stream() if chunk.is_static == static]

@@ -36,9 +36,9 @@ LINKS_WITH_FURTHER_AXES = ("base", "crank", "rocker")
 def four_bar_with_further_axes(name, links="", pairs="", **third_axes):
     """Return a four-bar with additional axes on its links, and links that use these axes.
 
-    The mechanism file is made from the template `FOUR_BAR`. Its links have two axes and one
-    arc. The template has three gaps in each of the links base, crank and rocker, for the
-    name, the arc and the angle of a third axis.
+    Its file is filled in from the template `FOUR_BAR`, in which links have two axes and one
+    arc. The template has gaps in the links base, crank and rocker for a third axis: its
+    name, arc and angle.
 
     Parameters
     ----------
@@ -91,9 +91,9 @@ def second_rod_by_axes():
 def double_cross():
     """Return Hooke's joint (shafts at 35 deg) with a second cross on the same axes.
 
-    The fork on the input shaft carries a and b, and the driven fork c and d, where b lies
-    on a and d on c. Both crosses have arms at 90 deg, so the second one repeats the
-    constraint of the first.
+    The fork on the input shaft has the axes a and b, and the driven fork c and d. The axis
+    b coincides with a, and d with c. Both crosses have arms at 90 deg, so the second one
+    repeats the constraint of the first.
     """
     text = (
         HEAD.format(name="double_cross")
@@ -117,11 +117,11 @@ out = { type = "R", links = ["base", "driven"] }
 
 
 def five_bar_with_second_rod():
-    """Return a five-bar with two inputs, in which two equal rods join "one" and "other".
+    """Return a five-bar with two inputs, in which two equal rods join two of its links.
 
-    The second rod turns about the same axes as the first and repeats its constraint. Arcs
-    are in degrees, from the first axis of a link to each of its other axes; `angles` are
-    those between the second arc and the first.
+    These links are "one" and "other". The second rod turns about the same axes as the first
+    and repeats its constraint. Arcs are in degrees, from the first axis of a link to each
+    of its other axes; `angles` are those between the second arc and the first.
     """
     text = (
         HEAD.format(name="five_bar_b")

@@ -48,14 +48,14 @@ def with_point_masses(name):
 def with_masses_and_loads(name, random):
     """Return a shipped mechanism with masses on all links and one load of every kind.
 
-    `moments` and `bearing_forces` evaluate exactly these loads by hand.
+    Masses are random. `moments` and `bearing_forces` evaluate exactly these loads by hand.
 
     Returns
     -------
     mechanism
         Mechanism with masses and loads.
     joint
-        Name of the R pair with motor, spring, damper and friction.
+        Name of the R pair (revolute joint) with motor, spring, damper and friction.
     """
     mechanism = sk.load(name)
     moving = mechanism.links[1:]
@@ -80,6 +80,8 @@ def with_masses_and_loads(name, random):
 
 def newton_euler_arguments(found, row, joint):
     """Return the positional arguments of `newton_euler` for a row of inverse dynamics.
+
+    `newton_euler` is the independent reference. A row is one instant.
 
     Parameters
     ----------
@@ -317,7 +319,8 @@ def relative_rate_row(link_count, a, b, vector):
 def moments(mechanism, orientations, w, angle, t, joint):
     """Return the moments (links, 3) of the loads of `with_masses_and_loads`, in N m.
 
-    Written by hand, load by load.
+    They are about the centre of the sphere, in ground axes, and written by hand, load by
+    load.
 
     Parameters
     ----------

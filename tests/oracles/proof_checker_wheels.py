@@ -37,7 +37,7 @@ MAX_PAIRS = 6
 
 
 class RollingCircles(NamedTuple):
-    """The two circles of a rolling contact.
+    """The two circles on the unit sphere that roll on each other at a contact of wheels.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class RollingCircles(NamedTuple):
 
 
 class PairOnPath(NamedTuple):
-    """An R pair on the path from one link to another.
+    """An R pair (revolute joint) on the path of pairs from one link to another.
 
     Attributes
     ----------
@@ -85,10 +85,12 @@ class Wheels:
     def __init__(self, certificate):
         """Read the links, the contacts, and the stated rates of all pairs by the inputs.
 
-        R pairs must join all links without a loop. `rates` has for each of them one ball (a
-        number with an error bound) per input: the rate of the pair while only this input
-        turns, at unit rate. The certificate states the rates of the followers, the pairs
-        that are no inputs, as numbers ("ratios") with a bound of their error ("off").
+        A certificate is the file of a proof. R pairs (revolute joints) must join all links
+        without a loop. `rates` has for each of them one ball (a number with an error bound)
+        per input: the rate of the pair while only this input turns, at unit rate. The
+        certificate states the rates of the followers, the pairs that are no inputs, as
+        numbers ("ratios") with a bound of their error ("off"). `need` refuses the
+        certificate with a message if a condition is false.
         """
         # The links may have rolling contacts, which this check does not use to place them.
         self.sizes = Sizes(
@@ -113,7 +115,11 @@ class Wheels:
         need(len(self.sizes.ends) == len(self.sizes.links) - 1, "a loop of R pairs")
 
     def path_of_pairs(self, start, goal):
-        """Return the pairs from one link to another in order, as a list of `PairOnPath`."""
+        """Return the pairs from one link to another in order, as a list of `PairOnPath`.
+
+        The links are searched breadth first from the start. R pairs join all links without
+        a loop, so there is one path only.
+        """
         path_by_link = {start: []}
         waiting = [start]
         for link in waiting:
@@ -139,9 +145,9 @@ class Wheels:
     def circles_of(self, contact):
         """Return the two circles of a rolling contact, as `RollingCircles`.
 
-        The file gives circles by their centres and radii, or cones by their axes and their
-        numbers of teeth or half angles. Sizes are balls with the uncertainty of the file
-        (`sizes.slack`).
+        The file has circles by their centres and radii, or cones by their axes and their
+        numbers of teeth or half angles. Sizes are balls (numbers with an error bound) with
+        the uncertainty of the file (`sizes.slack`).
         """
         item = self.sizes.data["pairs"][contact]
         # In an internal contact the first circle lies within the second.
@@ -217,15 +223,16 @@ class Wheels:
         """Return the gap of two circles, and the slip that each pair between them causes.
 
         The circles roll if they touch, and if the angular velocity of one relative to the
-        other has no part across the contact line. The slip is the cross product of the
-        angular velocity with this line.
+        other has no part across the contact line (from the centre of the sphere to the
+        contact). The slip is the cross product of the angular velocity with this line.
 
         Parameters
         ----------
         contact
             Name of the rolling contact.
         angles
-            Angles (balls, rad) of the pairs on the path from the first wheel to the second.
+            Angles (rad) of the pairs on the path from the first wheel to the second, as
+            balls (numbers with an error bound).
 
         Returns
         -------
@@ -244,12 +251,15 @@ class Wheels:
         return gap, slip
 
     def _place_path(self, path, angles):
-        """Return the axes of all pairs on a path in its first link, and its last link.
+        """Return the axes of all pairs on a path, and the rotation of its last link.
+
+        Both are relative to the first link of the path.
 
         Parameters
         ----------
         path, angles
-            Pairs in order (`PairOnPath`), and the angle (ball, rad) of each.
+            Pairs in order (`PairOnPath`), and the angle (rad) of each as a ball, a number
+            with an error bound.
 
         Returns
         -------
@@ -259,7 +269,7 @@ class Wheels:
         rotation
             (3, 3) rotation from the axes of the last link to those of the first.
         """
-        # It leads from the link before the next pair to the first link.
+        # From the axes of the link reached so far to those of the first link.
         rotation = ball(np.eye(3))
         axis_by_pair = {}
         for step, angle in zip(path, angles, strict=True):
@@ -275,10 +285,10 @@ class Wheels:
 
 
 def contact_line(circles, first_centre, second_centre):
-    """Return a vector (3,) along the line from O to the contact point of two circles.
+    """Return a vector (3,) along the line from the sphere's centre to a rolling contact.
 
-    With the centres a and b and the radii r and s, it is sin(s) a + sin(r) b, or
-    -sin(s) a + sin(r) b if the first circle lies within the second.
+    With the centres a and b of the circles and their radii r and s, it is sin(s) a + sin(r)
+    b, or -sin(s) a + sin(r) b if the first circle lies within the second.
 
     Parameters
     ----------
@@ -295,9 +305,10 @@ def contact_line(circles, first_centre, second_centre):
 def check_wheels(certificate):
     """Check a certificate that wheels roll at the stated ratios, and at no others.
 
-    No other ratios are possible if the slips of the followers, the pairs whose ratios the
-    certificate states, are linearly independent: a combination of them with other ratios
-    would then not be zero.
+    A certificate is the file of a proof. It states the ratios of the followers (pairs that
+    are no inputs). Suppose other ratios were possible: then a combination of the followers'
+    slips would be zero. No others are possible if these slips are linearly independent.
+    `check_rolling` returns the slip of each pair at a contact.
     """
     ctx.prec = 80  # bits of all balls
     wheels = Wheels(certificate)
@@ -320,11 +331,11 @@ def check_rolling(wheels, contact):
     They roll if their circles touch and the slips of all pairs between them, at the stated
     rates of the pairs, add up to zero. Gap and slip are trigonometric polynomials of degree
     2 in the angle of each pair, so values at five angles of each pair bound them at all
-    angles.
+    angles. `need` refuses the certificate if a condition is false.
 
-    The result are the slips by pair in one of these positions, each at unit rate of its
-    pair. Ratios that hold in all positions hold in this one. If they are the only ones
-    here, there are no others.
+    The result has the slip of each pair at unit rate, in the last of these positions. Any
+    one position is enough for the caller. Ratios that hold in all positions hold there too,
+    so if they are the only ones there, they are the only ones at all.
     """
     path = wheels.path_between_wheels(contact)
     need(len(path) <= MAX_PAIRS, "too many pairs between two wheels")
