@@ -266,11 +266,11 @@ def test_the_command_prints_the_best_designs_of_each_figure(capsys):
     vary = ["--vary", "links.2.arc=10,15,20", "--reduce", "swing=swing(theta_41)"]
     assert main(["sweep", "four_bar", *vary, "--samples", "91"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    (largest,) = [line.split() for line in lines if "largest" in line]
-    (smallest,) = [line.split() for line in lines if "smallest" in line]
-    assert largest[:3] == ["swing", "(deg)", "largest"]
-    assert (largest[-1], smallest[-1]) == ("20", "10")
-    assert float(largest[3]) > float(smallest[1])
+    (highest,) = [line.split() for line in lines if "highest" in line]
+    (lowest,) = [line.split() for line in lines if "lowest" in line]
+    assert highest[:3] == ["swing", "(deg)", "highest"]
+    assert (highest[-1], lowest[-1]) == ("20", "10")
+    assert float(highest[3]) > float(lowest[1])
 
 
 ACTED = mechanism_text("sweeps_acted")
