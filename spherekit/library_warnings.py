@@ -51,8 +51,8 @@ def warnings_as_sentences(
         if category is UserWarning:
             report(f"warning: {text}")
             return
-        # Rows of result tables that lack numbers state the reason as a status. Other rows
-        # count as valid, so the user should check them.
+        # A row of a result table that lacks numbers has a status, which states the reason.
+        # The unexpected warning may concern rows without a status too.
         report(
             f"warning: {_name_library(filename)} reports: {text}; spherekit did not expect "
             "this warning, which may concern results; check results that have no status; "

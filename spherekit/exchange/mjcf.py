@@ -180,14 +180,12 @@ class MujocoModel:
                 self._loaded_loop_hinges.append(reversed_hinge)
             else:
                 self._loaded_loop_hinges.append(hinge)
-        # Each hinge has a child: a link, or a body that replaces a contact. The last
-        # argument is the link of each twin, by the pair that moves the twin.
-        added_bodies = [hinge.child for hinge in self._rigid_bodies.hinges]
-        self._names = name_elements(
-            mechanism,
-            list(dict.fromkeys([*mechanism.links, *added_bodies])),
-            {hinge.pair: hinge.child for hinge in self._loaded_loop_hinges},
-        )
+        # Bodies are the links and the couplers. A coupler is a body without mass between
+        # the centres of two circles that slide on each other. It replaces their contact.
+        children = [hinge.child for hinge in self._rigid_bodies.hinges]
+        body_names = list(dict.fromkeys([*mechanism.links, *children]))
+        link_by_twin_pair = {hinge.pair: hinge.child for hinge in self._loaded_loop_hinges}
+        self._names = name_elements(mechanism, body_names, link_by_twin_pair)
         self._link_shapes = link_shapes(mechanism)
         self.notes = tuple(self._write_notes())
 
@@ -399,31 +397,32 @@ class MujocoModel:
 
         The method calls itself for each new body, so it builds the whole tree of bodies.
 
-        A pair (joint) that closes a loop is a constraint of MuJoCo. Springs and torques act
-        only at joints. If such a load acts at the pair, its link gets a second body (twin)
-        on a joint. `_add_loops` welds both bodies of the link together. Each of them gets a
-        part of the inertia (`_add_inertia`). Twins are not drawn.
+        A hinge joins a child (body) to its parent, which is already in the tree. Hinges
+        that close loops are not in the tree. If a load acts at such a hinge, it gets a
+        child of its own: a second body of the link `hinge.child`, called twin. `_add_loops`
+        welds the twin to the first body of the link. Each of them gets a part of the
+        inertia (`_add_inertia`). Twins are not drawn.
 
         Parameters
         ----------
         parent_element
             Element of the body on which the new bodies hang.
         parent
-            Name of the link of this body.
+            Name of this body, as in `hinge.parent`.
         """
         inertia_by_link = {body.link: body for body in self._rigid_bodies.bodies}
         for hinge in [*self._rigid_bodies.hinges, *self._loaded_loop_hinges]:
             if hinge.parent != parent:
                 continue
             is_twin = hinge in self._loaded_loop_hinges
-            name = (
-                self._names.twins[hinge.pair]
-                if is_twin
-                else self._names.bodies[hinge.child]
-            )
+            if is_twin:
+                name = self._names.twins[hinge.pair]
+            else:
+                name = self._names.bodies[hinge.child]
             body = _add(parent_element, "body", name=name)
-            # The pose of a body in MJCF is relative to its parent, and the axis of a joint
-            # is in the axes of its body.
+            # `rotation` leads from the axes of the body to ground axes, and `hinge.axis` is
+            # in ground axes. The file states the rotation of a body relative to its parent,
+            # and the axis of a joint in the axes of its body.
             rotation = self._rotation_of(hinge.child)
             _set_rotation(body, self._rotation_of(parent).T @ rotation)
             _add(
@@ -461,7 +460,8 @@ class MujocoModel:
         body
             Element of the body.
         inertia
-            Inertia of the whole link in ground axes.
+            Inertia of the whole link in ground axes. Its tensor is about the centre of
+            mass.
         """
         twin_count = sum(hinge.child == inertia.link for hinge in self._loaded_loop_hinges)
         share = 1.0 / (1 + twin_count)
@@ -484,9 +484,9 @@ class MujocoModel:
             fullinertia=elements,
         )
         if not inertia.is_stated:
-            # The file states no mass or only the tensor of this link. Mass and centre were
-            # chosen to match the tensor about the centre of the sphere. Their weight is not
-            # a load of the mechanism, so MuJoCo cancels gravity at this body.
+            # The mechanism file does not state mass and centre of this link. The export has
+            # chosen them. Their weight is not a load of the mechanism, so MuJoCo cancels
+            # gravity at this body.
             body.set("gravcomp", "1")
 
     def _add_appearance(self, body: Element, link: str) -> None:
@@ -501,8 +501,7 @@ class MujocoModel:
         body
             Element of the body.
         link
-            Name of the link. Nothing is drawn for a body that is not a link of the
-            mechanism: it replaces the contact of two circles that slide on each other.
+            Name of the link. Nothing is drawn if the mechanism has no link of this name.
         """
         mechanism = self._mechanism
         radius = self._radius
@@ -534,7 +533,9 @@ class MujocoModel:
                     size=_format_drawn(PIN_RADIUS_RATIO * radius),
                     rgba="1 0.77 0 1",
                 )
-        for load, _ in self._loads.actuator_loads:
+        # In MuJoCo an actuator exerts each of these loads. The actuator of a force or
+        # moment on a link acts at a site of its body.
+        for load, _actuator_attributes in self._loads.actuator_loads:
             if isinstance(load, PointForce | Moment) and load.link == link:
                 # A moment has no point of action, so its site is at the centre.
                 point = load.point if isinstance(load, PointForce) else np.zeros(3)

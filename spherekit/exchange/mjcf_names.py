@@ -29,11 +29,14 @@ class ModelNames:
         load acts at such a pair, one of its links gets a twin. The pair is the joint of the
         twin, and a weld between twin and link closes the loop.
     output_sites
-        Names of the sites (marked points) of outputs (observed links), by the outputs.
+        Names of the sites of outputs (observed links), by the outputs. A site is a marked
+        point of a body, with axes.
     load_sites
-        Names of sites at which loads act, by the loads.
+        Names of the sites at which forces and moments act, by the loads. Each is on the
+        body of the loaded link.
     axes_sites
-        Names of the sites whose axes are the ground axes for a load, by the loads.
+        Names of further sites, by the loads. Each is on the ground. MuJoCo reads the
+        components of a force or moment in the axes of this site.
     load_actuators
         Names of actuators, by the loads that they exert. Actuators of inputs have the names
         of their pairs.

@@ -121,9 +121,9 @@ class ModeCandidate:
         The n known configurations, in the order of the inputs. Their loops are well
         conditioned.
     values
-        (n, variables) pair variables (rad) in these configurations. If links between
-        centres of circles replace contacts in the formulas, the variables are those of the
-        linkage with these links.
+        (n, variables) pair variables (rad) in these configurations. For contacts of
+        circles, the formulas belong to an equivalent linkage without contacts. The
+        variables are then those of this linkage.
     interval
         (n,) number of the interval of each configuration.
     mode_values
@@ -588,8 +588,8 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     """Return the sign of each dyad (two links and three R pairs) in one assembly mode.
 
     A dyad can be assembled in two ways. Its sign, that of the triple product of its three
-    axes, tells which one. The formulas belong to an equivalent linkage, in which links
-    between the centres of circles replace contacts.
+    axes, tells which one. If the mechanism has contacts of circles, the formulas belong to
+    an equivalent linkage: a link between the centres replaces the contact.
 
     Parameters
     ----------
@@ -606,18 +606,18 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     Raises
     ------
     ModeProblem
-        If a dyad changes its sign within the mode. This is possible where another dyad
-        changes its sign at the same input.
+        If a dyad changes its sign within the mode.
     """
     mechanism = terms.mechanism
-    # (n, variables, 3) direction of the axis of each variable
-    vectors = (
-        Closure.of_mechanism(mechanism, make_joints(mechanism)).linearise(values).vectors
-    )
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
+    # (n, variables, 3) unit vector along the axis of each variable, in each configuration
+    axis_by_variable = closure.linearise(values).vectors
     signs: list[float] = []
     # In closed form every group is a dyad.
     for group in terms.structure.assembly.groups:
-        axes = vectors[:, [mechanism.variables_of(pair)[0] for pair in group.pairs]]
+        # The three pairs are R pairs, which have one variable each.
+        dyad_variables = [mechanism.variables_of(pair)[0] for pair in group.pairs]
+        axes = axis_by_variable[:, dyad_variables]  # (n, 3, 3)
         triple_products = np.linalg.det(axes)  # (n,)
         # At a dead centre the triple product is zero. The largest one is farthest from it,
         # so its sign is the most reliable.

@@ -166,12 +166,15 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         # Lines that shift q into the range of the input by whole periods.
         moved_template=PYTHON_MOVED_INPUT_TEMPLATE,
     )
-    # The mode values at q are a variable of the written function.
-    returned = _nan_where_q_is_nan(f"{source.mode_argument}_there")
+    # The written function has a local variable with the mode values at q. Its name is
+    # "mode_there" if the argument for mode values of the other functions is "mode".
+    variable_name = f"{source.mode_argument}_there"
+    returned = _nan_where_q_is_nan(variable_name)
     input_lines = ""
     docstring_end = ""
     has_closed_form = not source.formulas.step
     if not has_closed_form:
+        # The written function then has a second table, `inputs`, like `places`.
         returned += ", " + _nan_where_q_is_nan("inputs[interval, mode]")
         input_lines = f"    inputs = np.array(\n        {texts.known_inputs}\n    )\n"
         docstring_end = KNOWN_INPUTS_TEXT

@@ -98,8 +98,7 @@ class RigidBodies(NamedTuple):
         constant distance. Its hinge at the centre of the first circle joins it to the first
         link.
     bodies
-        Inertia of the bodies. Body k is the child of hinge k. The own axes of a coupler are
-        the ground axes.
+        Inertia of the bodies. Body k is the child of hinge k.
     loop_hinges
         The R pairs that close loops, and the second hinge of each coupler, at the centre of
         the second circle.

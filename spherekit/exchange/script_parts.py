@@ -98,7 +98,9 @@ def smooth_mode_texts(
     """Return the table of mode values by intervals of the input, as source code.
 
     Mode values are numbers that select an assembly mode (way to assemble the mechanism) in
-    the formulas. Where curves of configurations cross, a mode gets other mode values.
+    the formulas. A mode can have other mode values in another interval of the input. Each
+    interval and mode also has a known input: an input at which a configuration with these
+    mode values is known.
 
     Parameters
     ----------

@@ -94,6 +94,8 @@ def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
         # `path[0]` is the table of the file, and `ACTIONS` are the tables of masses and
         # loads.
         is_mass_or_load = variable.path[0] in ACTIONS
+        # `is_angle` is true for the first kind: arcs, angles, and the longitudes and
+        # latitudes of axes and directions.
         is_fixed = not variable.is_angle and not is_mass_or_load
         # The size is changed a little, to see whether the contact profiles change with it.
         # A size for which no change is possible (None) is refused.
@@ -272,7 +274,11 @@ def _compute_least_effects(
     -------
     (r,) smallest change that counts as an effect, in the unit of the result.
     """
-    units = [*formulas.results.values(), *("" for _ in formulas.step)]
+    result_units = list(formulas.results.values())
+    # Variables after a step of Newton's method are angles. They have the empty unit here,
+    # which is one of the `KINEMATIC_UNITS` like "rad".
+    variable_units = [""] * len(formulas.step)
+    units = result_units + variable_units
     # A result that is zero up to rounding has no scale of its own. For angles and velocity
     # coefficients a smallest scale is known, so that rounding errors do not count as
     # effects.

@@ -58,8 +58,9 @@ def _head_lines(source: FormulaSource) -> Iterator[str]:
     for reason, names in formulas.mode_table.left_out_by_reason().items():
         text = f"  not written: {', '.join(names)}: {reason}"
         yield from wrap(text, LINE_WIDTH, subsequent_indent="    ")
-    # Zero if the formulas were not compared with the mechanism.
-    if formulas.mode_table.compared:
+    # The number of inputs at which the formulas were compared with the mechanism.
+    compared_inputs = formulas.mode_table.compared
+    if compared_inputs > 0:
         yield from wrap(_comparison_sentences(source), LINE_WIDTH)
 
 
@@ -77,6 +78,7 @@ def _argument_lines(source: FormulaSource) -> Iterator[str]:
     if formulas.step:
         mode_notes = ["rad"] * len(formulas.mode_value_names)
     else:
+        # There is one sign for each dyad. Its note names the middle pair of the dyad.
         mode_notes = [_sign_note(formulas, pair) for pair in formulas.middle_pairs]
     notes_by_array = {
         "motion": [(argument.name, argument.unit) for argument in formulas.motion],

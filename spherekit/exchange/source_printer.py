@@ -198,12 +198,11 @@ class FormulaSource:
     def smooth_mode_fields(self) -> dict[str, Any]:
         """Names and numbers that are inserted in the template of `smooth_function`.
 
-        `smooth_function` is a function of the generated source. It selects an assembly mode
-        (way to assemble the mechanism) by a few numbers, the mode values. If a mode follows
-        its smooth curve where curves of configurations cross, its mode values change there.
-        The source therefore divides the range of the input into intervals. It has a table
-        with a row of mode values for each interval and mode. The function returns the row
-        for a mode and an input. Keys of the result are:
+        `smooth_function` is a function of the generated source. An assembly mode (way to
+        assemble the mechanism) is selected by a few numbers, its mode values. They are
+        constant only within an interval of the input. The function has a table with a row
+        of mode values for each interval and mode. It returns the row for a mode and an
+        input. Keys of the result are:
 
         - ``name``, ``mode``: names of the function and of the argument that selects a mode,
         - ``low``, ``high``, ``period``: range and period of the input (rad), as text,

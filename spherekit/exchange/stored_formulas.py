@@ -88,9 +88,9 @@ def profile_table(
     """Return the functions of a contact profile as a stored series.
 
     A profile is the curve along which the contact point moves on one link. A stored series
-    evaluates several functions of its arc length s as Chebyshev series. They are the
-    components of the tangent and of the point (unit vectors), the geodesic curvature k,
-    dk/ds and d2k/ds2. Derivatives of expressions with dk/ds contain the last one.
+    evaluates nine functions of its arc length s as Chebyshev series. They are the
+    components of the tangent (3) and of the point (3), which are unit vectors, the geodesic
+    curvature k, dk/ds and d2k/ds2.
 
     The variable of the contact is s minus the value of s at which the variable is zero
     (`start`).
@@ -103,16 +103,14 @@ def profile_table(
     configuration_symbols
         Symbols of all pair variables.
     """
-    # The symbols of the nine functions (3 + 3 components and 3 curvatures), in the order of
-    # their series.
+    # The symbols of the nine functions in this order. The last one is that of d2k/ds2.
     function_symbols: Any = (*profile_side.contact_symbols, profile_side.last_derivative)
     profile_series = profile_side.series
-    # The curve, with the number of its pair variable (`variable`) and `start`.
-    contact_profile = profile_side.track
+    variable_number = profile_side.track.variable
     return SeriesTable(
         terms=function_symbols,
-        variable=configuration_symbols[contact_profile.variable],
-        start=contact_profile.start,
+        variable=configuration_symbols[variable_number],
+        start=profile_side.track.start,
         series=_append_last_derivative(profile_series.series),
         length=profile_series.length,
         closed=profile_series.closed,

@@ -45,6 +45,10 @@ class UrdfContent:
 def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
     """Return the MuJoCo model of a URDF, with constraints for loops and transmissions.
 
+    In a transmission with two motors and two joints, each motor turns a sum of both joint
+    angles. A wheel (`DrivenWheel`) is added to the model for each of these motors. The
+    result also has the axes of loop joints, each in the axes of its first link.
+
     Parameters
     ----------
     mujoco

@@ -36,9 +36,12 @@ def express_masses(
     """Return the masses of a mechanism as expressions of the numbers that can vary.
 
     A mass consists of an inertia tensor, and often an amount (kg) and a centre of mass. It
-    becomes an expression if one of its numbers in the file has an expression. It also
-    becomes one if the file states it by axes of pairs (joints) whose directions depend on
-    sizes of links. All other masses are returned unchanged.
+    becomes an expression if one of its numbers in the file has an expression.
+
+    The file can also refer to axes of pairs (joints). It can state a mass as a uniform arc
+    between two axes, or a tensor in a frame of two axes. The mass then becomes an
+    expression if the sizes of links change these axes. All other masses are returned
+    unchanged.
 
     Parameters
     ----------

@@ -215,8 +215,12 @@ def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
         )
     except OSError:
         return f"{path}: not found, and its folder {folder} cannot be read"
-    hint = nearest(path.name, nearby_files) or nearest(path.stem, [*names, *studies])
-    message = f"{path}: not found{hint or '.'}"
+    # A suggestion is "; did you mean ...?", or an empty text.
+    suggestion = nearest(path.name, nearby_files)
+    if not suggestion:
+        suggestion = nearest(path.stem, [*names, *studies])
+    message = f"{path}: not found"
+    message += suggestion or "."
     if nearby_files:
         folder_words = "the current folder" if folder == Path() else folder
         message += f" Files in {folder_words}: {listing(nearby_files)}."

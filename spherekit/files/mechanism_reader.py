@@ -167,8 +167,9 @@ def mechanism_from_document(document: Document) -> Mechanism:
     ------
     FileError
         If the values of the file contradict each other. The message has the line and the
-        key. If the data come from a program and not from a text, the error is a
-        `ModelError`.
+        key.
+    ModelError
+        The same, if the data come from a program and not from the text of a file.
     """
     try:
         # Angles are converted to rad, directions to unit vectors.
@@ -176,18 +177,29 @@ def mechanism_from_document(document: Document) -> Mechanism:
         # Angles are now in rad. Actions are masses, loads and joint limits.
         return reader.add_actions(reader.mechanism())
     except ModelError as error:
-        # Messages of the model begin with the key, as in "pairs.21.links: ...", and have no
-        # line. The text of the key becomes a path such as ("pairs", "21", "links").
-        # `document.fault` finds the line of this path, and returns the error to raise.
         message = str(error).removeprefix(f"{document.data['name']}: ")
-        if key_message := _KEY_MESSAGE.fullmatch(message):
-            path = tuple(
-                int(index) if index else key
-                for key, index in _PATH_PART.findall(key_message[1])
-            )
-            if path[0] in document.data:
-                raise document.fault(path, key_message[2]) from None
+        path, message_after_key = _split_key_message(message)
+        # `document.fault` returns the error to raise: a `FileError` with the line of the
+        # path, or a `ModelError` if there is no text.
+        if path and path[0] in document.data:
+            raise document.fault(path, message_after_key) from None
         raise document.fault((), message) from None
+
+
+def _split_key_message(message: str) -> tuple[KeyPath, str]:
+    """Return the path of the key with which a message begins, and the rest of the message.
+
+    From "pairs.21.links: ..." follows the path ("pairs", "21", "links"). The path is empty
+    if the message does not begin with a key.
+    """
+    key_message = _KEY_MESSAGE.fullmatch(message)
+    if key_message is None:
+        return (), message
+    key_text, rest = key_message.groups()
+    path: KeyPath = ()
+    for key, index in _PATH_PART.findall(key_text):
+        path = (*path, int(index) if index else key)
+    return path, rest
 
 
 def replace_actions(mechanism: Mechanism, document: Document) -> Mechanism:
@@ -604,8 +616,8 @@ class _MechanismReader:
             profiles = self.cones(path, item)
         else:
             profiles = self.profiles(path, item)
-        # The other fields of the contact, such as its type (Cr or Cs) and its two links,
-        # are in its table.
+        # The other fields of the contact are in its table: its type ("Cr" for rolling, "Cs"
+        # for sliding contact), its two links, and so on.
         return construct_element(Pair, item, {"name": name, "profiles": profiles})
 
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:
@@ -726,8 +738,11 @@ class _MechanismReader:
         path
             Keys that lead to the table of the follower, for messages.
         item
-            The table of the follower. It has the key "flat" and the pole of the great
-            circle, or the key "roller" (angular radius, rad) and the centre of the circle.
+            The table of the follower. A flat face has the key "flat" and the pole of the
+            great circle (``pole_xyz`` or ``pole_lonlat``). A roller has the key "roller"
+            (angular radius, rad) and the centre of the circle. The centre is a vector
+            (``centre_xyz`` or ``centre_lonlat``), or the name of an R pair (hinge) on
+            whose axis it is (``axis``).
         """
         if "flat" in item:
             return Profile("great_circle", _vector(item, "pole_"))

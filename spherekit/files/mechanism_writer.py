@@ -153,6 +153,8 @@ def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
     for key, value_by_pair in values_by_key.items():
         if pair.name in value_by_pair:
             table[key] = value_by_pair[pair.name]
+    # The other keys of the pair follow, such as "one_sided". Values equal to the default
+    # are left out.
     table |= table_of(pair)
     for link, profile in zip(pair.links, pair.profiles or (), strict=False):
         profile_table = table_of(profile)

@@ -71,7 +71,9 @@ def _with_lonlat(document: Document) -> Document:
     Callers change single numbers. A longitude can change alone, but a single component of a
     unit vector cannot. The axes of pairs, the directions of outputs and the points of
     profiles (contact curves) become a longitude and a latitude, in the unit of the file.
-    Other vectors, such as the centre of a circle, stay. The argument is not changed.
+    They are `LiteralNumber`: floats that keep their decimal digits as text, like the
+    numbers that are read from a file. Other vectors, such as the centre of a circle, stay.
+    The argument is not changed.
     """
     # Only these tables have directions. They are copied, because they are changed below.
     tables = {
@@ -86,7 +88,6 @@ def _with_lonlat(document: Document) -> Document:
         x, y, z = map(float, direction)
         longitude = math.atan2(y, x)
         latitude = math.atan2(z, math.hypot(x, y))
-        # The text of the number is stored too. It is converted to rad exactly.
         return [LiteralNumber(repr(to_unit(angle))) for angle in (longitude, latitude)]
 
     for table in tables.values():
@@ -143,7 +144,9 @@ def number_path(document: Document, key: str) -> KeyPath:
 class ReachedTable:
     """The innermost table of a file to which the parts of a key lead.
 
-    A key such as ``links.2.arc`` that names no number is explained to the user from it.
+    The parts of the key ``links.2.arc``, for example, are "links", "2" and "arc". The user
+    may give a key that names no number. This record tells how far the key leads, for a
+    message.
 
     Attributes
     ----------
@@ -191,17 +194,22 @@ def _explain_missing_number(
     """
     reached = _follow_key(document.data, key)
     if reached.missing_part is None:
+        # All parts of the key exist, but it leads to something else than a number.
         problem = _explain_other_value(key, path_by_key)
     else:
         problem = _explain_missing_part(reached, reached.missing_part)
-    # The keys of a number are in order from its full location to short forms, such as
-    # "links.2.arc". The message lists the short forms first.
+    # A problem has a text and a prefix. Keys that begin with the prefix may be meant. Short
+    # keys, such as "links.2.arc", are the last in `path_by_key`. The message lists them
+    # first.
     shorter_first = reversed(list(path_by_key))
     similar_keys = [
         other_key for other_key in shorter_first if other_key.startswith(problem.prefix)
     ]
-    available = similar_keys or [*reached.entries]
-    return f"{problem.text} Available: {listing(available)}" if available else problem.text
+    # If no key begins so, the names in the reached table are listed.
+    available = similar_keys or list(reached.entries)
+    if not available:
+        return problem.text
+    return f"{problem.text} Available: {listing(available)}"
 
 
 @dataclass(frozen=True)
@@ -234,14 +242,13 @@ def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyPro
         The keys of all numbers of the same element of the file, such as a link, and their
         locations.
     """
-    suggestion = nearest(key, path_by_key)  # " Did you mean ...?", or ""
+    suggestion = nearest(key, path_by_key)  # "; did you mean ...?", or ""
     if not suggestion:
         return KeyProblem(f'"{key}" is not a number.', prefix=key)
-    # A link with one arc has the number "arc" and the list "arcs". Without the s, the
-    # prefix finds both.
-    return KeyProblem(
-        f'"{key}" is not the key of a number{suggestion}', prefix=key.removesuffix("s")
-    )
+    # The list "arcs" of a link can have the keys "arcs.0" and "arc" of a number. Both begin
+    # with "arc", so a final s is left out of the prefix.
+    prefix = key.removesuffix("s")
+    return KeyProblem(f'"{key}" is not the key of a number{suggestion}', prefix)
 
 
 def _explain_missing_part(reached: ReachedTable, missing_part: str) -> KeyProblem:

@@ -291,12 +291,15 @@ class SchemaConversion:
         `part` is the part of the schema that declares the table.
 
         The keys of a table can depend on its values, for example on that of the key "kind".
-        The schema then has a list of choices "if the table has this value, then ...". The
-        first choice with a true condition declares the table.
+        The schema then has a list of rules "if the table has this value, then ...". A rule
+        can refer ("$ref") to a definition that declares the whole table. The first such
+        rule with a true condition is used. Rules without a reference only forbid or require
+        keys. The table was checked by them before.
         """
-        for choice in part.get("allOf", ()):
-            if "$ref" in choice.get("then", ()) and _is_met(choice["if"], value):
-                return self.convert(choice["then"], value, path)
+        for rule in part.get("allOf", ()):
+            declares_table = "$ref" in rule.get("then", ())
+            if declares_table and _is_met(rule["if"], value):
+                return self.convert(rule["then"], value, path)
         # The declared keys, and the declaration of all other keys, if these are allowed.
         properties = part.get("properties", {})
         other_properties = part.get("additionalProperties")
@@ -321,9 +324,12 @@ class SchemaConversion:
         may stand for an array, such as q = 40 for one input. A text may then be a number
         with a unit, such as "40deg". The result is the converted number, not an array.
         """
-        item_part = part.get("items")  # the part that declares the items of an array
-        stands_for_array = item_part and "$ref" in item_part
-        if stands_for_array and isinstance(value, int | float | str):
+        # If the value stands for an array, the part of its items declares the value. Only
+        # items with a unit need the converter of this part. Their part refers ("$ref") to a
+        # definition such as "angle".
+        item_part = part.get("items")
+        needs_item_converter = item_part and "$ref" in item_part
+        if needs_item_converter and isinstance(value, int | float | str):
             return self.convert(item_part, value, path)
         if isinstance(value, bool | str):
             return value

@@ -203,16 +203,19 @@ def read_text(path: Path) -> str:
     ------
     FileError
         If the file cannot be opened, is neither a regular file nor a pipe of the shell, is
-        larger than `MAX_BYTES`, or is not UTF-8.
+        larger than `MAX_BYTES`, or is not UTF-8. The size of a pipe is checked later, by
+        the function that parses the text.
     """
     try:
         if path.is_dir():
             raise FileError(f"{path}: this is a folder; give a file in it")
+        # The shell opens pipes such as ``/dev/stdin``. For any other file, None is
+        # returned. One byte more than allowed is read, so that the excess is noticed.
         data = read_pipe(path, MAX_BYTES + 1)
         if data is not None:
             return _decode(data, str(path))
-        # Opening a named pipe would wait for a writer without O_NONBLOCK. Named pipes are
-        # refused below.
+        # The path can also be a named pipe, a file made by ``mkfifo``. Without O_NONBLOCK,
+        # opening it would wait for a writer. Below, it is refused.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)

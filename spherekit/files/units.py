@@ -227,9 +227,15 @@ def convert_to_file(data: Table, unit: AngleUnit) -> Any:
         Tables as in a mechanism file, with angles in rad.
     unit
         The unit of angles in the file, "deg" or "rad".
+
+    Returns
+    -------
+    The same tables with converted numbers. Each is a `LiteralNumber`: a float that keeps
+    the decimal digits with which it is written. They are read back as the same angle.
     """
 
     def convert_angle(path: KeyPath, angle: float) -> LiteralNumber:
+        """Return an angle (rad) or rate (rad/s) in the unit of the file."""
         return LiteralNumber(to_text(angle, unit))
 
     return convert_values(data, {"angle": convert_angle, "rate": convert_angle})
@@ -256,7 +262,5 @@ def angle_paths(document: Document) -> set[KeyPath]:
 
     # `convert_values` calls these functions for each angle, with its path. Only the
     # recorded paths are needed, not the result.
-    convert_values(
-        document.data, {"angle": add_angle, "travel": add_angle, "lonlat": add_lonlat}
-    )
+    convert_values(document.data, {"angle": add_angle, "lonlat": add_lonlat})
     return paths

@@ -111,15 +111,17 @@ class ArcLength:
             """Return the parameters at arc lengths s (n,), minus the linear part (n, 1)."""
             return (self._find_parameters(s) - s * self._mean_slope)[:, None]
 
-        # Errors are relative to the largest parameter. The fit begins with one cell for
-        # each panel (part of the curve), and halves cells until the first tolerance is
-        # reached. The second tolerance counts where rounding prevents this.
+        # `edges` are the parameters u at the ends of the panels (parts of the curve), and
+        # `starts` the arc lengths there. Errors are relative to the largest parameter.
+        largest_parameter = self.edges[-1:]
+        # The fit begins with one cell for each panel. It halves cells until the first
+        # tolerance is reached. The second tolerance counts where rounding prevents this.
         return PiecewiseChebyshev.fit(
             find_deviations,
             low=0.0,
             high=self.length,
             tolerance=INVERSE_TOLERANCE,
-            scales=self.edges[-1:],
+            scales=largest_parameter,
             first_cells=self.starts,
             rounding_tolerance=INVERSE_ROUNDING_TOLERANCE,
         )

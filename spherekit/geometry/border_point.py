@@ -116,9 +116,10 @@ def find_crossings(
         values_at_high=smallest_margins(evaluate(outside)),
         tolerance=EPS,
     )
+    # All margins are evaluated just beyond the border. The smallest one is negative there
+    # and ends the region. Of margins that are equal up to rounding, the first counts.
     angle_beyond = _find_angles_beyond(arc_margins, length, crossing_angle, angle_outside)
     margins_beyond = arc_margins.margins(angle_beyond, np.arange(len(length)))
-    # If several margins are equal up to rounding, the first one is returned.
     return (
         points_on_arcs(inside, outside, crossing_angle),
         find_active_margins(margins_beyond, evaluate.rounding_errors),
@@ -130,7 +131,10 @@ def _find_angles_beyond(
 ) -> Floats:
     """Return angles (n,), rad, just beyond the points where arcs leave a region.
 
-    The margin that is negative there is the one that ends the region.
+    The margin that is negative there is the one that ends the region. On each arc, a search
+    has narrowed an interval around the border until the interval was tiny. Its outer end is
+    then just beyond the border. A search that met a margin of exactly 0 has stopped early,
+    and a small step beyond the crossing is taken instead.
 
     Parameters
     ----------
@@ -141,13 +145,12 @@ def _find_angles_beyond(
     crossing_angle
         (n,) angles (rad) from the start of the arcs to the border.
     angle_outside
-        (n,) angles at the outer end of the last search interval. If the search meets a
-        margin of exactly 0, it stops early, and this end can be far from the border. A
-        small step beyond the crossing is then taken instead.
+        (n,) angles at the outer end of the last search interval.
     """
-    value = arc_margins.smallest_margin(crossing_angle, np.arange(len(length)))
+    margin_at_crossing = arc_margins.smallest_margin(crossing_angle, np.arange(len(length)))
+    has_stopped_early = margin_at_crossing == 0.0
     one_step_beyond = crossing_angle + STEP_BEYOND_BORDER * length
-    return np.where(value == 0.0, one_step_beyond, angle_outside)
+    return np.where(has_stopped_early, one_step_beyond, angle_outside)
 
 
 def find_corners(

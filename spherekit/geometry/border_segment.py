@@ -299,7 +299,13 @@ class BorderSegments(ArrayRows):
 
     @staticmethod
     def empty() -> "BorderSegments":
-        """Return an object without segments (pieces of the border of a region)."""
+        """Return an object without segments (pieces of the border of a region).
+
+        Each field is an array with one row for each segment, so here it has no rows.
+        """
+        # The heights of a segment are stored at nodes: one more than the order (degree) of
+        # a polynomial. The last of the `ORDERS` is the largest.
+        max_node_count = ORDERS[-1] + 1
         no_index = np.zeros(0, np.intp)
         no_number = np.zeros(0)
         no_flag = np.zeros(0, dtype=bool)
@@ -313,7 +319,7 @@ class BorderSegments(ArrayRows):
             is_leading=no_flag,
             is_sound=no_flag,
             order=no_index,
-            height=np.zeros((0, ORDERS[-1] + 1)),
+            height=np.zeros((0, max_node_count)),
             area=no_number,
             error=no_number,
         )
@@ -568,10 +574,13 @@ class BorderSegments(ArrayRows):
         selected
             (k,) numbers of the segments, whose polynomials have degree 4.
         """
+        # (k, samples, margins) each margin minus the border margin, at equally spaced
+        # points of each segment.
         excess = self._sample_excess(evaluate, selected)
         # A minimum between samples is found by a parabola through three of them.
         is_negative = parabola_minima(excess) < -evaluate.rounding_errors
-        self._replace_by_chords(selected[np.any(is_negative, axis=(1, 2))])
+        has_excluded_part = np.any(is_negative, axis=(1, 2))
+        self._replace_by_chords(selected[has_excluded_part])
 
     def _sample_excess(self, evaluate: MarginEvaluator, selected: Indices) -> Floats:
         """Return by how much the margins exceed the border margin along new segments.

@@ -165,9 +165,10 @@ class PathVariation:
 
     def _speeds(self, u: Floats) -> Floats:
         """Return the speeds ds/du (n,) of the path at parameters u (n,), real numbers."""
-        # `path` has complex numbers and takes complex parameters. The derivative of the
-        # speed, its imaginary part, is not needed, so that of u may be any number.
-        return np.real(self.path.speed(add_complex_step(u, 0.0)))
+        # `path` takes complex numbers, in which u has the derivative 0 here. The result is
+        # complex too. Only the speed itself, its real part, is needed.
+        complex_speeds = self.path.speed(add_complex_step(u, 0.0))
+        return np.real(complex_speeds)
 
 
 @dataclass(frozen=True)
@@ -181,14 +182,14 @@ class MovingFit:
         the imaginary part of a number is its derivative times a tiny number.
     arc_length_rate
         Derivative of the arc length by the design variable, at a fixed parameter.
-    step_rates
-        (panels,) derivatives by the design variable of the lengths of the curve between
-        successive points.
+    piece_length_rates
+        (panels,) derivatives by the design variable of the lengths of the pieces of the
+        curve between successive points.
     """
 
     path: SplinePath
     arc_length_rate: ArcLength
-    step_rates: Floats
+    piece_length_rates: Floats
 
 
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
@@ -210,18 +211,21 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         Whether the curve is closed.
     """
     moving_points = _make_moving_points(points, change, closed)
-    step_rates = _differentiate_arcs(moving_points)
+    # A knot step is the difference of successive knots: an arc between two points for the
+    # first fit, later the length of the piece of the previous fit between them.
+    knot_step_rates = _differentiate_arcs(moving_points)
     fits = list(spline_fits(points, closed))
-    for path, _ in fits:
-        fit = _differentiate_fit(path, moving_points, step_rates)
-        step_rates = fit.step_rates
+    for spline, _arc_length in fits:
+        # `moving_fit` is the same spline, with derivatives by the design variable.
+        moving_fit = _differentiate_fit(spline, moving_points, knot_step_rates)
+        knot_step_rates = moving_fit.piece_length_rates
     # The last fit is the curve.
     _, arc_length = fits[-1]
     return PathVariation(
-        path=fit.path,
+        path=moving_fit.path,
         arc_length=arc_length,
-        arc_length_rate=fit.arc_length_rate,
-        length_rate=float(np.sum(fit.step_rates)),
+        arc_length_rate=moving_fit.arc_length_rate,
+        length_rate=float(np.sum(moving_fit.piece_length_rates)),
         closed=closed,
     )
 
@@ -258,12 +262,11 @@ def _differentiate_fit(
         (panels + 1, 3) its points, which carry their derivatives as complex steps: the
         imaginary part of a number is its derivative times a tiny number.
     knot_step_rates
-        (panels,) derivatives of the differences of successive knots (parameters of the
-        points).
+        (panels,) derivatives of the differences of successive knots. Knots are the
+        parameters of the points.
     """
-    # SciPy has no splines with complex knots, so the same spline is computed here.
-    # `SplinePath` evaluates `spline`, with complex knots. The knots that it stores beside
-    # are real.
+    # The first knot is 0 and does not move. SciPy has no splines with complex knots, so
+    # `quintic_panels` computes the same spline.
     knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
     moving_knots = add_complex_step(path.knots, knot_rates)
     spline = quintic_panels(moving_knots, moving_points, path.closed)
@@ -276,7 +279,9 @@ def _differentiate_fit(
     rate_at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
     rate_by_moving_knots = path.speed(path.knots) * extract_derivative(moving_knots)
     length_rates = rate_at_fixed_parameter + rate_by_moving_knots
-    return MovingFit(moving_path, arc_length_rate, step_rates=np.diff(length_rates))
+    # The length of a piece is the difference of the arc lengths at its ends.
+    piece_length_rates = np.diff(length_rates)
+    return MovingFit(moving_path, arc_length_rate, piece_length_rates)
 
 
 def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
@@ -297,9 +302,14 @@ def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
     -------
     The derivative at a fixed parameter, as a function of the parameter.
     """
-    return integrate_rate(
-        lambda u: extract_derivative(path.speed(add_complex_step(u, 0.0))), edges
-    )
+
+    def speed_rate(u: Floats) -> Floats:
+        """Return the derivative of the speed at fixed parameters u."""
+        # A fixed parameter has the derivative 0.
+        complex_speed = path.speed(add_complex_step(u, 0.0))
+        return extract_derivative(complex_speed)
+
+    return integrate_rate(speed_rate, edges)
 
 
 def _differentiate_arcs(points: Floats) -> Floats:

@@ -130,7 +130,8 @@ def _cosine_minus_dot(arc: HalfAngle, sum_square: Any, difference_square: Any) -
     Parameters
     ----------
     arc
-        The arc, as a number or a symbolic expression.
+        The arc. Its fields `sine` and `cosine` are those of half the arc, sin(arc / 2) and
+        cos(arc / 2), as numbers or symbolic expressions.
     sum_square, difference_square
         |a + c|^2 and |a - c|^2.
 
@@ -145,5 +146,7 @@ def _cosine_minus_dot(arc: HalfAngle, sum_square: Any, difference_square: Any) -
     first = 0.5 * difference_square - 2.0 * (arc.sine * arc.sine)
     second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * sum_square
     if isinstance(arc.sine, float):
-        return first if abs(arc.sine) < abs(arc.cosine) else second
+        if abs(arc.sine) < abs(arc.cosine):
+            return first
+        return second
     return 0.25 * (first * sum_square + second * difference_square)

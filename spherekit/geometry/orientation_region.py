@@ -457,15 +457,20 @@ class _OrientationCells:
         """
         point_count = len(_SAMPLE_QUARTERS)
         cell_count = len(boxes.width)
+        # The space of orientations consists of four cubes, numbered from 0 to 3, by the
+        # largest component of the quaternion. `points` are coordinates in a cube.
         points = _sample_points(boxes).reshape(-1, 3)
-        cubes = np.tile(boxes.cube, point_count)
-        _, first, inverse = np.unique(
-            _point_keys(cubes, points), return_index=True, return_inverse=True
+        cube_of_point = np.tile(boxes.cube, point_count)
+        # Equal keys mean equal points. `first` has the number of one point for each key,
+        # and `key_of_point` the number of the key for each point.
+        point_keys = _point_keys(cube_of_point, points)
+        _, first, key_of_point = np.unique(
+            point_keys, return_index=True, return_inverse=True
         )
-        quaternions = _quaternions(cubes[first], points[first])
+        quaternions = _quaternions(cube_of_point[first], points[first])
         margins = self.evaluate(quaternions)
         self._update_deepest(quaternions, margins)
-        return margins[inverse].reshape(point_count, cell_count, -1)
+        return margins[key_of_point].reshape(point_count, cell_count, -1)
 
     def _update_deepest(self, quaternions: Floats, margins: Floats) -> None:
         """Store the deepest of some orientations, if it is the deepest so far.
@@ -624,14 +629,17 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     """
     centre_value = _AT_CENTRES @ polynomials  # (subcells, m)
     mean_value = _SUBCELL_MEANS @ polynomials  # (subcells, m)
-    # (3, subcells, m) how much the polynomial changes over a subcell in each direction.
+    # (3, subcells, m) how much the polynomial changes over a subcell along each edge. A
+    # linear polynomial has its largest and smallest values at opposite corners. Three edges
+    # lead from one to the other, so their changes add up to S.
     changes = np.abs(_CHANGES @ polynomials)
     value_range = changes.sum(axis=0)
     squared_gradient = np.sum(changes**2, axis=0)
+    # The mean of a linear polynomial is its value at the centre. The difference shows how
+    # strongly the polynomial is curved.
+    mean_difference = mean_value - centre_value
     with np.errstate(all="ignore"):
-        correction = _curvature_correction(
-            mean_value - centre_value, value_range, squared_gradient
-        )
+        correction = _curvature_correction(mean_difference, value_range, squared_gradient)
         fraction = 0.5 + (centre_value / value_range + correction)
         fraction = np.clip(fraction, 0.0, 1.0)
         # A constant polynomial fills the subcell or leaves it empty.
@@ -664,14 +672,16 @@ def _curvature_correction(
 
     Notes
     -----
-    V(t) is the volume in which f > t. V(0) is wanted. The border has the area A.
+    V(t) is the volume in which f > t. V(0) is wanted. The border f = t has the area A.
+    Primes are derivatives by t. The subcell is a unit cube.
 
-    1. 1/2 + f / S is the part of the levels t from -S/2 to S/2 that are below f. The sum of
-       the estimates is therefore the mean of V(t) over these levels. By a Taylor series, it
-       exceeds V(0) by V'' S^2 / 24.
-    2. If t rises by dt, the border f = t moves by dt / g, so V' = -A / g. A curved border
-       changes its area by A L / g per distance, with the Laplacian L of f. So V'' is
-       -A L / g^3, and the sum is too small by A L S^2 / (24 g^3).
+    1. The level t can have any value from -S/2 to S/2. The centre of a subcell is above the
+       level, f > t, for the share 1/2 + f / S of these values. So the sum of the estimates
+       is the mean of V(t) over all levels. The Taylor series V(0) + V' t + V'' t^2 / 2 has
+       the mean V(0) + V'' S^2 / 24. The last term is the error of the sum.
+    2. If t rises by dt, the border moves by dt / g, so V' = -A / g. On this way, the area
+       of a curved border grows by A L / g per distance, so A' = A L / g^2. Here L is the
+       Laplacian of f. So V'' = -A L / g^3, and the sum is too small by A L S^2 / (24 g^3).
     3. The Laplacian follows from d, because the mean of f over a unit cube exceeds the
        value at its centre by L / 24. So the sum is too small by A d S^2 / g^3.
     4. Fractions between 0 and 1 belong to a layer at the border with the thickness S / g
@@ -704,10 +714,10 @@ def _subcell_volumes(boxes: _Boxes) -> Floats:
 
     Each cell is divided into SUBCELLS_PER_SIDE equal parts along each side. An orientation
     is a unit quaternion, divided by its largest component. The other components x, y, z,
-    from -1 to 1, are coordinates in one of four cubes. The volume element 8 / (1 + x^2 +
-    y^2 + z^2)^2 dx dy dz does not depend on the choice of axes. It is evaluated at the
-    centre of each subcell. The volumes are then scaled so that their sum is the volume of
-    the cell by Gauss's rule, which is far more accurate.
+    from -1 to 1, are coordinates in one of four cubes. In each cube the volume element is
+    8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz. It is evaluated at the centre of each subcell. The
+    volumes are then scaled so that their sum is the volume of the cell by Gauss's rule,
+    which is far more accurate.
     """
     # The coordinates of boxes are integers from 0 to 2**CUBE_BITS. They are converted to
     # coordinates from -1 to 1. Axes: cell, point, coordinate.

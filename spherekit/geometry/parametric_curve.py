@@ -186,7 +186,7 @@ class FourierPath:
     def _curvature(
         s: Floats, c: Floats, derivatives: tuple[Floats, Floats, Floats]
     ) -> tuple[Floats, Floats]:
-        """Return the geodesic curvature k and dk/ds of the path.
+        """Return the geodesic curvature k of the path, and its derivative by arc length.
 
         The path is described by its colatitude (angle from a centre) over the azimuth.
 
@@ -199,12 +199,13 @@ class FourierPath:
 
         Notes
         -----
-        Primes are derivatives by the azimuth, and v is the speed. With D = det(p, p', p''),
+        Primes are derivatives by the azimuth. The point is p, and v = |p'| is the speed,
+        the derivative of the arc length. With D = det(p, p', p''),
 
-            k = D / v^3,    dk/ds = k' / v = D' / v^4 - 3 k v' / v^2.
+            k = D / v^3,    k' / v = D' / v^4 - 3 k v' / v^2.
 
-        The part of p'' along the point p does not matter for D. The other components,
-        southward and eastward, are
+        The second one is the derivative of k by arc length. The part of p'' along p
+        does not matter for D. The other components, southward and eastward, are
 
             p': d1, s               p'': d2 - s c, 2 c d1
 

@@ -78,8 +78,8 @@ def _find_extremum_azimuths(path: FourierPath) -> Floats:
     Times z^n it is a polynomial. The extrema are at the angles of its roots with |z| = 1.
     """
     cosines, sines = path.derivative_coefficients[1]  # those of the first derivative
-    # Coefficients that are too small to change the colatitude are rounded to 0. Otherwise
-    # their quotients would overflow.
+    # `np.roots` divides by the first coefficient that is not 0. If it is tiny, this can
+    # overflow. Coefficients too small to change the colatitude are therefore rounded to 0.
     not_negative = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)  # k = 0, 1, ..., n
     negative = np.conj(not_negative[1:])  # k = -1, ..., -n
     highest_first = np.concatenate([not_negative[::-1], negative])
@@ -179,6 +179,7 @@ def check_no_self_intersection(path: SplinePath) -> None:
     arcs_per_panel = max(MIN_ARCS_PER_PANEL, ceil(MIN_CHECKED_ARCS / panel_count))
     starts = _sample_panels(path, arcs_per_panel)
     ends = np.roll(starts, -1, axis=0)
+    # Numbers of the arcs in each pair. Successive arcs share an end and are no pair.
     i, j = _find_close_arcs(starts, ends)
     # Arcs meet if each has its ends on both sides of the great circle of the other.
     meets = _lie_on_both_sides(a=starts[i], b=ends[i], c=starts[j], d=ends[j])
@@ -186,6 +187,7 @@ def check_no_self_intersection(path: SplinePath) -> None:
     if np.any(meets):
         first = np.argmax(meets)
         panels = sorted((i[first] // arcs_per_panel, j[first] // arcs_per_panel))
+        # Panel k leads from point k to the next one. Users count points from 1.
         places = " and ".join(
             f"between points {k + 1} and {(k + 1) % panel_count + 1}" for k in panels
         )

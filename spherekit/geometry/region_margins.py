@@ -140,9 +140,8 @@ def select_margins(values: Floats, numbers: Indices) -> Floats:
     values
         (n, k) margins.
     numbers
-        (n,) number of the margin for each point. `UNDEFINED_MARGIN` stands for the smallest
-        margin. It is the number at a border where a margin becomes NaN before any margin is
-        0.
+        (n,) number of the margin for each point, or `UNDEFINED_MARGIN` if the region ends
+        because a margin becomes NaN. The smallest margin is then selected.
 
     Returns
     -------

@@ -197,20 +197,22 @@ class RegionRefinement:
             if not cost or self.evaluate.evaluations + cost > max_evaluations:
                 break
             self._cut(is_cut)
-        # If the limit of evaluations ends the loop, the border in the newest triangles is
-        # still unknown.
+        # `_choose_triangles` finds the border only if no large triangle has to be cut. If
+        # the limit of evaluations ends the loop, the border can be missing in triangles.
         self._find_border()
 
     def _choose_triangles(self, tolerance: float, feature: float) -> Bools:
         """Return which triangles (T,) have to be cut next.
 
-        There are three reasons, in this order. The first one that applies to any triangle
-        decides:
+        Margins are the functions that are at least 0 in the region. A triangle is *open* if
+        a part of the region, or a hole, may be hidden in it. It is *broken* if the margins
+        are defined in a part of it only. There are three reasons for a cut. The first one
+        that applies to any triangle decides:
 
-        1. A large triangle is *open*: a part of the region, or a hole, may be hidden in it.
-           Or it is *broken*: the margins, the functions that are at least 0 in the region,
-           are defined in a part of it only.
-        2. A large triangle becomes open because the border in it is not found.
+        1. Triangles are open and have an edge longer than `feature`, or are broken and have
+           an edge longer than `MAX_BROKEN_EDGE_RAD`.
+        2. Then the border is searched in all triangles. Those in which the search fails
+           become open. They are cut if they have an edge longer than `feature`.
         3. The error of the area exceeds the tolerance. The triangles that cause it are cut.
 
         Parameters
@@ -218,9 +220,7 @@ class RegionRefinement:
         tolerance
             Accepted error of the area (sr).
         feature
-            Smallest size (rad) of parts and holes of the region that are to be found. Open
-            triangles with a longer edge are large. Smaller ones are cut for the third
-            reason only.
+            Smallest size (rad) of parts and holes of the region that are to be found.
         """
         is_large = self.longest_edges > feature
         is_large_broken = self.classes == TriangleClass.BROKEN
@@ -263,9 +263,9 @@ class RegionRefinement:
         - the area between the chord and the segment, negative if the segment bends inwards;
         - if two vertices are inside, the triangle of both and of the start of the segment.
 
-        `TriangleDivision` shows these parts. A segment can bend out of its triangle. The
-        area beyond the edge is still assigned to this triangle, so only sums over connected
-        triangles are exact.
+        `TriangleDivision` shows these parts. A segment can bend out of its triangle over an
+        edge. The area beyond this edge is still assigned to the same triangle. Single areas
+        are therefore not exact, but sums over all triangles of one part of the region are.
         """
         division = self._divide_triangles()
         # Areas for each segment (n,) of the border.
@@ -358,9 +358,10 @@ class RegionRefinement:
     def _divide_triangles(self) -> TriangleDivision:
         r"""Return how the border divides the triangles that it crosses.
 
-        A segment is the piece of the border in one triangle, with the region on its left.
-        The corners follow counter-clockwise: the odd one, then the second and the third
-        one. The odd one alone is inside, or it alone is outside::
+        A segment is a smooth piece of the border in one triangle, with the region on its
+        left. A triangle has one segment, or two that meet at a corner of the border. Its
+        vertices follow counter-clockwise: the odd one, then the second and the third one.
+        The odd one alone is inside, or it alone is outside::
 
             one vertex inside               two vertices inside
 
@@ -372,18 +373,17 @@ class RegionRefinement:
             second --- third                second ------- third
 
         The inner part is a fan of triangles from one vertex, the apex, to the segment. If
-        two vertices are inside, the apex is the second one, because the segment starts on
-        the edge of the third one. An extra triangle of second, third and start completes
-        the inner part.
+        two vertices are inside, the apex is the second one. An extra triangle of second,
+        third and start completes the inner part. If there are two segments, it belongs to
+        the first (leading) one.
         """
         # (T,) for every triangle of the mesh.
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         # (n,) for every segment.
         odd, second, third = self._odd_vertex_first(self.segments.triangle)
         has_one_inside = inside_count[self.segments.triangle] == 1
-        # If the border has a corner in this triangle, it consists of two segments. Only the
-        # first (leading) one starts on an edge.
-        has_extra_triangle = ~has_one_inside & self.segments.is_leading
+        has_two_inside = ~has_one_inside
+        has_extra_triangle = has_two_inside & self.segments.is_leading
         return TriangleDivision(
             inside_count=inside_count,
             apex=np.where(has_one_inside, odd, second),
@@ -605,8 +605,8 @@ class RegionRefinement:
         error = np.where(is_counted & can_improve, segments.error, 0.0)
         if error.sum() <= max_error:
             return np.zeros(len(error), dtype=bool)
-        # With half of an equal share of `max_error` for each segment, the sum is small
-        # enough. A smaller limit improves more segments at once.
+        # The sum is small enough if no segment has more than an equal share of `max_error`.
+        # Half of this share is the limit, so that fewer rounds of improvement are needed.
         equal_share = max_error / np.count_nonzero(is_counted)
         return error > 0.5 * equal_share
 
@@ -632,7 +632,9 @@ class RegionRefinement:
         """Cut the triangles for which `is_cut` (T,) is true.
 
         A neighbour is cut too if a new vertex would otherwise be in the middle of its edge.
-        All other triangles retain their segments (pieces of the border) and their class.
+        All other triangles retain what is known about them: the class (`TriangleClass`,
+        such as inside or outside of the region), the longest edge, whether the signs of
+        several margins are uncertain, and the segments (pieces of the border).
         """
         mesh = bisect_triangles(self.points, self.triangles, is_cut)
         new_points = mesh.points[len(self.points) :]

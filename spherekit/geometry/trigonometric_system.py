@@ -194,9 +194,10 @@ class FormZeros:
     Attributes
     ----------
     factors
-        (..., 2, 3) values 1, cos(y) and sin(y) at both zeros, which may be complex. The
-        coefficients of other equations are multiplied by them. NaN or infinite if the
-        denominator is 0.
+        (..., 2, 3) values 1, cos(y) and sin(y) at both zeros, which may be complex. They
+        are the factors of the coefficients c0, c1 and c2. To insert a zero into another
+        equation, each of its coefficients is multiplied by its factor. NaN or infinite if
+        the denominator is 0.
     denominators
         (...,) c1^2 + c2^2, the denominator of the cosines and sines.
     """
@@ -319,19 +320,22 @@ def eliminant_degree(incidence: Bools) -> int:
     resultant_degree = _resultant_degree(incidence, first_angle)
     if equation_count == 2:
         return resultant_degree
-    # The coefficients a1 and a2 have degree 1 in x if the first equation contains x.
+    # Each term of the eliminant is a product. Two factors are coefficients of R, one of
+    # R(y1) and one of R(y2). Further 2 p factors are coefficients a0, a1, a2 of the first
+    # equation. These have degree 1 in x if the first equation contains x.
     power = _resultant_degree(incidence, second_angle)
-    denominator_degree = 2 * power * int(incidence[0, first_angle])
-    return 2 * resultant_degree + denominator_degree
+    degree_of_first_coefficients = int(incidence[0, first_angle])
+    return 2 * resultant_degree + 2 * power * degree_of_first_coefficients
 
 
 def _can_eliminate_in_order(incidence: Bools) -> bool:
     """Return whether all angles but the first can be eliminated, beginning with the last.
 
-    A system has t equations in t angles. The last angle is eliminated from the last two
-    equations, which must contain it. Of three angles, the second is then eliminated by the
-    first equation, which must contain the second angle but not the last. A single equation
-    must contain its angle.
+    A system has t equations in t angles. For t = 2 or 3, the last angle is eliminated from
+    the last two equations. Both must contain this angle, and one equation remains of them.
+    For t = 3, the second angle is then eliminated from the remaining equation and the first
+    one. The first one must contain the second angle, but not the last. For t = 1, the
+    equation must contain its angle.
 
     Parameters
     ----------
@@ -477,8 +481,8 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
             is_solution = result.residual < MAX_SOLUTION_RESIDUAL
             _store_complete(angles, unsolved, result.angles, is_solution)
 
-        # 3. Elimination for systems whose solutions are not complete yet. All starts that
-        # belong to a root are used: two values of y, each with two values of z.
+        # 3. Elimination for systems whose solutions are not complete yet, now with all
+        # starts of Newton's method that belong to a root.
         unsolved = np.flatnonzero(np.isnan(angles[:, 0, 0]))
         if len(unsolved):
             solutions = _eliminate(
@@ -576,14 +580,17 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
 
     Returns
     -------
-    The angles to which each start leads. If a root of a system is zero or infinite, it has
-    no angle, and nothing counts as a solution of this system.
+    The angles to which each start leads, and two marks for each. `is_solution`: whether
+    Newton's method has converged to a solution of the root. `is_flat`: whether the Jacobian is almost singular there,
+    so that several solutions may coincide. If a root of a system is zero or infinite, it
+    has no angle. The system then has no complete set of solutions, so it is not solved: its
+    angles are NaN and all marks are false.
     """
     roots = _find_eliminant_roots(equations, incidence).roots
-    has_angles = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
-    solved = _solve_at_roots(equations[has_angles], roots[has_angles], starts_per_root)
+    has_angle = np.isfinite(roots) & (roots != 0.0)  # (n, roots)
+    is_solved = np.all(has_angle, axis=1)
+    solved = _solve_at_roots(equations[is_solved], roots[is_solved], starts_per_root)
 
-    # The systems without angles are put back.
     start_count, angle_count = solved.angles.shape[1:]
     shape = (len(equations), start_count)
     solutions = RootSolutions(
@@ -591,7 +598,7 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
         is_solution=np.zeros(shape, dtype=bool),
         is_flat=np.zeros(shape, dtype=bool),
     )
-    solutions.assign_rows(np.flatnonzero(has_angles), solved)
+    solutions.assign_rows(np.flatnonzero(is_solved), solved)
     return solutions
 
 
@@ -707,7 +714,9 @@ def _find_form_zeros(form: Numbers) -> FormZeros:
     """Return the zeros of equations c0 + c1 cos(y) + c2 sin(y) = 0 in one angle y.
 
     With w = c1^2 + c2^2 and r = sqrt(w - c0^2), a form has two zeros, one for each sign of
-    r: cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w.
+    r: cos(y) = (-c0 c1 - r c2) / w and sin(y) = (-c0 c2 + r c1) / w. A zero is stored as
+    the three values 1, cos(y) and sin(y). They are the factors of c0, c1 and c2 in the
+    equation. The zero is inserted into other equations by the same three factors.
 
     Parameters
     ----------
@@ -718,7 +727,7 @@ def _find_form_zeros(form: Numbers) -> FormZeros:
     c0, c1, c2 = np.moveaxis(form.astype(complex), -1, 0)
     w = c1 * c1 + c2 * c2
     r = np.sqrt(w - c0 * c0)
-    # (..., 3) w times the factors 1, cos(y) and sin(y), for each of the two zeros.
+    # (..., 3) the values 1, cos(y) and sin(y) at each of the two zeros, times w.
     first_zero = np.stack([w, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1)
     second_zero = np.stack([w, -c0 * c1 + r * c2, -c0 * c2 - r * c1], axis=-1)
     both_zeros = np.stack([first_zero, second_zero], axis=-2)  # (..., 2, 3)
@@ -785,8 +794,11 @@ def _select_second_angle_form(remaining: Complexes) -> Complexes:
 def _solve_second_angle(equations: Numbers, first_angles: Numbers) -> SecondAngleZeros:
     """Return the second angle y of systems of three equations at given first angles.
 
-    The first of three equations does not contain the last angle z, so it gives two values
-    of y. Each of them is inserted into the other two equations, in which only z remains.
+    The first of three equations does not contain the last angle z. With a first angle
+    inserted, it is c0 + c1 cos(y) + c2 sin(y) = 0 and gives two values of y. Each of them
+    is inserted into the other two equations, in which only z remains. The result also has
+    the denominator c1^2 + c2^2 of cos(y) and sin(y), because callers need to know whether
+    it is zero.
 
     Parameters
     ----------
@@ -830,6 +842,8 @@ def _sample_eliminants(
     if equation_count == 2:
         samples = _sample_eliminants_of_two(equations, all_first_angles)
     else:
+        # The eliminant is a product of fractions, made free of denominators. The power of
+        # the denominator that this needs depends on which angles the equations contain.
         power = _resultant_degree(incidence, angle=1)
         samples = _sample_eliminants_of_three(equations, all_first_angles, power)
     if np.isrealobj(equations):
@@ -873,8 +887,8 @@ def _sample_eliminants_of_three(
     With a value of the first angle inserted, the first equation has two zeros of the second
     angle. At each of them, the other two equations are forms c0 + c1 cos + c2 sin = 0 in
     the last angle. Their resultant is zero if they have a common zero. The product of both
-    resultants is therefore zero at the solutions. It is a fraction, and the eliminant is
-    its numerator.
+    resultants is therefore zero at the solutions. The zeros have a denominator w, so the
+    product is a fraction with the denominator w^power. The eliminant is its numerator.
 
     Parameters
     ----------
@@ -885,8 +899,7 @@ def _sample_eliminants_of_three(
     first_angles
         (n, m) values of the first angle (rad).
     power
-        Degree of the resultant in the second angle. The denominator of the product is this
-        power of the denominator of the zeros.
+        Degree of the resultant in the second angle.
     """
     zeros = _solve_second_angle(equations, first_angles)
     resultants = _resultants(zeros.last_forms)  # (n, m, zeros)
@@ -1008,14 +1021,15 @@ def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
     are eliminated. There are two reasons:
 
     - An angle cannot be eliminated, because an equation that should determine it does not
-      depend on it.
+      depend on it. Values of the eliminant can then be NaN or infinite.
     - An equation is empty, or the eliminant is zero everywhere, so that every value of the
       first angle would be a root.
 
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) coefficients of n systems of t equations.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. They are about 1, so an
+        equation with tiny coefficients is empty.
     samples
         Values of the eliminants at several first angles.
     """
@@ -1120,7 +1134,7 @@ def _start_angles_of_three(equations: Numbers, first_angles: Complexes) -> Compl
 
     With the first angle inserted, the first equation gives two values of the second angle.
     With one of these inserted, one of the last two equations gives two values of the last
-    angle.
+    angle (`_last_angles` chooses this equation).
 
     Parameters
     ----------
