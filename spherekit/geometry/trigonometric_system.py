@@ -581,10 +581,10 @@ def _eliminate(equations: Numbers, incidence: Bools, starts_per_root: int) -> Ro
     Returns
     -------
     The angles to which each start leads, and two marks for each. `is_solution`: whether
-    Newton's method has converged to a solution of the root. `is_flat`: whether the Jacobian is almost singular there,
-    so that several solutions may coincide. If a root of a system is zero or infinite, it
-    has no angle. The system then has no complete set of solutions, so it is not solved: its
-    angles are NaN and all marks are false.
+    Newton's method has converged to a solution of the root. `is_flat`: whether the Jacobian
+    is almost singular there, so that several solutions may coincide. If a root of a system
+    is zero or infinite, it has no angle. The system then has no complete set of solutions,
+    so it is not solved: its angles are NaN and all marks are false.
     """
     roots = _find_eliminant_roots(equations, incidence).roots
     has_angle = np.isfinite(roots) & (roots != 0.0)  # (n, roots)

@@ -38,8 +38,8 @@ def rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     rotation
         (3, 3) rotation from the old to the new link axes.
     pair
-        The contact (unused). `redescribe` calls such a function, and other functions in its
-        place need the contact.
+        The contact. It is not used here. `redescribe` gets a function that rotates
+        profiles, either this one or another one with the same parameters. Others need it.
     """
     del pair
     centre = None if profile.centre is None else rotate_vector(rotation, profile.centre)
@@ -95,21 +95,38 @@ def redescribe(
             r"\w+", lambda name: expression_names.get(name[0], name[0]), expression
         )
 
+    def rotate_both_profiles(
+        contact: Pair, profiles: tuple[Profile, Profile]
+    ) -> tuple[Profile, ...]:
+        """Return the profiles of a contact, each in the new axes of its link."""
+        new_profiles = []
+        for link, profile in zip(contact.links, profiles, strict=True):
+            if link in rotations:
+                new_profiles.append(rotate_pair_profile(profile, rotations[link], contact))
+            else:
+                new_profiles.append(profile)
+        return tuple(new_profiles)
+
     def redescribe_part(part: Any) -> Any:
         """Return a pair, output, mass or load with new names of links and in new axes.
 
-        `redescribe` has the new names and the rotations from old to new axes. Vectors,
-        tensors, profiles (contact curves) and expressions are rotated.
+        Vectors, tensors, profiles (contact curves) and expressions are rotated. The new
+        names and the rotations from old to new axes are parameters of `redescribe`.
         """
-        # Vectors, such as a centre of mass, are in the axes of the link of the part. If the
-        # part has no link, they are in ground axes, such as gravity. A rotation of None
-        # leaves the axes as they are.
+        # Vectors and tensors are in the axes of the link of the part, such as a centre of
+        # mass. If the part has no link, they are in ground axes, such as gravity. A
+        # rotation of None leaves the axes as they are.
         link = getattr(part, "link", None)
-        rotation = ground_rotation if link is None else rotations.get(link)
+        if link is None:
+            rotation = ground_rotation
+        else:
+            rotation = rotations.get(link)
         # A force or moment has three expressions as components. Its field `axes` says
         # whether they are along link axes or ground axes.
-        is_in_link_axes = getattr(part, "axes", "ground") == "link"
-        component_rotation = rotation if is_in_link_axes else ground_rotation
+        if getattr(part, "axes", "ground") == "link":
+            component_rotation = rotation
+        else:
+            component_rotation = ground_rotation
         # Each field of a part has a kind. A "text" is one scalar expression with names such
         # as "theta_41". "texts" are three expressions, the components of a force or moment.
         changes: dict[str, Any] = {}
@@ -120,15 +137,7 @@ def redescribe(
                 case "links", links:
                     changes[name] = tuple(link_names.get(link, link) for link in links)
                 case "profiles", (_, _) as profiles:
-                    # A contact has a profile on each of its two links, in the axes of the
-                    # link. `rotate_pair_profile` may refuse a rolling contact, because a
-                    # circle in rotated axes counts its arc length from another point.
-                    changes[name] = tuple(
-                        rotate_pair_profile(profile, rotations[link], part)
-                        if link in rotations
-                        else profile
-                        for link, profile in zip(part.links, profiles, strict=True)
-                    )
+                    changes[name] = rotate_both_profiles(part, profiles)
                 case "vector", value if value is not None and rotation is not None:
                     changes[name] = rotate_vector(rotation, value)
                 case "tensor", rows if rotation is not None:

@@ -69,7 +69,9 @@ def find_coaxial_links(
 
     Returns
     -------
-    The links in the order in which they are reached.
+    The links in the order in which they are reached. The path of a link has the R pairs
+    from the wheel to it. Each pair has the side (0 for its first link, 1 for its second)
+    that is nearer to the wheel.
     """
     reached: dict[LinkName, CoaxialLink[PairName]] = {
         wheel: CoaxialLink(wheel_line, {}, ())
@@ -90,11 +92,13 @@ def find_coaxial_links(
                 continue
             # 1 if the axis of the pair points along the line, -1 if it points against it.
             direction_sign = float(np.sign(axes[near_side] @ coaxial_link.line))
-            # The pair variable is the rotation of the second link relative to the first. It
-            # counts for the wheel if the wheel is on the side of the second link. Otherwise
-            # it has the opposite sign.
-            wheel_is_second = near_side == 1
-            sign = direction_sign if wheel_is_second else -direction_sign
+            # The pair variable is the angle of the second link relative to the first. The
+            # wanted angle is that of the near link, with the wheel, relative to the far
+            # link. It is the opposite angle if the near link is the first one.
+            if near_side == 1:
+                sign = direction_sign
+            else:
+                sign = -direction_sign
             reached[next_link] = CoaxialLink(
                 line=direction_sign * axes[far_side],
                 angle_signs={**coaxial_link.angle_signs, pair: sign},

@@ -246,9 +246,10 @@ class ContactFriction(BearingFriction):
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the push of the contact, as a vector (N m).
 
-        Friction of the contact follows from the push. The pair axes are the tangent, the
-        normal and the direction to the contact point. A force along the normal at this
-        point has a moment about the tangent, the push.
+        The push is the moment of the normal force about the centre of the sphere. Friction
+        of the contact follows from it. The pair axes x, y, z are the tangent, the normal
+        and the direction to the contact point. A force along y at a point on z has a moment
+        about x, so the push is the x component of the whole moment.
 
         Parameters
         ----------
@@ -262,7 +263,8 @@ class ContactFriction(BearingFriction):
         (..., 1, 3) push (N m) in pair axes. The axis of length 1 counts the supports: an R
         pair can have several bearings, a sliding contact has one support.
         """
-        return (moments * [1.0, 0.0, 0.0])[..., None, :]
+        push = moments * [1.0, 0.0, 0.0]
+        return push[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """Return one load component of magnitude -tanh(v / speed).

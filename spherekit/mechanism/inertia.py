@@ -204,6 +204,7 @@ def check_tensor(key: str, tensor: Floats) -> None:
             f"{tensor[i, j]}, but row {j + 1}, column {i + 1} has {tensor[j, i]}; give the "
             "same number twice"
         )
+    # `about` is the part of the message that names the reference point. Here it is empty.
     _check_principal_moments(key, tensor, tolerance=MOMENT_TOLERANCE * largest, about="")
 
 

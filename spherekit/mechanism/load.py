@@ -313,8 +313,10 @@ class BearingFriction(Load):
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
         """Return the loads on the bearings of the pair, or on the contact.
 
-        The friction torque (N m) at the pair is the sum of the lengths of these vectors,
-        times the `friction_coefficient`. Each kind of friction implements this method.
+        The friction torque (N m) at the pair is the sum of the magnitudes of these vectors,
+        times the `friction_coefficient`. The coefficient is a length (m) for forces on
+        bearings, and has no unit for the moment of a contact. Each kind of friction
+        implements this method.
 
         Parameters
         ----------

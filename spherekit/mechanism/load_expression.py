@@ -307,6 +307,8 @@ def _parse_python(text: str, indentation: int) -> ast.expr:
         message = f"cannot be read at this place ({error.msg}); products are written with *"
         raise _syntax_error(column, message) from None
     except (RecursionError, MemoryError, ValueError):
+        # Deep nesting makes the parser fail with several types of errors. A long row of
+        # minus signs, for example, gives a `RecursionError` or a `MemoryError`.
         raise _syntax_error(indentation, "too deeply nested", _DEPTH_LIMIT) from None
 
 
@@ -457,10 +459,10 @@ def _iterate_steep_arguments(
 ) -> Iterator[Node]:
     """Yield arguments near whose zeros a function changes suddenly, innermost first.
 
-    Series that approximate an expression are inaccurate near such zeros. Examples are the
-    arguments of tanh(1000 x) and sqrt(x). For max(a, b) it is the difference a - b. Sums,
-    products, sine and cosine have no such (steep) arguments. Of all other functions, all
-    arguments count, except constants and numerators.
+    Series that approximate an expression are inaccurate near such zeros. These arguments
+    are called steep. Sums, products, sine and cosine have none. Examples of other functions
+    are tanh(1000 x) and sqrt(x), with the steep arguments 1000 x and x. For a / b it is the
+    denominator b, and for max(a, b) the difference a - b. Constants are left out.
 
     Parameters
     ----------
@@ -487,7 +489,16 @@ def _iterate_steep_arguments(
 
 
 def _steep_arguments(name: str, arguments: list[Node]) -> list[Node]:
-    """Return the expressions near whose zeros a function or operation changes suddenly."""
+    """Return the expressions near whose zeros a function or operation may change suddenly.
+
+    Parameters
+    ----------
+    name
+        Name of the function, or sign of the operation. Operations without such expressions,
+        such as sums and products, are not passed.
+    arguments
+        Its arguments.
+    """
     if name in ("min", "max"):
         # The value has a kink where two arguments are equal.
         return [("-", *pair) for pair in combinations(arguments, 2)]
@@ -500,7 +511,11 @@ def _steep_arguments(name: str, arguments: list[Node]) -> list[Node]:
         # another constant exponent only the base counts.
         if isinstance(exponent, float):
             is_natural = exponent >= 0.0 and exponent.is_integer()
-            return [] if is_natural else [base]
+            if is_natural:
+                return []
+            return [base]
+    # Other functions, such as tanh and sqrt, and powers with a variable exponent. As a
+    # precaution, all their arguments are returned.
     return arguments
 
 

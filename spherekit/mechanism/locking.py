@@ -231,8 +231,9 @@ class _LinkMerge:
 
         - A sliding circle keeps its shape, and only its displacement is counted from
           another point. A warning states the difference.
-        - A Fourier series would be turned about its centre, and a rolling contact (Cr)
-          would pair other points of both curves. These two are refused.
+        - A Fourier series would be turned about its centre. It is refused.
+        - A rolling contact (Cr) would pair other points of both curves. All rolling
+          contacts are refused, whatever their curves are.
 
         Parameters
         ----------
@@ -295,6 +296,7 @@ def _arc_between_starts(
     The arc length (rad) from the new to the old start, positive counter-clockwise about the
     centre. It is 0 for profiles by points, which start at the first point.
     """
+    # `round_axis` is the axis of a circle or great circle. Other curves have none.
     if profile.round_axis is None or rotated_profile.round_axis is None:
         return 0.0
     # The columns of `axes_about` point to azimuth 0, to azimuth 90 degrees and to the
@@ -302,7 +304,11 @@ def _arc_between_starts(
     old_start = rotation @ axes_about(profile.round_axis)[:, 0]
     new_axes = axes_about(rotated_profile.round_axis)
     azimuth = np.arctan2(new_axes[:, 1] @ old_start, new_axes[:, 0] @ old_start)
-    radius = 0.5 * np.pi if profile.radius is None else profile.radius
+    if profile.radius is None:
+        # A great circle states no radius, because it is always 90 degrees from its axis.
+        radius = 0.5 * np.pi
+    else:
+        radius = profile.radius
     return float(np.sin(radius) * azimuth)
 
 
@@ -362,14 +368,15 @@ def _join_link_sizes(
         if link not in (merge.kept_link, merge.removed_link)
     }
     # The links without kept sizes get new ones, which follow from the frames of their R
-    # pairs.
-    pairs_at_new_sizes = [
-        pair
-        for pair in mechanism.pairs
-        if pair != locked
-        and pair.kind.has_axis
-        and any(link not in kept_sizes for link in pair.links)
-    ]
+    # pairs. So all R pairs are needed that have such a link on at least one side.
+    pairs_at_new_sizes = []
+    for pair in mechanism.pairs:
+        gets_new_sizes = any(link not in kept_sizes for link in pair.links)
+        if pair != locked and pair.kind.has_axis and gets_new_sizes:
+            pairs_at_new_sizes.append(pair)
+    # A frame of a pair is a rotation (3, 3): its z column is the axis. Each pair has one in
+    # the axes of each of its links. Frames in the removed link are rotated to the axes of
+    # the kept link.
     frames = _frames_after_merge(mechanism, pairs_at_new_sizes, merge)
     new_sizes = sizes_from_frames(remaining_pairs, frames, kept_sizes)
     # A zero is the angle in the first link of a pair from which its variable is counted.

@@ -292,19 +292,17 @@ class Mechanism:
             link_rows.append([link, pairs, self._arcs_text(link), ", ".join(remarks)])
         pair_titles = ["pair", "type", "joins the links", "driven"]
         link_titles = ["link", "pairs", "arcs (deg)", "remarks"]
-        # Columns 2 and 3 (arcs, remarks) are removed if empty. There are no arcs in a
-        # reference pose, or if all pairs are contacts.
+        # Columns 2 and 3 (arcs, remarks) are removed if they are empty.
         for column in (3, 2):
             if not any(row[column] for row in link_rows):
                 del link_titles[column]
                 link_rows = [row[:column] + row[column + 1 :] for row in link_rows]
-        summary = f"<p>{html_text(repr(self)[1:-1])}</p>"
+        # `repr` encloses its text in < and >, which are removed.
+        text_in_brackets = repr(self)
+        summary = f"<p>{html_text(text_in_brackets[1:-1])}</p>"
         pair_table = html_table(pair_titles, pair_rows, f"Pairs of {self.name}")
-        return (
-            summary
-            + pair_table
-            + html_table(link_titles, link_rows, f"Links of {self.name}")
-        )
+        link_table = html_table(link_titles, link_rows, f"Links of {self.name}")
+        return summary + pair_table + link_table
 
     def _arcs_text(self, link: str) -> str:
         """Return the arcs of a link in degrees, such as ``41-21: 60``.
@@ -632,7 +630,8 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
     ModelError
         If a name has wrong characters, is used twice, or refers to nothing.
     """
-    # What is named, in the words of messages, and the names.
+    # What is named, and the names. In messages, what is named is followed by the word
+    # "name", or by the name itself. "input at a" is completed by the name of a pair.
     for what, names in (
         ("link", mechanism.links),
         ("pair", [pair.name for pair in mechanism.pairs]),
@@ -853,9 +852,10 @@ def _advise_on_axes(
 ) -> str:
     """Return advice for the user if the axes of a link are not those of its R pairs.
 
-    Each axis of a link should have the name of an R pair (hinge) on this link. There are
-    several faults: the pair does not exist or is on another link, or the list of axes lacks
-    an axis or has it twice. A missing pair probably joins the links that list its axis.
+    Each axis of a link should have the name of an R pair (hinge) on this link. Only axes
+    that are declared as unpaired have no pair. There are several faults: the pair does not
+    exist or is on another link, or the list of axes lacks an axis or has it twice. A
+    missing pair probably joins the links that list its axis.
 
     Parameters
     ----------
@@ -877,8 +877,10 @@ def _advise_on_axes(
             return (
                 f'"{axis}" is no R pair on this link: correct its links, or remove the axis'
             )
-        if similar_pair := nearest(axis, missing_axes):
-            return f'there is no pair "{axis}"{similar_pair}'
+        # A suggestion is "; did you mean ...?", or an empty text.
+        suggestion = nearest(axis, missing_axes)
+        if suggestion:
+            return f'there is no pair "{axis}"{suggestion}'
         joined_links = [
             name
             for name in mechanism.links

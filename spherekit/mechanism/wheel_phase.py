@@ -242,16 +242,16 @@ def find_wheel_contact(
         rotation @ wheel.centre
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
-    # The contact point is on the great circle through both centres, at the distance of the
-    # first radius from the first centre. Centres and radii are chosen so that one circle
-    # touches the other from inside. (In an external contact the second circle has the
-    # opposite centre and the radius pi - radius.) The contact is on the side of the second
-    # centre if the first circle is larger, otherwise on the opposite side. Circles with
-    # equal radii would coincide, which is an error. `across` is the part of the second
-    # centre perpendicular to the first.
+    # A circle has two opposite centres on the sphere. Those of the wheels are chosen so
+    # that one circle touches the other from inside. The contact point is on the great
+    # circle through both centres, at the distance of the first radius from the first
+    # centre. It is on the side of the second centre if the first circle is larger,
+    # otherwise on the opposite side. `across` is the part of the second centre
+    # perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)
-    if size < COLLINEAR_SINE:
+    have_same_line = size < COLLINEAR_SINE
+    if have_same_line:
         raise ModelError(
             "both wheels turn about the same line, so phase has no meaning; leave phase out"
         )

@@ -50,6 +50,8 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     -------
     The widest swing of each mode, and the samples at its ends.
     """
+    # Of a closed path, all k samples are appended once more. So a swing that passes the end
+    # continues: path sample k is sample 0 again, k + 1 is sample 1, and so on.
     path = _repeat_closed_paths(angles) if is_closed_path else angles
     # (path samples, n) change of each angle since the sample before. NaN if either angle is
     # unknown.
@@ -68,9 +70,10 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
         path_swing = _find_widest_swing(growth[:, mode], begins_piece[:, mode])
         if has_angles[mode]:
             swings[mode] = path_swing.swing
-        # The modulo turns a sample of the repeated path into the original one.
-        low_samples[mode] = path_swing.low_sample % len(angles)
-        high_samples[mode] = path_swing.high_sample % len(angles)
+        # The modulo (%) turns the number of a path sample into that of the sample.
+        sample_count = len(angles)
+        low_samples[mode] = path_swing.low_sample % sample_count
+        high_samples[mode] = path_swing.high_sample % sample_count
     return AngleSwings(swings, low_samples, high_samples)
 
 

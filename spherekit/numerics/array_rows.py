@@ -77,8 +77,8 @@ def _transform_fields(
     """Combine the values that one field has in several records.
 
     A record is an `ArrayRows` object: a dataclass of arrays with common rows. Dictionaries
-    and tuples are combined item by item. All other values belong to all rows, and are taken
-    from the first record.
+    and plain tuples are combined item by item. All other values, also named tuples, belong
+    to all rows. They are taken from the first record.
 
     Parameters
     ----------
@@ -101,7 +101,8 @@ def _transform_fields(
             )
             for key in first
         }
-    if type(first) is tuple:
+    is_plain_tuple = type(first) is tuple
+    if is_plain_tuple:
         return tuple(
             _transform_fields(entries, combine_arrays, combine_records)
             for entries in zip(*values, strict=True)

@@ -126,8 +126,9 @@ class Span(NamedTuple):
 
     Notes
     -----
-    In a column with k subjects (such as poles), the rows of the subjects alternate. All
-    three numbers are then multiples of k, so that each subject has the same number of rows.
+    A column can have the rows of k subjects (such as poles) in turn: row 0 of each subject,
+    then row 1 of each, and so on. Each subject must have the same number of rows in a span.
+    So `rows.start`, `rows.stop` and `first_output_row` are then multiples of k.
     """
 
     rows: slice
@@ -167,8 +168,9 @@ def read_columns(columns: Iterable[Column]) -> list[Array]:
 class _PartCopy(NamedTuple):
     """A part of a table column, and where its rows are written in the output array.
 
-    A part has the rows of one subject, such as a pole. Most columns are a single part. In
-    an interleaved column the rows of several parts alternate.
+    A table can have the rows of several subjects, such as poles (axes of relative rotation
+    of two links). The rows of the subjects alternate. A part of a column has the rows of
+    one subject. Columns of all other tables are a single part.
 
     Attributes
     ----------
@@ -177,7 +179,8 @@ class _PartCopy(NamedTuple):
     output
         View of the rows of the output array that belong to this part.
     subject_count
-        Number of parts of the column, one for each subject.
+        Number of parts of the column, one for each subject. A row number of the column,
+        divided by it, is the row number in the part.
     """
 
     part: Array | LazyColumn
@@ -196,17 +199,20 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
     columns
         Columns, with the output array of each.
     spans
-        Which rows of each column are copied, and to which rows of its output. In an
-        interleaved column the rows of several parts alternate, and all of them are counted.
+        Which rows of each column are copied, and to which rows of its output. An
+        interleaved column has the rows of several subjects (such as poles) in turn. All of
+        them are counted.
     """
     # The key is the identity (`id`) of the source, because not every source is hashable.
     lazy_copies_by_source: defaultdict[int, list[_PartCopy]] = defaultdict(list)
     for column, output in columns:
+        # A part has the rows of one subject.
         for part_copy in _divide_into_parts(column, output):
             part = part_copy.part
             if isinstance(part, LazyColumn):
                 lazy_copies_by_source[id(part.source)].append(part_copy)
             else:
+                # The spans, with row numbers of the part instead of the column.
                 part_spans = _count_in_part(spans, part_copy.subject_count)
                 _copy_spans(part, part_copy.output, part_spans)
     for lazy_copies in lazy_copies_by_source.values():
@@ -233,11 +239,9 @@ def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -
 
     The source computes the rows slice by slice, and calls a function with the values of
     each slice. Several subjects (such as poles) can share a column, and their rows
-    alternate. Rows are counted in three ways:
-
-    - in a column: over all its parts, one for each subject (`spans`);
-    - in a part: over the rows of one subject, of which the source has each once;
-    - in the values of one slice: from the first row of this slice.
+    alternate. The part of a column has the rows of one subject. The numbers of rows are
+    those in the column at first (`spans`). They become those in a part, and then those in
+    one slice, counted from its first row.
 
     Parameters
     ----------
