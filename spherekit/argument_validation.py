@@ -29,8 +29,7 @@ def checked(
     """Return a decorator by which a function checks the types of its arguments.
 
     A decorated function raises `error` if an argument is unknown or missing, or has a type
-    that differs from its annotation. The annotations are read at the first call, when all
-    names in them are defined.
+    that differs from its annotation.
     """
 
     def decorate(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
@@ -44,7 +43,10 @@ def checked(
 
         @functools.cache
         def annotations() -> dict[str, Any]:
-            """Return the types of all parameters by name; they are read once."""
+            """Return the types of all parameters by name; they are read once.
+
+            This is at the first call of `function`, when all names in them are defined.
+            """
             return {
                 name: resolved_annotation(function, parameter.annotation)
                 for name, parameter in signature.parameters.items()
@@ -59,6 +61,8 @@ def checked(
                 message = _bind_message(signature, kwargs, bind_error)
                 raise error(f"{_public_name(function)}: {message}") from None
             for name, value in arguments.items():
+                # One value, or all values of a parameter such as ``*names``. The annotation
+                # of such a parameter is the type of each of them.
                 for item in _annotated_values(signature.parameters[name], value):
                     if fault := type_fault(name, item, annotations()[name]):
                         raise error(f"{_public_name(function)}: {fault}")

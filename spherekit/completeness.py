@@ -39,8 +39,9 @@ class Completeness:
     reason
         Reason in words.
     box
-        At the level `TO_BOX`, a size (rad). All larger parts of the result were found, and
-        smaller ones may be missing. It is 0 at other levels.
+        Width (rad) of a box of angles, such as the inputs, at the level `TO_BOX`. A part of
+        the result that fits into a box may be missing. All larger parts were found. The
+        width is 0 at other levels.
     sentence
         The statement in a whole sentence for users, empty if it follows from the level.
     """

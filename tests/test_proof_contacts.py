@@ -275,4 +275,4 @@ def test_other_contacts_are_refused():
     with pytest.raises(PlanError, match="pair c is a rolling contact, but no link carries"):
         decimal_mechanism(text)
     with pytest.raises(AnalysisError, match="-a poles"):
-        check_provable(sk.load("four_bar"), ["statics"], whole=True)
+        check_provable(sk.load("four_bar"), ["statics"], has_all_pairs=True)

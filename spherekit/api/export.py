@@ -287,8 +287,10 @@ def _export_source(
     input_pair, assembly_mode
         The driven pair or pairs, and the assembly mode (way to assemble the mechanism).
     options
-        Further arguments of `export`: quantities, numbers that are arguments of the source
-        code, and what happens where the curves of assembly modes cross.
+        Further arguments of `export`: the quantities (``quantities``), the numbers that are
+        arguments of the source code (``vary``), and ``crossings``. The configurations of a
+        mode form a curve over the input, which may cross the curve of another mode. With
+        "pass", a mode follows its smooth curve through a crossing. With "end" it does not.
     """
     if options.get("crossings") == "pass":
         # The source stores the inputs at which curves of modes cross. They depend on the
@@ -297,7 +299,7 @@ def _export_source(
     formula_set = formulas(
         mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **options
     )
-    check_arguments([formula_set])  # each size that varies has to change a result
+    check_arguments([formula_set])  # each number that varies has to change a result
     write_text(target, source(formula_set, kind))
     notes = _describe_mode_table(formula_set.mode_table)
     return Exported(target, _describe_formulas(formula_set), notes)
@@ -319,11 +321,14 @@ def _describe_formulas(formula_set: Formulas) -> str:
 def _describe_mode_table(mode_table: ModeTable) -> Names:
     """Return sentences on the assembly modes that exported source code does not compute.
 
-    An assembly mode is one of the ways to assemble the mechanism. The source code solves
-    the same closure equations in all its modes. They may be too few for some modes, because
-    equations that follow from others are left out. `undetermined` lists these modes. Source
-    code for one such mode alone solves other equations, and a sentence says so. The last
-    sentence tells what happens where curves of modes cross.
+    An assembly mode is one of the ways to assemble the mechanism. The source code selects
+    some of the equations that close the loops of links, and solves them in all its modes.
+    In a few modes these equations may not determine the positions. `undetermined` has the
+    numbers of these modes. Source code for one such mode alone selects other equations, and
+    a sentence says so.
+
+    The configurations of a mode form a curve over the input. The last sentence tells what
+    happens where the curves of two modes cross.
     """
     notes = [
         f"left out: assembly {numbered('mode', names)}: {reason}"
@@ -335,7 +340,7 @@ def _describe_mode_table(mode_table: ModeTable) -> Names:
             "a source for a single mode solves equations that determine it, for example "
             f"with --assembly-mode {first_number}, in Python assembly_mode={first_number}"
         )
-    # None if modes end at crossings with other modes.
+    # None if modes do not change at crossings.
     if mode_table.smooth is not None:
         notes.append(_describe_crossings(mode_table.smooth))
     return tuple(notes)
@@ -467,12 +472,12 @@ def _export_mujoco_model(
     at
         Inputs (rad) of the configuration. None: the first sample at which the mode exists.
     """
-    posed_mechanism, values = find_pose(mechanism, assembly_mode, at)
-    inputs = listing(
-        f"{name} = {values[posed_mechanism.angles[name]]:.6g} rad "
-        f"({np.degrees(values[posed_mechanism.angles[name]]):.6g} deg)"
-        for name in posed_mechanism.input_pairs
-    )
-    model = MujocoModel(posed_mechanism, values)
+    # The analysed mechanism, and the values (rad) of its pair variables by their numbers.
+    driven_mechanism, variables = find_pose(mechanism, assembly_mode, at)
+    input_texts = []
+    for pair in driven_mechanism.input_pairs:
+        angle = variables[driven_mechanism.angles[pair]]
+        input_texts.append(f"{pair} = {angle:.6g} rad ({np.degrees(angle):.6g} deg)")
+    model = MujocoModel(driven_mechanism, variables)
     write_text(target, model.text)
-    return Exported(target, f"a MuJoCo model at {inputs}", model.notes)
+    return Exported(target, f"a MuJoCo model at {listing(input_texts)}", model.notes)

@@ -22,6 +22,7 @@ from spherekit.mechanism.sizes import angles_in_radians
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.planning.pole_plan import Pole, all_poles, ordered_pole, parse_pole
+from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.motion import Motion
 from spherekit.positions.motion_cache import position_analysis_of
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -42,10 +43,11 @@ from spherekit.tables.table import (
 )
 from spherekit.tables.table_files import to_frame
 from spherekit.velocities.direction_signs import signs_by_axis_sums
+from spherekit.velocities.input_columns import InputColumns
 from spherekit.velocities.pole_evaluation import evaluate as evaluate_poles
 from spherekit.velocities.pole_evaluation import make_certified_field
-from spherekit.velocities.pole_request import MechanismKey
-from spherekit.velocities.row_kernel import REFERENCES, EvaluatedRow, row_kernel
+from spherekit.velocities.pole_request import MechanismKey, Request
+from spherekit.velocities.row_kernel import REFERENCES, EvaluatedRow, RowKernel, row_kernel
 from spherekit.wording import counted, listing
 
 TABLE = Table(
@@ -411,8 +413,11 @@ class Kinematics:
             (n,) coefficients at n configurations.
         """
         first, second = ordered_pole(self.mechanism, text)
-        # The difference avoids -0.0, which would be printed with a sign.
-        return self._drop_axis_if_single(values if first > second else 0.0 - values)
+        if first < second:
+            # The difference avoids -0.0, which would be printed with a sign.
+            values = 0.0 - values
+        # If n is 1 and the user asked for one input in one mode, return a number.
+        return self._drop_axis_if_single(values)
 
     def _moving(self, name: str | None) -> int:
         """Return the number of the moving input; the only one needs no name."""
@@ -656,7 +661,6 @@ def _single_row_evaluator(
     kernel = row_kernel(reference_motion, [request], "numpy")
     if kernel is None or not kernel.can_certify_rows or mechanism.has_contacts:
         return None
-    low, high = position_analysis.range
     row_template = replace(
         reference_motion.rows(slice(0, 1)),
         sample=np.zeros(1, dtype=int),
@@ -664,46 +668,56 @@ def _single_row_evaluator(
         status=np.zeros(1, dtype=np.int8),
         placed=None,
     )
+    evaluator = _SingleRowEvaluator(
+        mechanism,
+        position_analysis,
+        mode,
+        needs,
+        request,
+        kernel,
+        position_analysis.range,
+        row_template,
+    )
+    return evaluator.evaluate_row
 
-    def make_batch(q: float, evaluated_row: EvaluatedRow) -> Batch:
-        """Return the batch of one configuration at an input q (rad).
 
-        A batch is the ordinary result, with arrays for the configurations, their pole axes,
-        rates and error bounds. Here there is a single configuration. `evaluated_row` has
-        its numbers as plain floats, in the order of the expressions of `kernel`. The
-        enclosing function defines `row_template`, another configuration of the same
-        assembly mode. Fields that are not replaced are taken from there. It also defines
-        the requested quantities, `request` and `needs`.
-        """
-        columns = np.array(evaluated_row.columns)[:, None]
-        values = np.array([evaluated_row.variables])
-        # The input keeps the value that was asked for. The variables of all other pairs
-        # (passive ones) are reduced to (-pi, pi].
-        passive_variables = list(kernel.passive_variables)
-        values[:, passive_variables] = wrap(values[:, passive_variables])
-        row = replace(
-            row_template,
-            inputs=np.array([[q]]),
-            values=values,
-            residual=np.array([evaluated_row.residual]),
-        )
-        (input_columns_of_row,) = kernel.input_columns
-        # A pole axis has two opposite unit vectors. The one at less than 90 deg to the sum
-        # of the axis vectors of all pairs is chosen. The following numbers change their
-        # sign with the direction. Their shape is (components, poles, 1), and the first
-        # three components are the direction. The array is a view: `*=` below changes
-        # `columns`.
-        reversible_columns = input_columns_of_row.reversible_columns(columns)
-        # The function `find_signs` has the arguments directions, row and mode. There is
-        # only one row (configuration) and one mode, so both indices are 0.
-        find_signs = signs_by_axis_sums(np.array([evaluated_row.axis_sum]))
-        reversible_columns *= find_signs(reversible_columns[:3], 0, 0)
-        # The field has the poles, their rates and their error bounds. The kernel has
-        # checked that the bounds are small enough.
-        field = make_certified_field(input_columns_of_row, columns, row, request)
-        return Batch(mechanism, (request.plan,), needs, row, (field,))
+@dataclass(frozen=True)
+class _SingleRowEvaluator:
+    """Evaluates a mechanism in one assembly mode, quickly, at one input at a time.
 
-    def evaluate_row(q: float) -> Callable[[], Batch] | None:
+    An assembly mode is one way to assemble the mechanism.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism, with one input.
+    position_analysis
+        Its position analysis over the range of the input.
+    mode
+        The assembly mode.
+    needs
+        The requested quantities.
+    request
+        The poles (axes of relative rotation of two links) and links to evaluate.
+    kernel
+        The functions that compute a configuration and its poles.
+    input_range
+        The least and the greatest input (rad) of the position analysis.
+    row_template
+        A configuration of the mode. A result has its fields, apart from those that depend
+        on the input.
+    """
+
+    mechanism: Mechanism
+    position_analysis: PositionAnalysis
+    mode: AssemblyMode
+    needs: Needs
+    request: Request
+    kernel: RowKernel
+    input_range: tuple[float, float]
+    row_template: Motion
+
+    def evaluate_row(self, q: float) -> Callable[[], Batch] | None:
         """Evaluate one input q (rad) quickly; return a function that makes the full result.
 
         The full result is a batch: arrays with the configuration at q, its poles and error
@@ -713,30 +727,94 @@ def _single_row_evaluator(
         The result is None if the mode has no prediction at q, or if float64 may give too
         few digits. The caller then evaluates q in the ordinary, slower way.
         """
+        low, high = self.input_range
         is_in_range = low <= q <= high
         if isfinite(q) and not is_in_range:
-            q = shift_into_range(position_analysis, np.array([q])).item()
-        # A mechanism of dyads has a closed form. A dyad (two links and three pairs) can be
-        # assembled in two ways, and a sign for each dyad selects the mode. Otherwise
-        # Newton's method starts at a prediction by `mode.guide`, which interpolates
-        # verified configurations of the mode.
-        if kernel.has_closed_form:
-            # (dyads, 1) signs at the single input value.
-            signs = mode.signs_along(np.array([[q]]))[:, 0]
-            arguments = [q, *signs.astype(float).tolist()]
-        else:
-            assert mode.guide is not None
-            # (1, variables) all pair variables (rad), of which the input is one.
-            predicted, _, status = mode.guide.predict(np.array([[q]]), None)
-            if status != Status.OK:
-                return None
-            arguments = predicted[0].tolist()
-        evaluated_row = kernel.evaluate_row(arguments)
+            q = shift_into_range(self.position_analysis, np.array([q])).item()
+        arguments = self._kernel_arguments(q)
+        if arguments is None:
+            return None
+        evaluated_row = self.kernel.evaluate_row(arguments)
         if evaluated_row is None:
             return None
-        return partial(make_batch, q, evaluated_row)
+        return partial(self._make_batch, q, evaluated_row)
 
-    return evaluate_row
+    def _kernel_arguments(self, q: float) -> list[float] | None:
+        """Return the numbers from which the kernel computes the configuration at q (rad).
+
+        A mechanism of dyads (groups of two links) has a closed form. A dyad can be
+        assembled in two ways, and a sign (1 or -1) selects one. The numbers are then q and
+        the sign of each dyad.
+
+        Otherwise they are all pair variables (rad), predicted from known configurations of
+        the mode. Newton's method starts there. The result is None if the mode does not
+        exist at q.
+        """
+        # The functions for many inputs get an array with a single input.
+        inputs = np.array([[q]])
+        if self.kernel.has_closed_form:
+            signs_of_dyads = self.mode.signs_along(inputs)[:, 0]
+            return [q, *signs_of_dyads.astype(float).tolist()]
+        assert self.mode.guide is not None
+        prediction = self.mode.guide.predict(inputs, rows=None)
+        if prediction.status[0] != Status.OK:
+            return None
+        predicted_variables: list[float] = prediction.values[0].tolist()
+        return predicted_variables
+
+    def _make_batch(self, q: float, evaluated_row: EvaluatedRow) -> Batch:
+        """Return the batch of one configuration at an input q (rad).
+
+        A batch is the ordinary result, with arrays for the configurations, their pole axes,
+        rates and error bounds. Here there is a single configuration. `evaluated_row` has
+        its numbers as plain floats, in the order of the expressions of the kernel.
+        """
+        values = np.array([evaluated_row.variables])
+        # The input keeps the value that was asked for. The variables of all other pairs
+        # (passive ones) are reduced to (-pi, pi].
+        passive_variables = list(self.kernel.passive_variables)
+        values[:, passive_variables] = wrap(values[:, passive_variables])
+        row = replace(
+            self.row_template,
+            inputs=np.array([[q]]),
+            values=values,
+            residual=np.array([evaluated_row.residual]),
+        )
+        # The mechanism has one input, so the kernel has one set of columns.
+        (columns_of_input,) = self.kernel.input_columns
+        columns = np.array(evaluated_row.columns)[:, None]
+        _orient_poles(columns_of_input, columns, evaluated_row.axis_sum)
+        # The field has the poles, their rates and their error bounds. The kernel has
+        # checked that the bounds are small enough.
+        field = make_certified_field(columns_of_input, columns, row, self.request)
+        return Batch(self.mechanism, (self.request.plan,), self.needs, row, (field,))
+
+
+def _orient_poles(
+    columns_of_input: InputColumns, columns: Floats, axis_sum: Sequence[float]
+) -> None:
+    """Choose one of the two directions of each pole axis of one configuration.
+
+    A pole axis has two opposite unit vectors. The chosen one has a scalar product with
+    `axis_sum` that is not negative. So the choice depends on this configuration only.
+
+    Parameters
+    ----------
+    columns_of_input
+        Says which column has which quantity.
+    columns
+        (columns, 1) the poles and their rates. The numbers that change their sign with the
+        direction are changed here.
+    axis_sum
+        (3,) sum of the axis vectors of all pairs.
+    """
+    # (components, poles, 1): the first three components are the direction. The array is a
+    # view, so changing it changes `columns`.
+    reversible_columns = columns_of_input.reversible_columns(columns)
+    directions = reversible_columns[:3]
+    find_signs = signs_by_axis_sums(np.array([axis_sum]))
+    # There is one configuration (row) and one mode, each with the index 0.
+    reversible_columns *= find_signs(directions, 0, 0)
 
 
 def _pole_text(mechanism: Mechanism, pole: Pole) -> str:

@@ -252,13 +252,13 @@ def _labels_of_mode(study: Study) -> Names:
     """Return the labels by which a sweep may call the assembly mode of a study.
 
     A sweep analyses many designs (choices of sizes). The labels serve to select the rows of
-    one assembly mode (way to assemble the mechanism). The label of a mode depends on how
-    its design was computed. For mode 1 with the signs ``+-`` it is one of:
+    one assembly mode (way to assemble the mechanism). Rows of different designs may label
+    the same mode differently. For mode 1 with the signs ``+-`` there are four labels:
 
-    - ``+-``, a sign for each dyad (group of two links), if positions have a closed form;
-    - ``1 +-``, number and signs, if modes are tracked from design to design;
-    - ``1``, the number alone, if all modes of the design come from a complete run;
-    - ``run 1``, if some modes of the design come from a run and the others have signs.
+    - ``+-``, a sign for each dyad (group of two links);
+    - ``1 +-``, number and signs;
+    - ``1``, the number alone;
+    - ``run 1``, the number after the word "run".
 
     If the study states no mode, all modes are wanted and there are no labels.
 

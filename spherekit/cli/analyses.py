@@ -47,30 +47,37 @@ def execute(options: Namespace) -> int:
         return _describe(options)
     from spherekit.runs.registry import list_analyses, load_analysis
 
-    rows = [
-        {
-            "name": name,
-            "origin": origin,
-            "target": target,
-            "summary": "" if error else load_analysis(name).summary,
-            "error": error or None,
-        }
-        for name, origin, target, error in list_analyses()
-    ]
+    entries = []  # for the output as JSON
+    rows = []
+    warnings = []
+    for record in list_analyses():
+        # What the analysis computes, in words.
+        summary = ""
+        if record.error:
+            warnings.append(f"{record.name} is BROKEN: {record.error}")
+        else:
+            summary = load_analysis(record.name).summary
+            rows.append((record.name, summary))
+        entries.append(
+            {
+                "name": record.name,
+                "origin": record.origin,  # the installed package
+                "target": record.class_name,
+                "summary": summary,
+                "error": record.error or None,
+            }
+        )
     if options.json:
-        print_json(rows)
+        print_json(entries)
         return 0
-    broken = [row for row in rows if row["error"]]
     table = ScreenTable(
         columns=(ScreenColumn("analysis"), ScreenColumn("what it computes")),
-        rows=tuple(
-            (str(row["name"]), str(row["summary"])) for row in rows if not row["error"]
-        ),
+        rows=tuple(rows),
     )
     ScreenReport(
         "Installed analyses",
         results=[table],
-        warnings=[f"{row['name']} is BROKEN: {row['error']}" for row in broken],
+        warnings=warnings,
         next_steps=[
             ("spherekit analyses NAME", "parameters, tables and columns of an analysis"),
             ("spherekit run FILE -a NAME", "run an analysis"),

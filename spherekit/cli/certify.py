@@ -329,7 +329,8 @@ def _certify_inputs(
         f"there are exactly {counted(len(mode_table.rows), 'assembly mode')}.",
     )
     report.results.append(mode_table)
-    report.warnings += _describe_clusters(modes)
+    # Regions in which the proof does not decide whether there are modes.
+    report.warnings += _describe_undecided_regions(modes)
     certificate = modes_certificate(modes)
     if with_poles:
         certificate["poles"] = pole_table(modes)
@@ -444,7 +445,7 @@ def _mode_table(modes: "CertifiedModes") -> ScreenTable:
     return ScreenTable(tuple(columns), tuple(rows))
 
 
-def _describe_clusters(modes: "CertifiedModes") -> Lines:
+def _describe_undecided_regions(modes: "CertifiedModes") -> Lines:
     """Return a line for each region in which the number of solutions is undecided."""
     import numpy as np
 
@@ -736,9 +737,13 @@ def _report_curves(report: ScreenReport, curves: "CertifiedCurves") -> None:
     # Several crossings can have the same sentence, which is then printed once.
     for sentence, count in Counter(_crossing_sentences(curves)).items():
         configurations = f", in {count} configurations" if count > 1 else ""
-        type_text = " (type III)" if sentence.startswith("curves cross at") else ""
+        # Other sentences say that curves miss each other, or that this is undecided. A
+        # crossing that is proven is a singularity of type III.
+        is_proven_crossing = sentence.startswith("curves cross at")
+        type_text = " (type III)" if is_proven_crossing else ""
         report.results.append(f"{sentence}{configurations}{type_text}")
-    # Along some curves the input is constant, and other links move.
+    # Along some curves the input is constant, and other links move. All their points are
+    # singularities of type II.
     for q in curves.constant_input_values:
         report.results.append(
             f"at {_degrees(q)} deg the mechanism can move while the input is at rest "

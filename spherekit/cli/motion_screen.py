@@ -400,6 +400,7 @@ def table_notes(summary: Any, table: ScreenTable | None) -> Lines:
             "m = 1, the best value. m is 0 where the inputs cannot drive the output "
             "(singularity of type II)."
         )
+    # A dyad that is not in the table may be nearer to such a singularity.
     notes += _describe_other_dyad(summary)
     row_count = sum(len(entry["outputs"]) for entry in overview["modes"].values())
     if len(table.rows) == MAX_TABLE_ROWS and row_count > MAX_TABLE_ROWS:

@@ -93,8 +93,9 @@ def execute(options: Namespace) -> int:
         vary=options.vary,
         quantities=options.quantities,
         input_pair=options.input,
-        # What an assembly mode does where its configuration curve crosses another one:
-        # "end" there, or "pass" along the smooth curve.
+        # The configurations of an assembly mode (way to assemble the mechanism) form a
+        # curve over the input. Where it crosses the curve of another mode, the mode ends
+        # ("end"), or follows its smooth curve ("pass").
         crossings=options.crossings or "end",
     )
     same_mechanism = shlex.join([file, *mechanism_options(options)])

@@ -48,7 +48,9 @@ class PlaceText:
         place = overview["place"]
         self.kind: str = place["kind"]
         self.name: str = place["name"]
+        # Angles stay in rad here, and texts of places convert them to degrees.
         self.unit: str = "deg" if place["unit"] == "rad" else place["unit"]
+        # A run without samples has no range.
         first_place, last_place = overview["place_range"] or (0.0, 0.0)
         interval_count = max(overview["examined_samples"] - 1, 1)
         self.sample_step: float = abs(last_place - first_place) / interval_count
@@ -74,15 +76,22 @@ class PlaceText:
         return f"{number_text(step_deg, digits=3)} deg of input {self.name}"
 
     @property
-    def coarse_step_text(self) -> str:
-        """The distance of inputs, such as ``10 deg``, if it is large (`COARSE_STEP_DEG`).
+    def are_samples_far_apart(self) -> bool:
+        """Whether places are inputs, and their distance is at least `COARSE_STEP_DEG`.
 
-        A note then says that places between samples are uncertain. Otherwise it is empty.
+        Places between samples are then uncertain.
         """
-        step_deg = math.degrees(self.sample_step)
-        if self.kind != "input" or step_deg < COARSE_STEP_DEG:
+        return self.kind == "input" and math.degrees(self.sample_step) >= COARSE_STEP_DEG
+
+    @property
+    def coarse_step_text(self) -> str:
+        """The distance of samples, such as ``10 deg``, if they are far apart, else empty.
+
+        A note then says that places between samples are uncertain.
+        """
+        if not self.are_samples_far_apart:
             return ""
-        return f"{number_text(step_deg, digits=3)} deg"
+        return f"{number_text(math.degrees(self.sample_step), digits=3)} deg"
 
     @property
     def _interpolated_decimals(self) -> int:

@@ -225,10 +225,13 @@ def execute(options: Namespace) -> int:
         # If the drawing library is missing, this import fails before the run begins.
         import spherekit.display.figures.matplotlib_sdk  # noqa: F401
     if options.prove:
-        # Proven error bounds were requested. They are not possible for every run.
+        # Proven error bounds were requested. They are not possible for every run: proofs
+        # need all links and pairs, and ``--only-needed`` leaves some out.
         from spherekit.runs.proven_poles import check_provable
 
-        check_provable(study.mechanism, [x.name for x in analyses], not options.only_needed)
+        analysis_names = [analysis.name for analysis in analyses]
+        has_all_pairs = not options.only_needed
+        check_provable(study.mechanism, analysis_names, has_all_pairs)
     # The folder, if this run creates it. A run that fails removes it if it is still empty.
     new_folder = None
     if study.folder:
@@ -354,8 +357,10 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
     if not is_strict:
         return 0
     summary = result.summary
+    # Each of the two entries has the number of rows for each status that occurs.
+    statuses = {*summary["status"], *summary["pole_status"]}
     problems = [
-        {*summary["status"], *summary["pole_status"]} - {"OK"},
+        statuses - {"OK"},
         any(analysis["failed_rows"] for analysis in summary["analyses"]),
         exceeded_bounds,
         summary.get("verified", {}).get("beyond"),  # columns with more than rounding errors
@@ -504,11 +509,12 @@ def _setting_for_tolerance(
     """Return the fastest way to compute that meets the tolerance ``--tol``.
 
     A setting is one way to compute, such as an integrator with its own tolerance. A trade
-    is a stored measurement of the time and error of each setting. The setting is chosen
-    from the trades that ``--trade`` names.
+    is a measurement of the time and error of each setting. The setting is chosen from the
+    stored trades that ``--trade`` names. Without ``--trade``, a long run makes a trade
+    itself, and a short one has the ordinary setting.
 
-    In a simulation without ``--trade``, ``--tol`` is the tolerance of the integration. Then
-    no setting is chosen.
+    A simulation without ``--trade`` is different: ``--tol`` is the tolerance of its
+    integration. Then no setting is chosen.
 
     Returns
     -------
@@ -539,8 +545,10 @@ def _setting_for_tolerance(
         return {}
     from spherekit.runs.trade_choice import choose, read_stored_trades
 
-    trades = read_stored_trades(study, analyses, options.trade) if options.trade else []
-    setting, accuracy = choose(study, analyses, options.tol, trades)
+    stored_trades = []
+    if options.trade:
+        stored_trades = read_stored_trades(study, analyses, options.trade)
+    setting, accuracy = choose(study, analyses, options.tol, stored_trades)
     return {"setting": setting, "accuracy": accuracy}
 
 

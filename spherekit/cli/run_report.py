@@ -293,46 +293,73 @@ def _describe_dead_centres(summary: Any) -> Lines:
     if len(summary["inputs"]) != 1 or overview["place"]["kind"] != "input":
         return []
     place_text = PlaceText(overview)
-    first, last = overview["place_range"]
     modes_by_places: dict[str, list[int]] = {}
     for mode in summary["assembly_modes"]:
         entry = overview["modes"].get(str(mode["number"]))
         if entry is None or set(entry["statuses"]) - {"OUT_OF_REACH"}:
             # Rows are missing for other reasons, so modes may end elsewhere.
             return []
-        # `closes` lists spans of the input (first and last sample) in which the mode
-        # exists. If a span ends inside the range, a dead centre lies just beyond that end.
-        texts = []
-        for span in entry["closes"]:
-            for end, step in zip(sorted(span), (-1, 1), strict=True):
-                if end in (first, last):
-                    continue
-                # If samples are far apart, both samples around the dead centre are named.
-                if place_text.coarse_step_text:
-                    neighbour = end + step * place_text.sample_step
-                    bounds = sorted((end, neighbour))
-                    texts.append(place_text.between(bounds[0], bounds[1]))
-                else:
-                    texts.append(place_text.value(end))
+        texts = _dead_centre_texts(entry["closes"], overview["place_range"], place_text)
         if texts:
             text = listing(texts, MAX_LISTED_EVENTS)
             modes_by_places.setdefault(text, []).append(mode["number"])
     if not modes_by_places:
         return [f"No mode has {TYPE_2_TEXT} in this range."]
     name = place_text.named  # of the input
-    where = f"at {name}" if place_text.coarse_step_text else f"near {name} ="
-    lines = [
-        f"{'Mode' if len(numbers) == 1 else 'Modes'} {number_list(numbers)} "
-        f"{'ends' if len(numbers) == 1 else 'end'} at dead centres (type II singularities) "
-        f"{where} {text} deg. The table has "
-        f"{'its' if len(numbers) == 1 else 'their'} values up to the last samples, so that "
-        "swings and the largest velocity ratios are lower bounds: velocity ratios grow "
-        "without bound towards a dead centre."
-        for text, numbers in modes_by_places.items()
-    ]
-    if sum(map(len, modes_by_places.values())) < len(summary["assembly_modes"]):
+    # The places are intervals if samples are far apart, otherwise values.
+    where = f"at {name}" if place_text.are_samples_far_apart else f"near {name} ="
+    lines = []
+    mode_count = 0
+    for places, numbers in modes_by_places.items():
+        mode_count += len(numbers)
+        if len(numbers) == 1:
+            subject, verb, pronoun = "Mode", "ends", "its"
+        else:
+            subject, verb, pronoun = "Modes", "end", "their"
+        lines.append(
+            f"{subject} {number_list(numbers)} {verb} at dead centres (type II "
+            f"singularities) {where} {places} deg. The table has {pronoun} values up to "
+            "the last samples, so that swings and the largest velocity ratios are lower "
+            "bounds: velocity ratios grow without bound towards a dead centre."
+        )
+    if mode_count < len(summary["assembly_modes"]):
         lines.append("The other modes have no dead centre in this range.")
     return lines
+
+
+def _dead_centre_texts(
+    spans: Sequence[Sequence[float]],
+    input_range: Sequence[float],
+    place_text: PlaceText,
+) -> Lines:
+    """Return texts of the inputs near which an assembly mode has dead centres.
+
+    If a span of the mode ends inside the range, a dead centre is between this sample and
+    the next one.
+
+    Parameters
+    ----------
+    spans
+        Spans of the input in which the mode exists: the first and the last sample of each,
+        in rad.
+    input_range
+        The inputs of the first and the last sample of the run (rad).
+    place_text
+        Writes an input as text.
+    """
+    texts = []
+    for span in spans:
+        low, high = sorted(span)
+        sample_below = low - place_text.sample_step
+        sample_above = high + place_text.sample_step
+        for end, interval in ((low, (sample_below, low)), (high, (high, sample_above))):
+            if end in input_range:
+                continue
+            if place_text.are_samples_far_apart:
+                texts.append(place_text.between(*interval))
+            else:
+                texts.append(place_text.value(end))
+    return texts
 
 
 def _describe_unexpected_mobility(summary: Any) -> Lines:
@@ -614,10 +641,11 @@ def _pole_warnings(summary: Any) -> Lines:
 
 
 def _table_warnings(summary: Any) -> Lines:
-    """Return a line for each reason why only rows of a table of an analysis have no result.
+    """Return lines that say why rows in tables of analyses have no result.
 
-    The status of a row is OK, or the reason why it has no result. Rows of the motion have
-    their warnings elsewhere, so a status that occurs there is not repeated.
+    The status of a row is OK, or the reason why it has no result. There is a line for each
+    table and reason. Rows of the motion have their warnings elsewhere, so a status that
+    occurs there is not repeated.
 
     Parameters
     ----------
@@ -732,36 +760,49 @@ def _table_accuracy(overview: Any) -> str:
     if not overview["is_path"]:
         apart = f", which are {sample_distance} apart" if sample_distance else ""
         return f"the table has the extremes of the samples{apart}"
-    # The excess is how far a value between samples may exceed the extreme. An excess is
-    # stated only if it would change a printed digit.
-    largest = dict.fromkeys(TABLE_QUANTITIES, 0.0)
-    for mode in overview["modes"].values():
-        for motion in mode["outputs"]:
-            for key, excess, last_digit in _table_excesses(motion, bool(overview["ratio"])):
-                # If a mode ends at a dead centre, velocity ratios grow without bound there.
-                if key == "ratio" and not mode["closes_everywhere"]:
-                    continue
-                if excess > 0.5 * last_digit:
-                    largest[key] = max(largest[key], excess)
-    exceptions = [
-        text.format(f"{float(_round_up(largest[key])):.12f}".rstrip("0").rstrip("."))
-        for key, text in TABLE_QUANTITIES.items()
-        if largest[key]
-    ]
+    exceptions = []
+    for key, excess in _largest_excesses(overview).items():
+        number = f"{float(_round_up(excess)):.12f}".rstrip("0").rstrip(".")
+        exceptions.append(TABLE_QUANTITIES[key].format(number))
     line = "the table is accurate to the digits shown"
     if exceptions:
-        because = (
-            f", as extremes can lie between samples ({sample_distance} apart)"
-            if sample_distance
-            else ""
-        )
-        line += f", but {', '.join(exceptions)}{because}"
+        line += f", but {', '.join(exceptions)}"
+        if sample_distance:
+            line += f", as extremes can lie between samples ({sample_distance} apart)"
     modes = overview["modes"].values()
     if not all(mode["closes_everywhere"] for mode in modes):
         line += "; the extremes of a mode that ends are those up to its last sample"
     elif any(mode["statuses"] for mode in modes):
         line += "; samples without a result are left out of the table"
     return line
+
+
+def _largest_excesses(overview: Any) -> dict[str, float]:
+    """Return how far quantities between samples may exceed the extremes in the table.
+
+    Parameters
+    ----------
+    overview
+        The overview of the motion in the summary of the run.
+
+    Returns
+    -------
+    The largest excess of each quantity, by its key in `TABLE_QUANTITIES`. Quantities are
+    left out if no excess would change a printed digit.
+    """
+    # The entry ``ratio`` is the unit of speeds. It is empty for velocity ratios.
+    has_speeds = overview["ratio"] != ""
+    largest: dict[str, float] = {}
+    for mode in overview["modes"].values():
+        for motion in mode["outputs"]:
+            for key, excess, last_digit in _table_excesses(motion, has_speeds):
+                # If a mode ends at a dead centre, velocity ratios grow without bound there.
+                if key == "ratio" and not mode["closes_everywhere"]:
+                    continue
+                if excess > 0.5 * last_digit:
+                    largest[key] = max(largest.get(key, 0.0), excess)
+    # The text lists the quantities in the order of the table.
+    return {key: largest[key] for key in TABLE_QUANTITIES if key in largest}
 
 
 def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float, float]]:
@@ -784,12 +825,9 @@ def _table_excesses(motion: Any, has_speeds: bool) -> Iterator[tuple[str, float,
     """
     excess = motion["excess_between_samples"]
     yield "angle", math.degrees(excess["angle_rad"]), 0.01
-    ratios = [
-        ratio
-        for ratio in (*motion["lowest_ratio"], *motion["highest_ratio"])
-        if ratio is not None
-    ]
-    last_digits = [ratio_last_digit(ratio) for ratio in ratios]
+    # The lists have the lowest and the highest value for each input, or None without one.
+    extreme_ratios = [*motion["lowest_ratio"], *motion["highest_ratio"]]
+    last_digits = [ratio_last_digit(ratio) for ratio in extreme_ratios if ratio is not None]
     rate_key = "speed" if has_speeds else "ratio"
     yield rate_key, excess["ratio"], min(last_digits, default=math.inf)
     if motion["least_transmission"]:
@@ -998,17 +1036,18 @@ def duration(seconds: float) -> str:
 def accuracy_line(choice: Any) -> str:
     """Return the line about the setting that was chosen to meet a tolerance.
 
-    A setting is one way to compute the tables of a run. A trade is an earlier measurement
-    of the time and error of each setting. The error in the trade is the predicted error of
-    the run. Some rows of the run (check rows) may also be compared with accurate values.
-    This gives the achieved error.
+    A setting is one way to compute the tables of a run. Two errors of the setting may be
+    known:
+
+    - the predicted error, from an earlier measurement;
+    - the achieved error, from some rows of this run (check rows) that were also computed
+      accurately.
 
     Parameters
     ----------
     choice
         The entry ``accuracy`` of the summary. ``why`` is the reason of the choice as a
-        phrase. The predicted error is None without a trade. The achieved error is None
-        without check rows.
+        phrase. An error that is not known is None.
     """
     predicted_error = choice["predicted_error"]
     achieved_error = choice["achieved_error"]
@@ -1028,5 +1067,5 @@ def accuracy_line(choice: Any) -> str:
         )
     if predicted_error is not None:
         return f"{line}, from this measurement{unmet}"
-    # Without trade and check rows, no result has an error that depends on the setting.
+    # Neither error is known, since no result of the run depends on the setting.
     return f"{line}; no requested result depends on samples"

@@ -37,13 +37,8 @@ def describe_singularities(summary: Any) -> Lines:
     """Return sentences on how near the samples of a run come to singularities.
 
     At a singularity of type I an output loses a direction of motion. At one of type II the
-    locked inputs do not hold the output. The sentences are about
-
-    - type II, if there are several inputs and the run is not a simulation,
-    - type I, for each output that the table of outputs does not cover.
-
-    In a run with one input, other than a simulation, that table covers the outputs with a
-    fixed axis.
+    locked inputs do not hold the output. The sentences leave out what other parts of the
+    report say.
 
     Parameters
     ----------
@@ -51,23 +46,27 @@ def describe_singularities(summary: Any) -> Lines:
         The content of ``summary.json``, the file with the main results of the run.
     """
     overview = summary["overview"]
-    has_several_inputs = len(summary["inputs"]) > 1
-    is_simulation = "simulation" in summary
     if not overview["modes"]:
         return []
+    is_simulation = "simulation" in summary
+    has_several_inputs = len(summary["inputs"]) > 1
+    has_several_prescribed_inputs = has_several_inputs and not is_simulation
+    has_one_prescribed_input = not has_several_inputs and not is_simulation
     statements = []
-    if has_several_inputs and not is_simulation:
+    if has_several_prescribed_inputs:
         statements.append(_describe_type_2(summary))
     for number, output in enumerate(overview["outputs"]):
-        is_in_table = output["fixed_axis"] and not has_several_inputs and not is_simulation
-        if not is_in_table:
-            statements.append(_describe_type_1(summary, number))
+        # The table of outputs in the report says where such an output rests. These places
+        # are its singularities of type I.
+        if has_one_prescribed_input and output["fixed_axis"]:
+            continue
+        statements.append(_describe_type_1(summary, number))
     lines = [line for statement in statements for line in statement.lines]
     names_places = any(statement.names_singular_places for statement in statements)
     analyses = {analysis["name"] for analysis in summary["analyses"]}
     # The analysis `singularities` computes exact places, so no hint is needed then.
     has_exact_places = "singularities" in analyses
-    if names_places and has_several_inputs and not is_simulation and not has_exact_places:
+    if names_places and has_several_prescribed_inputs and not has_exact_places:
         lines[-1] += (
             " These places are estimated from the samples; -a singularities computes "
             "them exactly, and searches between the samples, too."
@@ -114,7 +113,7 @@ def _describe_type_2(summary: Any) -> _Statement:
     """
     overview = summary["overview"]
     meaning = "type II (locked inputs do not hold the output)"
-    extent = _extent(summary)
+    extent = _extent(summary)  # the end of a sentence, such as "on this path"
     modes_that_end: list[int] = []
     modes_at_singularity: list[int] = []
     nearest_samples: list[_NearestSample] = []
@@ -133,29 +132,26 @@ def _describe_type_2(summary: Any) -> _Statement:
             f"{meaning}."
         )
     if modes_that_end:
+        subject = modes_text(modes_that_end, begins_sentence=True)
         verb = "ends" if len(modes_that_end) == 1 else "end"
-        lines.append(
-            f"{modes_text(modes_that_end, True)} {verb} {extent}, at singularities of "
-            f"{meaning}."
-        )
+        lines.append(f"{subject} {verb} {extent}, at singularities of {meaning}.")
     if not modes_at_singularity and not modes_that_end:
         beginning = f"No singularity of {meaning} is met"
-        end = ""
+        nearest_text = ""
         if nearest_samples:
             nearest = min(nearest_samples, key=lambda sample: sample.value)
             is_nearly_met = nearest.value <= NEAR_SHARE * nearest.best_value
             if is_nearly_met:
                 beginning = f"A singularity of {meaning} is nearly met"
+            equal_difference = EQUAL_VALUES_SHARE * nearest.best_value
             equally_near = [
                 (sample.mode, sample.inputs)
                 for sample in nearest_samples
-                if sample.value - nearest.value <= EQUAL_VALUES_SHARE * nearest.best_value
+                if sample.value - nearest.value <= equal_difference
             ]
-            end = (
-                f"; {_closest_text('closest configuration', summary, equally_near)}, where "
-                f"the transmission {nearest.measure_text}"
-            )
-        lines.append(f"{beginning} {extent}{end}.")
+            place_text = _closest_text("closest configuration", summary, equally_near)
+            nearest_text = f"; {place_text}, where the transmission {nearest.measure_text}"
+        lines.append(f"{beginning} {extent}{nearest_text}.")
     return _Statement(lines, is_nearly_met)
 
 
@@ -240,7 +236,7 @@ def _list_nearest_samples(mode: int, entry: Any) -> Iterator[_NearestSample]:
         inputs = motion["inputs_of_least_measure_rad"]
         if measure and inputs:
             has_measure = True
-            value = measure[0]
+            value, _place = measure  # the place of the sample in the run is not used
             text = f"measure is {number_text(value, MEASURE_ERROR, 2)}"
             yield _NearestSample(mode, inputs, value, 1.0, text)
     transmission = entry["least_transmission"]

@@ -121,11 +121,11 @@ def _sample_words(sweep: "Sweep") -> str:
     """
     if sweep.samples is None:
         return ""
-    inputs = sweep.samples.inputs
-    ranges = [
-        f"{pair} from {degree_range_text(min(values), max(values))} deg"
-        for pair, values in zip(inputs, sweep.samples.rows.T, strict=False)
-    ]
+    ranges = []
+    for column, pair in enumerate(sweep.samples.inputs):
+        # The first columns of the samples are the inputs (rad), in their order.
+        values = sweep.samples.rows[:, column]
+        ranges.append(f"{pair} from {degree_range_text(min(values), max(values))} deg")
     count = "x".join(map(str, sweep.samples.shape))
     noun = "input" if len(ranges) == 1 else "inputs"
     return f"; {counted(count, 'sample')}, {noun} {' and '.join(ranges)}"
@@ -334,6 +334,13 @@ def _warn_of_change_points(frame: Any) -> Lines:
     ]
 
 
+def _numbers_of_texts(column: Any) -> str:
+    """Return how often each text occurs in a column of a frame, such as ``3 a, 1 b``."""
+    texts_of_rows = column.dropna().astype(str)
+    counts = texts_of_rows[texts_of_rows != ""].value_counts()
+    return ", ".join(f"{count} {text}" for text, count in counts.items())
+
+
 def _count_texts(result: "SweepResult", frame: Any) -> Lines:
     """Return lines that say how often each text occurs in a column of a sweep.
 
@@ -347,23 +354,18 @@ def _count_texts(result: "SweepResult", frame: Any) -> Lines:
     frame
         The rows that have figures of merit (numbers or texts that rate a design).
     """
-    names = [name for name in ("grashof",) if name in frame.columns]
-    names += [
-        merit.name
-        for merit in result.sweep.merits
-        if frame[merit.name].dtype.kind not in NUMERIC_KINDS
-    ]
     lines = []
-    for name in names:
+    if "grashof" in frame.columns:
         # All assembly modes of a design have the same type of four-bar, so count designs.
-        rows = frame.drop_duplicates("design") if name == "grashof" else frame
-        texts_of_rows = rows[name].dropna().astype(str)
-        counts = texts_of_rows[texts_of_rows != ""].value_counts()
-        texts = ", ".join(f"{count} {text}" for text, count in counts.items() if count)
+        designs = frame.drop_duplicates("design")
+        texts = _numbers_of_texts(designs["grashof"])
         if texts:
-            lines.append(
-                f"{'Designs by type of four-bar' if name == 'grashof' else name}: {texts}"
-            )
+            lines.append(f"Designs by type of four-bar: {texts}")
+    for merit in result.sweep.merits:
+        has_texts = frame[merit.name].dtype.kind not in NUMERIC_KINDS
+        texts = _numbers_of_texts(frame[merit.name]) if has_texts else ""
+        if texts:
+            lines.append(f"{merit.name}: {texts}")
     # The claim says whether all assembly modes of a design were found.
     claims = frame["claim"].dropna().astype(str).value_counts()
     if list(claims.index) == ["complete"]:

@@ -395,7 +395,9 @@ def _enclose_run_poles(
     return enclosed_poles
 
 
-def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:
+def check_provable(
+    mechanism: Mechanism, analyses: Collection[str], has_all_pairs: bool
+) -> None:
     """Check, before a run, that the poles of the run can be enclosed by proof.
 
     A pole is the axis of the relative rotation of two links. The option ``--prove`` of
@@ -407,7 +409,7 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
         The mechanism of the run, with its inputs.
     analyses
         Names of the analyses of the run.
-    whole
+    has_all_pairs
         Whether the run computes all links and pairs, instead of the needed ones only.
 
     Raises
@@ -422,7 +424,7 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
             f"--prove computes bounds of poles and needs the analysis {PROVEN_ANALYSIS}; "
             f"add it: -a {PROVEN_ANALYSIS}"
         )
-    if not whole:
+    if not has_all_pairs:
         raise AnalysisError(
             "--prove needs the angles of all pairs, but --only-needed leaves pairs out; "
             "give only one of the two options"
