@@ -255,19 +255,26 @@ class CellSums:
         # (cells, degree + 1, ..., degree + 1, K) coefficients of the sums. For each
         # variable there is one axis, the order k of its Chebyshev polynomial T_k.
         coefficients = series.coefficients @ weights
+        # A list with one array per cell, because lists are faster to read one by one.
         self._coefficients_by_cell = [*coefficients]
         self._order_count = coefficients.shape[1]
         self._orders = np.arange(self._order_count, dtype=float)
         # Chebyshev polynomials are defined from -1 to 1. A position in a cell is scaled to
-        # this range as (position - middle) * scale.
-        low = series.bounds[:, 0]
+        # this range as (position - middle) * scale. The bounds (cells, 2, m) are the lower
+        # and the upper corner of each cell.
+        low = series.bounds[:, 0]  # (cells, m)
         high = series.bounds[:, 1]
         middles = 0.5 * (low + high)
         scales = 2.0 / (high - low)
+        # (cells, m, 2) as nested lists.
         self._middles_and_scales = np.stack([middles, scales], axis=2).tolist()
 
     def evaluate(self, cell: int, x: Sequence[float]) -> Floats:
-        """Return the weighted sums (K,) at a position (m,) in a cell.
+        """Return K weighted sums of functions at one position in a cell.
+
+        The functions and their weights were given when this object was made. Within a cell,
+        each sum is a polynomial: its coefficients times products of Chebyshev polynomials
+        T_k, one for each of the m variables.
 
         Parameters
         ----------
@@ -276,6 +283,10 @@ class CellSums:
         x
             (m,) position. If a coordinate is outside the cell, or NaN, the nearest edge of
             the cell is taken (for NaN the upper or the lower edge).
+
+        Returns
+        -------
+        (K,) sums.
         """
         # Each pass sums over the first remaining axis of orders. With two variables, n
         # orders and K sums, `remaining` has these shapes:

@@ -254,8 +254,9 @@ class DyadChain:
             near_support=sum(self.ends[near_pair]) - near_link,
             far_support=sum(self.ends[far_pair]) - far_link,
             # A dyad has two positions, with the middle axis on one or the other side of the
-            # plane of the outer axes. This factor, 1 or -1, corrects the side for the order
-            # of the pairs here.
+            # plane of the outer axes. This is the side, 1 or -1, of the mode with sign 1:
+            # the sign of middle axis . (near axis x far axis). The mode itself is defined
+            # with the axes in the order of the pair numbers.
             positive_mode_side=group.dyad_parity,
             # The angles between the axes at both ends of the near link, and at both ends of
             # the far link.

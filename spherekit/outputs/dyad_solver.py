@@ -300,6 +300,10 @@ class _GearedMode:
         pairs at the poses. Some of them, the entry pairs, are inputs or are turned by the
         wheels. Their angles are linear functions of the inputs, ratios @ inputs + offsets.
         The inputs follow from them.
+
+        A pose gives the angles of the entry pairs only up to whole revolutions, and other
+        revolutions give other inputs. The inputs with the smallest sum of absolute values
+        are taken.
         """
         kinematics = self.kinematics
         # `wheelless_number` is the number of a pair in the mechanism without wheels, by its
@@ -370,17 +374,21 @@ class _GearedMode:
         return np.where(is_out_of_reach, self._continue_type_1_square(), square)
 
     def _continue_type_1_square(self) -> Floats:
-        """Return squared measures of type I (n, inputs) for poses out of reach, at most 0.
+        """Return the squared measures of type I for poses out of reach.
 
-        The measure is 0 where an input can move while the output rests, at the limit of the
-        reach. Beyond it the square becomes negative, so that the limit can be searched from
-        both sides.
+        The measure of an input is the speed of the output per unit rate of this input. It
+        is 0 at the limit of the reach, where the input can move while the output rests.
+        Beyond the limit the measure itself has no value. Its square can be continued and is
+        negative there, so that the limit can be searched from both sides.
 
-        The mechanism without wheels has such a square for each entry pair (a pair at which
-        the wheels or the inputs drive it). An input moves r times as fast as an entry pair,
-        where r is the derivative of the input by the angle of that pair. The square of the
-        entry pair is therefore divided by r^2. The least quotient of all entry pairs
-        counts.
+        The mechanism without wheels has entry pairs, at which the wheels or the inputs
+        drive it. It gives the continued square for each entry pair. If an entry pair has
+        unit rate, an input has the rate r, the derivative of the input by the angle of the
+        pair. Per unit rate of the input, the square is therefore divided by r^2.
+
+        Returns
+        -------
+        (n, inputs) at most 0: the least quotient of all entry pairs. It is 0 within reach.
         """
         entry_squares = self.wheelless_mode.type_1_square  # (n, entry pairs)
         continuation = np.zeros(entry_squares.shape)  # (n, inputs), as many as entry pairs

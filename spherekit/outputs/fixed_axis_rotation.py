@@ -203,9 +203,10 @@ class FollowedRotation(RotationPath):
         # includes NaN.
         singular = minima[~(self._measure_transmission(minima) > SINGULAR_RATIO)]
         # A minimum near a leap is the singular configuration of this leap, which is listed
-        # already.
+        # already. Near means: at most the length of the longest leap away.
+        longest_leap = LEAP_LENGTHS_RAD[-1]
         distances = np.abs(singular[:, None] - np.array(self.leaps))
-        is_apart = np.all(distances > LEAP_LENGTHS_RAD[-1], axis=1)
+        is_apart = np.all(distances > longest_leap, axis=1)
         crossings = np.concatenate([self.leaps, singular[is_apart]])
         # Adding 0.0 turns -0.0 into 0.0.
         return tuple(np.sort(np.clip(crossings, 0.0, self.reached) + 0.0).tolist())

@@ -159,9 +159,10 @@ class Inverse:
         inverse_rows = self.normals / self.type_1[..., None]
         third_row = None
         if inverse_rows.shape[2] == 2:
-            # With two inputs, the matrix has only two rows. The third one is along the
-            # direction of the output, about which the output has no angular velocity. The
-            # length of this row has no influence on the result.
+            # With two inputs the output is a direction, and the matrix has only two rows.
+            # Both are at right angles to this direction. Their vector product is along the
+            # direction and serves as the third row. It makes the angular velocity about the
+            # direction zero, whatever the length of the row is.
             third_row = np.cross(inverse_rows[..., 0, :], inverse_rows[..., 1, :])
         # The columns of the inverse of a matrix are the cross products of its rows,
         # divided by the determinant.
@@ -599,6 +600,8 @@ class InverseKinematics:
         """
         # A pointing output has the azimuth and the tilt of its direction as coordinates.
         coordinates = azimuth_tilt(poses) if self.wrist.points else euler_zyz(poses)
+        # `self.own` is the mechanism of the user, in which the output is not held. Its
+        # solver tells which variables to return, and checks how the wheels mesh.
         own_solver = PositionSolver(self.own, plan_assembly(self.own))
         return find_configurations(
             self.solver, self.wrist.output, inputs=coordinates, released=own_solver

@@ -61,8 +61,12 @@ class ElbowFeet:
         """Return the elbows of the legs in given modes, and their triple products.
 
         The elbow of a leg is the axis between its two links. It can be in two positions,
-        which the sign of the triple product n . (base axis x elbow) distinguishes. n is the
-        normal of the mid-plane.
+        which the sign of the triple product n . (base axis x elbow) distinguishes. Here n
+        is the unit normal of the mid-plane, in which both elbows lie. `foot` is the point
+        half-way between both elbows. `direction` is the vector by which the elbow changes
+        per unit of the triple product:
+
+            elbow = foot + triple_product * direction.
 
         Parameters
         ----------
@@ -163,14 +167,18 @@ class MidPlane:
         -----
         Let e be an elbow, b the base axis of its leg, a the arc of a link, and h the angle
         from b to the mid-plane, positive on the side of the normal n. The projection p of b
-        onto the mid-plane has the length cos(h). In the mid-plane, e has components along p
-        and n x p:
+        onto the mid-plane has the length cos(h). The elbow e lies in the mid-plane. It is
+        the sum of its components along p and along n x p, vectors at right angles:
 
-        - e . p = e . b = cos(a), so the foot is cos(a) p / cos(h)^2.
-        - e . (n x p) = n . (b x e), so the direction is (n x p) / cos(h)^2.
+            e = (e . p) p / cos(h)^2 + (e . (n x p)) (n x p) / cos(h)^2.
 
-        Since e has the length 1, the square of the triple product is cos(h)^2 - cos(a)^2 =
-        sin(a + h) sin(a - h). This product loses no digits near the limit of the reach.
+        - In the first term e . p = e . b = cos(a). This term is equal for both elbows: it
+          is the foot.
+        - In the second term e . (n x p) is the triple product t = n . (b x e). The vector
+          (n x p) / cos(h)^2, by which t is multiplied, is the `direction` of the result.
+
+        Since e has the length 1, t^2 = cos(h)^2 - cos(a)^2 = sin(a + h) sin(a - h). This
+        product loses no digits near the limit of the reach.
         """
         # (n, legs) and (n, legs, 3).
         sine_h = normals @ self.axes.T
@@ -183,7 +191,7 @@ class MidPlane:
         # At the limit of the reach rounding errors decide about the sign.
         triple_product_square[np.abs(triple_product_square) <= REACH_SLACK] = 0.0
         with np.errstate(all="ignore"):
-            scaled_projection = projection / cosine_h_square[..., None]
+            scaled_projection = projection / cosine_h_square[..., None]  # p / cos(h)^2
             return ElbowFeet(
                 foot=np.cos(self.arcs)[:, None] * scaled_projection,
                 direction=cross(normals[:, None], scaled_projection),
@@ -269,19 +277,21 @@ class MidPlane:
         -------
         The variables (n, 2) rad of both driven pairs, by the signs of their legs.
         """
+        # The middles between both elbows, from which both elbows of each leg follow.
         feet = self.elbow_feet(normals)
         leg_count = len(self.arcs)
         # The variable of a base pair depends on the elbow of its own leg only. So the
-        # variables of all legs are computed once for each sign, not once for each mode.
-        readings_by_sign = {}
+        # variables (n, legs) of all legs are computed once for each sign of the elbows, not
+        # once for each mode.
+        variables_by_sign = {}
         for sign in (-1, 1):
             elbows, _triple_products = feet.elbows(np.full(leg_count, sign))
-            readings_by_sign[sign] = self.readings(elbows)
+            variables_by_sign[sign] = self.readings(elbows)
         first_leg, second_leg = self.driven
         inputs_by_mode = {}
         for first_sign, second_sign in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
-            first_input = readings_by_sign[first_sign][:, first_leg]
-            second_input = readings_by_sign[second_sign][:, second_leg]
+            first_input = variables_by_sign[first_sign][:, first_leg]
+            second_input = variables_by_sign[second_sign][:, second_leg]
             inputs = np.column_stack([first_input, second_input])
             inputs_by_mode[first_sign, second_sign] = inputs
         return inputs_by_mode

@@ -526,8 +526,8 @@ class MidPlaneArchitecture:
         Parameters
         ----------
         start, stop
-            Normals (3,) of the mid-planes of both poses. They are in mirror axes: the axes
-            of the base, turned by the constant matrix `frame`.
+            Normals (3,) of the mid-planes of both poses, in mirror axes. These are axes
+            fixed to the base in which the formulas of the mirror image are simplest.
         modes
             (legs,) signs, 1 or -1, which choose the elbow (axis between both links) of each
             leg at the start. The sign is that of normal . (base axis x elbow).
@@ -546,11 +546,12 @@ class MidPlaneArchitecture:
         end_normals = np.stack([upward(unit(normal)) for normal in (start, stop)])
         for normal in end_normals:
             self.check_reach(normal)
-        # Orientations of the end effector and the axis of the rotation are in the axes of
-        # the base.
+        # The orientations of the end effector, and so the axis of the rotation between
+        # them, are in the axes of the base.
         start_orientation, stop_orientation = self.orientations(end_normals)
         axis, angle = axis_and_angle(start_orientation, stop_orientation)
-        return self.rotation_about(end_normals[0], axis, angle, signs)
+        start_normal = end_normals[0]  # still in mirror axes
+        return self.rotation_about(start_normal, axis, angle, signs)
 
     def rotation_about(
         self, start: Floats, axis: Floats, angle: float, modes: Floats

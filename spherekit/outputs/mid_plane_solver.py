@@ -35,7 +35,8 @@ class InputMidPlanes:
     driven_signs
         (n, 2) signs, 1.0 or -1.0, of the two driven legs: those of n . (base axis x elbow)
         with the normal n and the elbow, the axis between both links of the leg. They are
-        0.0 if the output points in its home direction.
+        0.0 if the output points in its home direction: there is no direction from one to
+        the other then, so the sense of the normal is open.
     """
 
     normals: Floats
@@ -250,8 +251,10 @@ class _MidPlaneMode:
         The input rotates the elbow about the base axis, so e' is the rate of the input
         times (base axis x e). The direction p of the output is the mirror image of the
         constant home direction m, so n = (p - m) / ``|p - m|``. For the angular velocity w
-        of the output, p' = w x p. This gives
+        of the output, p' = w x p. A change of ``|p - m|`` changes n' along n only, and e is
+        at right angles to n. Therefore
 
+            e . n' = e . (w x p) / ``|p - m|`` = -(e x p) . w / ``|p - m|``,
             rate = (e x p) . w / (n . (base axis x e) ``|p - m|``).
 
         The denominator is 0 at a singularity of type I, where the input can move while the

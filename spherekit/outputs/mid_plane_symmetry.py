@@ -198,20 +198,20 @@ def _find_legs(
 
 @dataclass(frozen=True)
 class _ElbowStructure:
-    """What all pair axes are in a mechanism whose base and output link mirror each other.
+    """The kind of each pair axis in a mechanism with a mid-plane, and its carriers.
 
-    They mirror each other in the mid-plane. A leg is two links that join base and output
-    link. Its elbow is the axis between them. Further links, the carriers, hold the elbows
-    of all legs in the mid-plane.
+    Base and output link mirror each other in the mid-plane. A leg is two links that join
+    them. Its elbow is the axis between these two links. The elbows of all legs lie in the
+    mid-plane. Further links, the carriers, keep them there.
 
     Attributes
     ----------
     pair_axes
-        What the axis of each pair is, by the number of the pair: an axis of a leg, or the
-        normal of the mid-plane.
+        The kind of the axis of each pair, by the number of the pair. An axis is that of a
+        leg (at the base, at the output link, or the elbow) or the normal of the mid-plane.
     elbow_carriers
-        Numbers of the carriers. They are hinged to legs at their elbows, and they all turn
-        about the normal of the mid-plane.
+        Numbers of the carriers. Each is hinged to a leg along the elbow of the leg. The
+        carriers are joined to each other by pairs along the normal of the mid-plane.
     """
 
     pair_axes: dict[int, PairAxis]

@@ -483,10 +483,11 @@ class NearestPoseSearch:
         values, gradients = self._linearise_margins(chart, point[None])
         margins = values[0]  # (bounds,)
         margin_gradients = gradients[0]  # (bounds, d)
-        # Steps inside have lengths of at most the last `INWARD_STEPS`. Margins above 1000
-        # times this length are ignored, since such a step hardly makes them negative.
+        # The point will be moved by at most the longest step. A margin that is 1000 times
+        # as large hardly becomes negative in such a step. So only smaller ones are active.
+        longest_step = INWARD_STEPS[-1]
         has_gradient = np.linalg.norm(margin_gradients, axis=1) > 0.0
-        is_active = (margins < 1e3 * INWARD_STEPS[-1]) & has_gradient
+        is_active = (margins < 1e3 * longest_step) & has_gradient
         normals = unit_rows(margin_gradients[is_active])
         inward_direction, _multipliers = _solve_least_distance(
             normals, np.ones(len(normals))

@@ -117,8 +117,9 @@ class InverseRows(ArrayRows):
           effect.
         - All other rows become OK.
 
-        The caller marks a pose without a configuration by the margin -inf if limits were
-        not examined. Infinite margins become NaN here.
+        A margin of NaN means that the limits were not examined. It has no influence on the
+        status. A margin of -inf stands for a pose without a configuration. The row becomes
+        OUT_OF_REACH like any row with a negative margin. Infinite margins become NaN.
         """
         is_outside = self.margin < 0.0
         # Type I has a measure for each input (axis 1), type II has one. The result is NaN

@@ -538,8 +538,9 @@ class PoseFinder:
         """
         labels = candidates.labels.tolist()
         without_working_modes = [(label, "") for label in labels]
-        # In a mid-plane symmetric architecture the labels are signs of the legs, which
-        # serve for both modes.
+        # In some mechanisms base and output mirror each other in a plane, the mid-plane.
+        # `form` is then this architecture with its formulas, otherwise None. The labels are
+        # signs of the legs there, and serve for both modes.
         has_mid_plane = self.form is not None
         # Inverse kinematics needs as many inputs as the pose has coordinates: 2 of a
         # direction or 3 of an orientation (`COORDINATES`).
@@ -573,9 +574,9 @@ class PoseFinder:
 
         In a mid-plane symmetric architecture, base and output link mirror each other in a
         plane. This remains true along the path only if the axis lies in the mid-plane of
-        the start. The first configuration is then computed in closed form, and the start
-        may be singular: the path begins shortly before it. In all other cases the start
-        must not be singular.
+        the start. Formulas then give the configurations, also for angles slightly below 0.
+        So the start may be singular: the path is followed from a small negative angle
+        instead. In all other cases the start must not be singular.
 
         Parameters
         ----------

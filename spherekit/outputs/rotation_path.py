@@ -376,8 +376,13 @@ class RotationPath:
             # Whether the output link turns exactly with the target.
             follows=rates.follows,
             is_valid=has_rates & is_nearest,
+            # Derivatives, by the variables, of the loop equations and of the orientation of
+            # the output link. Their change from node to node shows whether a singular
+            # configuration can lie between the nodes.
             system=deviation.system,
+            # How well `system` determines the variables: its reciprocal condition number.
             condition=_measure_conditioning(deviation),
+            # Positive if no other configuration nearby is as near to the target.
             stability=_measure_isolation(deviation),
             # The smallest angular velocity of the output link for rates of unit length. It
             # is 0 at a limit of its reach.

@@ -274,12 +274,12 @@ class TargetDeviation:
         """(n, variables, 3) the moment that the pair of each variable transmits.
 
         Imagine a torsional spring of unit stiffness between the output link and its target.
-        Its moment on the link is the remaining rotation to the target. It is balanced by
-        the reactions that keep the loops closed, and the pairs transmit both.
+        Its moment on the link is the remaining rotation to the target. Pairs transmit this
+        moment to the base. In a closed loop, they also transmit the reaction that keeps the
+        loop closed. The moment of a pair is the sum of both.
 
-        The configuration nearest to the target is the equilibrium of this spring: no pair
-        transmits a moment about its own axis. The derivatives of the nearest configuration
-        follow from this. If the link is on the target, all moments are zero.
+        The configuration nearest to the target is the equilibrium of this spring. If the
+        link is on the target, all moments are zero.
         """
         spring_force = np.vecmat(self.remaining_rotation, self.output_jacobian)
         moments = self._transmitted_moments(
@@ -450,7 +450,8 @@ class TargetDeviation:
         """Return the Newton step (n, variables), in rad, towards the nearest configuration.
 
         The nearest configuration has closed loops and the smallest angle a between the
-        output link and its target orientation: it is a minimum of a^2 / 2.
+        output link and its target orientation: it is a minimum of a^2 / 2. Imagine a
+        torsional spring between both that has this energy.
 
         Parameters
         ----------
@@ -465,13 +466,18 @@ class TargetDeviation:
                 [-self.linearisation.residual, self.remaining_rotation], axis=1
             )
             return np.matvec(self.system_inverse, right_side)
-        # Close the loops, and make the gradient of a^2 / 2 zero. Minus this gradient is
-        # G^T d, with the Jacobian G of the output link and the remaining rotation d. It
-        # acts like the force of a spring that pulls the link to the target.
+        # Close the loops, and make the gradient of the energy a^2 / 2 zero. The force of
+        # the spring on the variables is minus this gradient, G^T d, with the Jacobian G of
+        # the output link and the remaining rotation d.
+        force = np.vecmat(self.remaining_rotation, self.output_jacobian)
+        # The stiffness is the second derivative of the energy. Only with a positive
+        # definite (convex) stiffness does the step surely lead to a minimum, not to a
+        # maximum. Where the true one is not convex, an approximation replaces it.
+        stiffness = self._convex_stiffness()
         return self._solve_motion(
-            force=np.vecmat(self.remaining_rotation, self.output_jacobian),
+            force=force,
             closure_change=-self.linearisation.residual,
-            stiffness=self._convex_stiffness(),
+            stiffness=stiffness,
         )
 
     def _convex_stiffness(self) -> Floats:

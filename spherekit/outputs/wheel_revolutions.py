@@ -113,9 +113,10 @@ def _list_possible_lengths(
     """Return rolled lengths with which the wheels may mesh as in the mechanism file.
 
     The rolled length of a contact is the arc (rad) that one wheel has rolled on the other.
-    The loops also close if wheels mesh in other teeth than in the file. Their lengths then
-    differ from the right ones by whole revolutions of wheels. All such lengths that some
-    values of the inputs produce are returned.
+    In the assembly of the file, the rolled lengths are linear functions of the inputs. The
+    given lengths close the loops, but need not obey these functions: wheels may mesh in
+    other teeth than in the file. Whole revolutions of wheels are added to them. All results
+    that some inputs produce by the linear functions are returned.
 
     Parameters
     ----------
@@ -206,7 +207,8 @@ def _find_input_revolutions(
     """Return inputs that roll the given lengths and differ from q by whole revolutions.
 
     Closed loops determine the inputs only up to whole revolutions. The lengths that the
-    wheels have rolled on each other decide how many there are.
+    wheels have rolled on each other decide how many there are. Inputs within one period of
+    the wheels are tried. After a period all wheels are in their first positions again.
 
     Parameters
     ----------
@@ -219,8 +221,8 @@ def _find_input_revolutions(
 
     Returns
     -------
-    (inputs,) rad, with the smallest sum of absolute values. None if no inputs up to
-    `MAX_INPUT_REVOLUTIONS` away roll the lengths.
+    (inputs,) rad, with the smallest sum of absolute values. None if none of the tried
+    inputs roll the lengths. At most `MAX_INPUT_REVOLUTIONS` in both directions are tried.
     """
     inputs = _list_inputs_of_one_period(gear_phases, q)
     misfit = max_abs(gear_phases.rolled_lengths(inputs) - lengths, axis=1)

@@ -158,7 +158,8 @@ class PairRateEquation:
     A dyad is two links, joined by a middle pair. Its near and far pair join it to two
     supports (links placed before) with the angular velocities w_near and w_far. The rate of
     one of the three pairs follows from ``normal . (w_far - w_near) = -triple_product *
-    rate``.
+    rate``. A pair joins two links, and its rate is that of one of them, the moving link, as
+    seen from the other one.
 
     Attributes
     ----------
@@ -167,8 +168,8 @@ class PairRateEquation:
     triple_product
         (n,) triple product b . (a x c) of the near axis a, middle axis b and far axis c.
     moving_link
-        Number of the link of the pair whose rotation, relative to the other link of the
-        pair, has this rate.
+        Number of the moving link: the near link of the dyad for the near pair, the far link
+        for the two other pairs.
     """
 
     normal: Floats
@@ -304,8 +305,9 @@ class WorkingMode:
         quantity = (method.__name__, *arguments)
         if not self._is_stored(quantity):
             self._compute_and_store(quantity, method, arguments)
-        # This quantity may be a part of another one, which then depends on the same signs.
-        # The record tells this to the computation of the other one.
+        # A method may be called while another quantity is computed with this mode. That
+        # quantity then depends on the same signs. So they are added to the record of this
+        # mode, which is read when the computation of that quantity ends.
         self.recorded_dyads.update(self.chain.sign_dependencies[quantity])
         return self.shared_results[self._make_result_key(quantity)]  # type: ignore[no-any-return]
 
@@ -603,7 +605,8 @@ class WorkingMode:
             half_near_arc, half_far_arc, sum_square, difference_square, triple_product
         )
         common_part = total * sum_weight
-        # With equal arcs b is in the middle between a and c.
+        # With equal arcs b has equal angles to a and c, and so no part along a - c. Its
+        # weight is then 0, or NaN if a and c coincide, and is not used.
         if dyad.arcs[0] != dyad.arcs[1]:
             common_part += difference * difference_weight
         # (a - c) x (a + c) is 2 a x c. Unlike a x c it keeps its relative accuracy if a and
@@ -693,7 +696,9 @@ class WorkingMode:
         """
         chain = self.chain
         dyad = chain.dyads[chain.dyad_of_pair[pair]]
-        # normal . (w_far - w_near) = -triple_product * rate of the moving link
+        # The moving link is one of the two links of the pair. Its rate, relative to the
+        # other one, follows from
+        #     normal . (w_far - w_near) = -triple_product * rate.
         equation = self._pair_rate_equation(pair)
         # The normal is at right angles to the axes of the other two pairs. Rotations about
         # these have no component along it, so their rates need not be computed.
@@ -705,21 +710,28 @@ class WorkingMode:
             equation.normal, dyad.near_support, other_pairs
         )
         component = far_component - near_component
-        # The variable of a pair is that of its second link relative to its first one. If
-        # the moving link is the first one, the rate of the variable has the opposite sign.
-        is_second_link = chain.ends[pair][1] == equation.moving_link
-        triple_product = equation.triple_product
-        divisor = -triple_product if is_second_link else triple_product
+        # The variable of a pair is the angle of its second link relative to its first one.
+        # If the moving link is the first one, its rate is minus that of the variable.
+        _first_link, second_link = chain.ends[pair]
+        if equation.moving_link == second_link:
+            divisor = -equation.triple_product
+        else:
+            divisor = equation.triple_product
         return RateFraction(component.numerator, component.denominator * divisor)
 
     def _pair_rate_equation(self, pair: int) -> PairRateEquation:
         """Return the equation for the rate of a pair of a dyad.
 
         A dyad is two links between two supports. The chain is: near support, near pair,
-        near link, middle pair, far link, far pair, far support. The three pairs have the
-        axes a, b, c and the rates A, B, C: of the near link relative to the near support,
-        of the far link relative to the near link, and of the far link relative to the far
-        support. The angular velocity of the far link, computed from both supports, is
+        near link, middle pair, far link, far pair, far support. The three pairs have these
+        axes and rates:
+
+        - a, A: the rate of the near link relative to the near support,
+        - b, B: the rate of the far link relative to the near link,
+        - c, C: the rate of the far link relative to the far support.
+
+        The link named first is the moving link of the pair. The angular velocity of the far
+        link, computed from both supports, is
 
             w_near + a A + b B = w_far + c C.
 
@@ -729,16 +741,24 @@ class WorkingMode:
             (b x c) . (w_far - w_near) = -t A,
             (c x a) . (w_far - w_near) = -t B,
             (b x a) . (w_far - w_near) = -t C.
+
+        The result has the vector product in front (`normal`), t, and the moving link.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
         b, t = self.signed_middle_axis(dyad_number)
         if pair == dyad.near_pair:
-            return PairRateEquation(cross_columns(b, c), t, dyad.near_link)
+            return PairRateEquation(
+                normal=cross_columns(b, c), triple_product=t, moving_link=dyad.near_link
+            )
         if pair == dyad.middle_pair:
-            return PairRateEquation(cross_columns(c, a), t, dyad.far_link)
-        return PairRateEquation(cross_columns(b, a), t, dyad.far_link)
+            return PairRateEquation(
+                normal=cross_columns(c, a), triple_product=t, moving_link=dyad.far_link
+            )
+        return PairRateEquation(
+            normal=cross_columns(b, a), triple_product=t, moving_link=dyad.far_link
+        )
 
     def angular_velocity_along(
         self, vector: Floats, link: int, normal_pairs: Sequence[int] = ()
@@ -773,10 +793,11 @@ class WorkingMode:
             return RateFraction(vector, np.ones(1))
         outer_pair, support = chain.support_of(link)
         if self._is_on_one_axis(outer_pair, normal_pairs, link):
-            # The axis of the outer pair is at right angles to the vector, so it adds
-            # nothing. It is also an axis of the support, where it is passed on for the same
-            # purpose.
-            return self.angular_velocity_along(vector, support, [outer_pair])
+            # The outer pair has the same axis as one of the normal pairs. So its axis is at
+            # right angles to the vector, and its rate adds nothing. Only the part of the
+            # support remains. The outer pair is a pair of the support, too, and becomes the
+            # known normal pair there.
+            return self.angular_velocity_along(vector, support, normal_pairs=[outer_pair])
         support_part = self.angular_velocity_along(vector, support)
         # The rate of a pair is that of its second link relative to its first one.
         pair_rate = self.pair_rate(outer_pair)
@@ -851,17 +872,24 @@ class WorkingMode:
         reach and 0 at its limit. This function continues it beyond. It returns 0 where the
         dyad of the input reaches or is unknown.
 
-        A dyad is two links between two others. If it joins the base to the output link, the
-        speed is |t| / sin(arc). Here t is the triple product of its axes, and the arc is
-        that of its link which the input does not drive. The square of t becomes negative
-        smoothly out of reach. For other dyads the same formula is used, but the result may
-        have a kink at 0.
+        A dyad is two links between two others. Let it join the base to the output link, and
+        let t be the triple product of its three axes. Let v be the vector product of the
+        two axes of the link that the input does not drive. If the input has unit rate, the
+        angular velocity w of the output has v . w = t or -t. The length of v is sin(arc)
+        with the arc of this link. So the speed of the output along v is |t| / sin(arc).
+
+        The square of t becomes negative smoothly out of reach. In other dyads the speed is
+        not exactly this quotient, but it also becomes 0 where t does. The quotient is used
+        for them, too.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         near_arc, far_arc = dyad.arcs
         # The near pair, if it is the input, drives the near link.
-        undriven_arc = far_arc if pair == dyad.near_pair else near_arc
+        if pair == dyad.near_pair:
+            undriven_arc = far_arc
+        else:
+            undriven_arc = near_arc
         triple_product_square = self._middle_axis_parts(dyad_number).triple_product_square
         continuation = triple_product_square / np.sin(undriven_arc) ** 2
         # Positive numbers (this dyad reaches) and NaN (its outer axes are unknown) become

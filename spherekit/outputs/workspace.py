@@ -137,6 +137,8 @@ def make_margins(
         # Poses that the legs cannot reach have NaN, without warnings.
         with np.errstate(all="ignore"):
             mode = kinematics.at(_convert_poses(kinematics, poses), signs)
+            # The method `column` returns the margins (n,) of one limit: the difference of
+            # cosines.
             margin_of_each_limit = [limit.column(mode) for limit in bounds]
             return np.stack(margin_of_each_limit, axis=1)
 
