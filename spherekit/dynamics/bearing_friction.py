@@ -454,29 +454,29 @@ class FrictionEquation:
 def _solve_friction(equation: FrictionEquation) -> CarriedLoads:
     """Return the loads that pairs carry, from the equation of their friction torques f.
 
+    The equation is f = r L(f). The friction torque of a pair is a factor r times the load L
+    that the pair carries. This load depends on the friction torques of all pairs.
+
     Each iteration tries two new values of f: the right side of the equation at the last f
     (fixed-point iteration), and a Newton step. In each row (sample of the motion) the value
     with the smaller residual is used.
 
+    A row contracts if the right side changes less than f does. It then has exactly one
+    solution. Other rows may have none or several.
+
     Returns
     -------
-    The carried loads. Friction is marked as unknown in rows that have not converged, or in
-    which there may be several solutions.
+    The carried loads. Friction is marked as unknown in rows that do not contract, or that
+    have not converged.
     """
-    factors = equation.factors
+    factors = equation.factors  # r
     is_contracting = equation.find_contracting_rows()
-    friction = np.zeros_like(factors)
-    identity = np.eye(factors.shape[1])
-    carried = equation.sum_loads(friction)
+    friction = np.zeros_like(factors)  # f
+    carried = equation.sum_loads(friction)  # L(f)
     for iterations in count(1):
         previous = carried
         fixed_point = factors * carried
-        # Rows that do not contract may have a singular matrix. The unit matrix replaces it,
-        # since these rows are reported as unknown anyway.
-        slope = equation.right_side_slope(friction)
-        matrix = np.where(is_contracting[:, None, None], identity - slope, identity)
-        correction = np.linalg.solve(matrix, (fixed_point - friction)[..., None])[..., 0]
-        newton = friction + correction
+        newton = _step_by_newton(equation, friction, fixed_point, is_contracting)
 
         fixed_point_loads = equation.sum_loads(fixed_point)
         newton_loads = equation.sum_loads(newton)
@@ -493,3 +493,35 @@ def _solve_friction(equation: FrictionEquation) -> CarriedLoads:
         if iterations == MAX_FRICTION_ITERATIONS or not np.any(is_moving):
             break
     return CarriedLoads(carried, is_moving | ~is_contracting, iterations)
+
+
+def _step_by_newton(
+    equation: FrictionEquation, friction: Floats, right_side: Floats, is_contracting: Bools
+) -> Floats:
+    """Return the friction torques (n, k) after one step of Newton's method.
+
+    The step is computed only in rows that contract (in which the right side of the equation
+    changes less than the friction torques do). The equations of other rows may be singular.
+    Their friction is reported as unknown anyway, so they get the value `right_side`.
+
+    Parameters
+    ----------
+    equation
+        The equation.
+    friction
+        (n, k) the friction torques before the step.
+    right_side
+        (n, k) the right side of the equation at these torques.
+    is_contracting
+        (n,) whether a row contracts.
+    """
+    identity = np.eye(friction.shape[1])
+    matrix = np.where(
+        is_contracting[:, None, None],
+        identity - equation.right_side_slope(friction),
+        identity,
+    )
+    residual = right_side - friction
+    # `solve` needs the right side as a column.
+    correction = np.linalg.solve(matrix, residual[..., None])[..., 0]
+    return friction + correction

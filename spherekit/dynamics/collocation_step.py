@@ -65,20 +65,25 @@ class ClosureDeterminantRecord:
     sign: float = 0.0
 
     def include_sizes(self, determinants: Floats) -> "ClosureDeterminantRecord":
-        """Return the record before a step, with the sizes at the step's nodes included.
+        """Return the record with which the determinants in a step are compared.
 
-        The sign is that before the step. The first step has none before it, so the sign at
-        its first node is used.
+        The largest size includes the determinants of the step. The sign stays that before
+        the step, because a crossing shows as another sign within the step. The first step
+        has no step before it. The sign at its first node is used.
 
         Parameters
         ----------
         determinants
             (N,) closure determinants at the nodes (times at which the step was evaluated).
+            They are zero and change their sign where curves of configurations cross.
         """
-        return ClosureDeterminantRecord(
-            largest=max(self.largest, float(max_abs(determinants))),
-            sign=self.sign if self.largest else float(np.sign(determinants[0])),
-        )
+        is_first_step = self.largest == 0.0
+        if is_first_step:
+            sign = float(np.sign(determinants[0]))
+        else:
+            sign = self.sign
+        largest_in_step = float(max_abs(determinants))
+        return ClosureDeterminantRecord(max(self.largest, largest_in_step), sign)
 
     def after_step(
         self, determinants: Floats, *, has_crossing: bool
@@ -250,10 +255,11 @@ class CollocationStep:
     def closure_determinants(self, closure: Closure, rates: Floats) -> Floats:
         """Return a determinant at each node that changes its sign where curves cross.
 
-        Configurations of a mechanism form curves. Its matrix is the Jacobian of the
-        loop-closure equations, with the rates of the variables as further rows. Along a
-        smooth curve the determinant keeps its sign. It passes through zero where two curves
-        cross.
+        Configurations of a mechanism form curves. Along a smooth curve the determinant
+        keeps its sign. Where two curves cross, the determinant passes through zero.
+
+        The matrix of the determinant has two parts: the Jacobian of the loop-closure
+        equations, and below this the rates of the variables.
 
         Parameters
         ----------
@@ -269,9 +275,13 @@ class CollocationStep:
         result is then 1 at all nodes, so that no crossing is reported.
         """
         # `times` has the start of the step, the N nodes and the end.
-        values = self.evaluate_state(self.times[1:-1])[:, : rates.shape[2]]
+        states = self.evaluate_state(self.times[1:-1])
+        # A state begins with the variables (joint angles).
+        variable_count = rates.shape[2]
+        values = states[:, :variable_count]
         matrices = np.concatenate([closure.linearise(values).jacobian, rates], axis=1)
-        if matrices.shape[1] != matrices.shape[2]:
+        is_square = matrices.shape[1] == matrices.shape[2]
+        if not is_square:
             return np.ones(len(values))
         return np.linalg.det(matrices)
 

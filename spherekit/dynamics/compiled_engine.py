@@ -428,8 +428,8 @@ def _collect_events(
     Parameters
     ----------
     problem
-        The problem. Its `switches` are the times (s) of abrupt changes of loads that the
-        user has stated.
+        The problem. Its `switches` are times (s) at which loads change abruptly, known
+        before the simulation.
     path
         The states of the simulation, from which the inputs at each event are computed.
     runs
@@ -450,7 +450,11 @@ def _collect_events(
             # then.
             if t > 0.0 or kind in ("switch", "joint_limit"):
                 events.append((t, kind, variable))
-    events += [(t, "switch", -1) for t in problem.switches if t < runs[-1].end_time]
+    # A run has its own events "switch" where the motion makes a load change, such as dry
+    # friction. Changes at times known before the simulation are not among these.
+    for t in problem.switches:
+        if t < runs[-1].end_time:
+            events.append((t, "switch", -1))
     events.sort(key=lambda event: event[0])
     # The inputs at the times of all events.
     times = np.array([t for t, *_ in events])

@@ -228,14 +228,19 @@ def _derive_equation(
     Parameters
     ----------
     arguments
-        The arguments of `compile_equation`.
+        The arguments of `compile_equation`: among them the mechanism of the user. With
+        several degrees of freedom they have the `values` of the joint angles in one
+        configuration.
     common_mechanism
-        Their mechanism with placeholders for the numbers of torque tables and joint limits.
-        These numbers are parameters of the compiled equation, set before each simulation.
+        The mechanism of the user with two changes. Its inputs are the coordinates of the
+        equation. The numbers of torque tables and joint limits are placeholders, because
+        they are set before each simulation.
     """
-    # With one degree of freedom there is no choice of coordinates.
+    # With one degree of freedom no values are needed to choose coordinates.
     if arguments.values is None:
         return derive_single_dof_equation(common_mechanism)
+    # An event of the equation is a singularity of the user's inputs, which may be other
+    # pairs than the coordinates.
     mechanism = arguments.mechanism
     input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
     return derive_multi_dof_equation(common_mechanism, arguments.values, input_variables)
@@ -252,7 +257,7 @@ def estimate_compile_seconds(
 ) -> float:
     """Return the estimated time of `compile_equation` (s), 0 if it was compiled before.
 
-    It helps to decide whether compiling pays. The estimate was fitted to the shipped
+    The estimate helps to decide whether compiling pays. It was fitted to the shipped
     mechanisms with up to ten loads, on one core. Actual times are between half and twice
     this. Machine code that heyoka (the Taylor integrator) has stored on disk takes less
     time; this is not noticed.
@@ -287,8 +292,9 @@ def estimate_compile_seconds(
     if FUNCTION_CACHE.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):
         return 0.0
     variables = len(mechanism.variable_names)
-    loads_on_links = sum("pair" not in load.field_kinds for load in mechanism.loads)
-    loads_at_pairs = len(mechanism.loads) - loads_on_links
+    # A load that acts at a pair (joint) names this pair in its field "pair".
+    loads_at_pairs = sum("pair" in load.field_kinds for load in mechanism.loads)
+    loads_on_links = len(mechanism.loads) - loads_at_pairs
     # All numbers are fitted to measured times (s). `coordinates` is empty with one degree
     # of freedom.
     if compact:

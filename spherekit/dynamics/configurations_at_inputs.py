@@ -98,7 +98,7 @@ def analysis_covering(
         return position_analysis
     return PositionAnalysis(
         position_analysis.mechanism,
-        input_pair=None,
+        input_pair=None,  # the input of the mechanism itself
         assembly_mode=assembly_mode,
         search=search,
         # An analysis covers the range of its samples, here the two ends of the range.

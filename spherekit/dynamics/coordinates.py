@@ -157,8 +157,10 @@ def motion_by_combinations(
 def _refine_last_columns(inverse: Floats, matrix: Floats, count: int) -> Floats:
     """Return the last columns of inverse matrices, corrected for rounding errors.
 
-    It is one step of iterative refinement: the residual of each column is computed and
-    multiplied by the inverse.
+    It is one step of iterative refinement. With the matrix A, a column x of its inverse
+    and the column e of the unit matrix, the residual is e - A x. The inverse times this
+    residual is added to x. For an exact left inverse (inverse times A is the unit matrix),
+    the sum does not differ from x.
 
     Parameters
     ----------
@@ -168,7 +170,6 @@ def _refine_last_columns(inverse: Floats, matrix: Floats, count: int) -> Floats:
         Number of columns to refine.
     """
     columns = inverse[:, :, -count:]
-    # The product of a matrix and its inverse is the unit matrix.
     unit_columns = np.eye(matrix.shape[1])[:, -count:]
     residual = unit_columns - matrix @ columns
     return columns + inverse @ residual

@@ -212,8 +212,8 @@ def _simulate_and_compare(
     simulation = _simulate_problem(problem, tolerance, engine)
     # The engine of the first simulation computes the others, too.
     engine = simulation.engine.name
-    # The tolerance of the steps of `simulation`. Steps of the compiled engine are always at
-    # least this accurate. Otherwise crossings of curves of configurations would be missed.
+    # The tolerance of the steps of `simulation`. That of the compiled engine has an upper
+    # limit, so that crossings of curves of configurations are noticed.
     step_tolerance = tolerance
     if engine == "compiled":
         step_tolerance = min(tolerance, MAX_STEP_TOLERANCE)
@@ -225,11 +225,11 @@ def _simulate_and_compare(
         reference = _simulate_problem(problem, reference_tolerance, engine)
         error = _largest_difference(simulation, reference)
         checked_simulation = replace(simulation, error=error, tolerance=tolerance)
-        # `missed` is None if the error is within the user's tolerance and the power of the
-        # loads agrees with the rate of the kinetic energy.
+        # `missed` is a message if the simulation misses the user's tolerance.
         is_accurate = checked_simulation.missed is None
         if is_accurate or reference_tolerance <= min_step_tolerance:
             return checked_simulation
+        # The reference takes the place of the simulation. Its report says why.
         simulation = _explain_reference(reference, checked_simulation, step_tolerance)
         step_tolerance = reference_tolerance
 

@@ -87,26 +87,25 @@ class Loads:
             components += load_components
             self.load_of_component += [load_index] * len(load_components)
         self.components = tuple(components)
-        # Arguments of steep functions in loads, such as x in tanh(1000 x). A load may
-        # change abruptly where its argument is zero or extreme.
-        self.steep_arguments = find_steep_arguments(mechanism)
         # Indices of the components that are friction in proportion to the force in a
         # bearing or contact, and their coefficients of friction.
         self.friction_components: list[int] = []
         coefficients: list[float] = []
         for index, component in enumerate(self.components):
-            if (
-                component.bearing_friction is not None
-                and component.bearing_friction.friction_coefficient > 0.0
-            ):
+            friction = component.bearing_friction
+            if friction is not None and friction.friction_coefficient > 0.0:
                 self.friction_components.append(index)
-                coefficients.append(component.bearing_friction.friction_coefficient)
+                coefficients.append(friction.friction_coefficient)
         self.friction_coefficients = np.array(coefficients)
-        # Steep functions and arbitrary Python functions can change between the times at
-        # which an integration step evaluates them. Its steps are then tested at more times.
-        self.needs_step_probes = bool(self.steep_arguments) or any(
+        # Arguments of steep functions in loads, such as x in tanh(1000 x). The load changes
+        # abruptly where x passes through zero.
+        self.steep_arguments = find_steep_arguments(mechanism)
+        has_python_functions = any(
             isinstance(component.magnitude, TorqueCallback) for component in self.components
         )
+        # Steep functions and arbitrary Python functions can change between the times at
+        # which an integration step evaluates them. Steps are then tested at more times.
+        self.needs_step_probes = bool(self.steep_arguments) or has_python_functions
         # Index of the first component of each load. Every load has at least one.
         self._first_components = np.unique(self.load_of_component, return_index=True)[1]
 

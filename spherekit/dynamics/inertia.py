@@ -209,7 +209,7 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
         # With several coordinates, one combination of their rates has no inertia.
         coordinate_rates = directions[:, 0]
         _refuse_motion_without_inertia(mechanism, coordinate_rates @ motion.rates[0])
-    if not smallest > _least_moving_inertia(mechanism, motion):  # also if it is NaN
+    if not smallest > _inertia_by_rounding(mechanism, motion):  # also if it is NaN
         raise SolveError(
             f"{mechanism.name}: at the start no link with mass moves (its speed is "
             f"below {MIN_RELATIVE_SPEED:g} of that of the fastest link), so a load "
@@ -242,13 +242,14 @@ def _refuse_motion_without_inertia(mechanism: Mechanism, variable_rates: Floats)
     )
 
 
-def _least_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> float:
-    """Return the inertia (kg m2) below which no link with mass moves at the start.
+def _inertia_by_rounding(mechanism: Mechanism, motion: CoordinateMotion) -> float:
+    """Return the largest inertia (kg m2) that rounding errors can cause at the start.
 
-    It is the sum of I w^2 over the links with mass, as if they all moved at the smallest
-    speed w that is more than a rounding error. This speed is `MIN_RELATIVE_SPEED` times
-    that of the fastest link, each per unit rate of a coordinate. I is the largest moment of
-    inertia of a link.
+    A mechanism whose links with mass are at rest should have no inertia. By rounding
+    errors, these links may have small computed speeds, up to a speed w. The result is the
+    inertia if all of them moved at this speed: the sum of I w^2, with the largest moment of
+    inertia I of each link. The speed w is `MIN_RELATIVE_SPEED` times that of the fastest
+    link. Both are per unit rate of a coordinate.
 
     Parameters
     ----------
@@ -257,8 +258,11 @@ def _least_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> flo
     motion
         The motion by the coordinates. Its first row is the start of a simulation.
     """
-    moving_masses = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
-    total_inertia = sum(np.linalg.norm(mass.tensor, 2) for mass in moving_masses)
+    total_inertia = 0.0
+    for mass in mechanism.masses:
+        if mass.link != mechanism.ground:
+            # This norm of an inertia tensor is its largest moment of inertia.
+            total_inertia += float(np.linalg.norm(mass.tensor, 2))
     w_at_start = motion.w[0]  # (m, links, 3) angular velocities by each coordinate
     largest_speed_square = np.max(np.sum(w_at_start**2, axis=-1))
     return float(MIN_RELATIVE_SPEED**2 * total_inertia * largest_speed_square)

@@ -231,26 +231,27 @@ class InverseSolution(InputMotion):
     def sure_torques(self) -> Floats:
         """(n, inputs) driving torques, N m; 0 where they are only rounding errors.
 
-        A torque M ddq + C dq - Q counts as a rounding error if it is at most
-        `MAX_ZERO_TORQUE` times the sum of the sizes of its terms. M is the inertia matrix,
-        C dq are the Coriolis torques, and Q the generalised forces.
+        A torque counts as a rounding error if it is at most `MAX_ZERO_TORQUE` times the sum
+        of the sizes of its terms. Its terms are
 
-        C has products of the derivatives dM/dq with rates. M changes by about its own size
-        when an input moves by 1 rad, so abs(M) is also taken as the size of dM/dq. The size
-        of M ddq + C dq is then abs(M) a, with effective accelerations ``a_i = abs(ddq_i) +
-        abs(dq_i) max(abs(dq))`` of the inputs i.
+        - the inertia matrix M times the accelerations of the inputs,
+        - torques by the change of M during the motion (Coriolis torques),
+        - the generalised forces Q of the loads.
+
+        The sizes of the first two are estimated together, as abs(M) times accelerations.
         """
-        speeds = np.abs(self.input_rates)
-        largest_speed = np.max(speeds, axis=1)[:, None]
         # A size that overflows is infinite, and a finite torque then counts as 0.
         with np.errstate(over="ignore"):
-            effective_accelerations = largest_speed * speeds
-            effective_accelerations += np.abs(self.input_accelerations)
-            # abs(M) a, with M as the sum of its parts by links. The letters are: n rows,
-            # k links, i and j inputs.
-            term_sizes = np.einsum(
-                "nkij,nj->ni", np.abs(self.M_parts), effective_accelerations
-            )
+            # A Coriolis torque has derivatives of M by the inputs, times products of two
+            # input rates. M changes by about its own size when an input moves by 1 rad. So
+            # the torque is about M times such a product.
+            speeds = np.abs(self.input_rates)
+            largest_speed = np.max(speeds, axis=1)[:, None]
+            acceleration_sizes = largest_speed * speeds
+            acceleration_sizes += np.abs(self.input_accelerations)
+            # M is the sum of its parts by links. The letters are: n rows, k links, i and j
+            # inputs.
+            term_sizes = np.einsum("nkij,nj->ni", np.abs(self.M_parts), acceleration_sizes)
             term_sizes += np.sum(np.abs(self.Q_parts), axis=2)  # over all loads
             is_rounding = np.abs(self.torques) <= MAX_ZERO_TORQUE * term_sizes
             return np.where(is_rounding, 0.0, self.torques)

@@ -79,8 +79,8 @@ class EquationLayout:
 
         Parameters are numbers in the compiled equation that are constant during an
         integration step, such as joint limits. They can be changed without compiling again.
-        An attribute ``..._parameter`` is the number of one parameter; ``..._parameters`` is
-        the number of the first of several.
+        They are numbered from 0. An attribute ``..._parameter`` is the number of one
+        parameter; ``..._parameters`` is the number of the first of several.
         """
         self.variable_count = len(mechanism.variable_names)
         self.freedoms = len(mechanism.inputs)
@@ -95,24 +95,30 @@ class EquationLayout:
         self.table_names = [
             load.name for load in mechanism.loads if isinstance(load, TorqueTable)
         ]
-        # The class docstring describes these groups. Switch conditions (zeros at which a
-        # load changes abruptly) are appended later, so they are last, with an open number.
+        # Numbers of parameters in each group, in the order of the groups.
         first_numbers = _number_consecutively(
+            # Whole turns by which each variable is reduced.
             turns=self.variable_count,
+            # Momenta are divided by this unit, so that their numbers are near 1.
             momentum_unit=1,
             inverse_momentum_unit=1,
+            # The loop-closure equations count as dependent below this limit.
             min_independence=1,
-            limits=2 * len(mechanism.joint_limits),
-            interval_start=1,
-            tables=2 * len(self.table_names),
-            switches=0,
+            # Lower and upper value of each joint limit.
+            joint_limits=2 * len(mechanism.joint_limits),
+            # Torque tables are linear in an interval of time: its start, then value and
+            # slope of each table.
+            torque_tables=1 + 2 * len(self.table_names),
+            # A load changes abruptly at a zero of a switch condition. The parameters are
+            # the signs of the conditions. They are appended later, so they are last.
+            switch_signs=0,
         )
         self.unit_parameter = first_numbers["momentum_unit"]
         self.inverse_unit_parameter = first_numbers["inverse_momentum_unit"]
         self.min_independence_parameter = first_numbers["min_independence"]
-        self.limit_parameters = first_numbers["limits"]
-        self.table_parameters = first_numbers["interval_start"]
-        self.switch_parameters = first_numbers["switches"]
+        self.limit_parameters = first_numbers["joint_limits"]
+        self.table_parameters = first_numbers["torque_tables"]
+        self.switch_parameters = first_numbers["switch_signs"]
         self.switch_conditions: list[Expr] = []
 
     @property
@@ -164,6 +170,8 @@ class EquationLayout:
         variable_rates
             Rates of the pair variables by time.
         """
+        # The last two arguments are functions. Loads ask them for the symbol of the sign of
+        # an expression, and for the torque of a table.
         return LoadState(
             mechanism=coordinate_rates.mechanism,
             placed=coordinate_rates.placed,

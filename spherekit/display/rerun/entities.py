@@ -204,6 +204,8 @@ def moving_columns(
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
+            # A trace is a curve on a link, with which it turns: the path of an axis, as
+            # seen from this link.
             yield ENTITY_ITSELF, _rotation_columns(quaternions)
         case Diagram():
             yield from diagrams.moving_columns(primitive)
@@ -211,7 +213,8 @@ def moving_columns(
             yield ENTITY_ITSELF, _rotation_columns(quaternions)
             # `draw_static` logged the labels of the link. They are hidden in rows without a
             # configuration.
-            yield "labels", rr.Points3D.columns(show_labels=all_finite(quaternions, 1))
+            has_configuration = all_finite(quaternions, axis=1)
+            yield "labels", rr.Points3D.columns(show_labels=has_configuration)
         case Arrow():
             yield from _arrow_columns(primitive, labels)
         case GreatCircle(normals=normals):
@@ -223,7 +226,7 @@ def moving_columns(
             # Only the mark at the current row moves. `placed` gives its place as fractions
             # of the width and height of the frame.
             points = place_in_frame(primitive.placed())
-            is_valid = all_finite(points, 1)
+            is_valid = all_finite(points, axis=1)
             # `partition` assigns one point to each valid row and none to the other rows.
             columns = rr.Points2D.columns(positions=points[is_valid])
             yield "mark", columns.partition(is_valid)

@@ -35,6 +35,14 @@ LINK_NAME_RADIUS = 1.15
 PAIR_NAME_ANGLES_RAD = np.array([0.07, 0.11, 0.16, 0.22, 0.3])
 """Possible angles between the axis of a pair and its name, the nearest first."""
 
+MIN_AWAY_LENGTH = 0.07
+"""Shortest vector that is used as the direction away from the other axes of a link.
+
+The vector is the negative sum of the unit vectors of these axes, at right angles to the
+axis of the name. Larger: more names are placed on an arbitrary side of their axis. Smaller:
+a tiny change of the axes can move a name to the other side.
+"""
+
 PAIR_NAME_DIRECTIONS_RAD = np.radians(
     [0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180]
 )
@@ -392,10 +400,11 @@ def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
 def _places_around(axis: Floats, pair_axes: Floats) -> Floats:
     """Return possible places of a name around the axis of a pair, on the unit sphere.
 
-    Let a be the unit vector at right angles to the axis that points away from the other
-    axes of the link, and b a third unit vector at right angles to both. A place at the
-    angle r from the axis, in the direction f, is
-    cos(r) axis + sin(r) (cos(f) a + sin(f) b).
+    The places are on circles around the axis. On each circle, the angle f is counted from
+    the direction a, which leads away from the other axes of the link. The unit vector b is
+    at right angles to the axis and to a. A place at the angle r from the axis is
+
+        cos(r) axis + sin(r) (cos(f) a + sin(f) b).
 
     Parameters
     ----------
@@ -409,22 +418,40 @@ def _places_around(axis: Floats, pair_axes: Floats) -> Floats:
     (k, 3) places, the nearest first. Among places at one distance, the first is away from
     the other axes (f = 0), and the size of f grows from there.
     """
-    away = -np.sum(pair_axes, axis=0)
-    away = away - (away @ axis) * axis
-    # A short vector has no reliable direction.
-    if np.linalg.norm(away) < PAIR_NAME_ANGLES_RAD[0]:
-        # The axes balance each other. Any direction at right angles to the axis will do,
-        # such as the cross product with the coordinate axis that differs most from it.
-        away = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    away = unit_rows(away)
-    across = np.array([away, np.cross(axis, away)])  # rows: a, b
+    away = _direction_away(axis, pair_axes)  # a
+    across = np.cross(axis, away)  # b
     cosines_sines = np.stack(
         [np.cos(PAIR_NAME_DIRECTIONS_RAD), np.sin(PAIR_NAME_DIRECTIONS_RAD)], axis=1
     )
-    directions = cosines_sines @ across
+    # (directions, 3) cos(f) a + sin(f) b
+    directions = cosines_sines @ np.array([away, across])
+    # (distances, directions, 3) places
     angles = PAIR_NAME_ANGLES_RAD[:, None, None]
     places = np.cos(angles) * axis + np.sin(angles) * directions
     return np.reshape(places, (-1, 3))
+
+
+def _direction_away(axis: Floats, pair_axes: Floats) -> Floats:
+    """Return the direction from the axis of a pair away from the other axes of its link.
+
+    It is a unit vector (3,) at right angles to the axis. If the other axes lie evenly
+    around this axis, there is no such direction, and an arbitrary one is returned.
+
+    Parameters
+    ----------
+    axis
+        (3,) axis of the pair in the frame of its link.
+    pair_axes
+        (n, 3) axes of all pairs of the link.
+    """
+    away = -np.sum(pair_axes, axis=0)
+    # Remove the part along the axis.
+    away = away - (away @ axis) * axis
+    if np.linalg.norm(away) < MIN_AWAY_LENGTH:
+        # The coordinate axis that makes the largest angle with the axis.
+        coordinate_axis = np.eye(3)[np.argmin(np.abs(axis))]
+        away = np.cross(axis, coordinate_axis)
+    return unit_rows(away)
 
 
 def _curve_length(curve: Floats) -> float:

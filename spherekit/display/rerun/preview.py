@@ -66,12 +66,13 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     OutputError
         If the recording can't be written.
     """
+    # The motion has one row for each assembly mode.
     position_analysis, motion, note = _assemble(mechanism)
-    shapes = link_shapes(mechanism)
+    shapes = link_shapes(mechanism)  # what is drawn for each link
     with RerunRecorder(mechanism.name, path=path) as recorder:
-        # The plans say how poles (axes of the relative rotation of two links) are
-        # constructed; the recording shows them as a text. They count the degrees of freedom
-        # in the same way as the position analysis: by formula, or by rank.
+        # The recording shows a text that says how poles (axes of the relative rotation of
+        # two links) are constructed. `by_rank` tells how degrees of freedom are counted: by
+        # the rank of a matrix or by a formula.
         pole_plans = plans(mechanism, position_analysis.by_rank)
         head = RecordingHead(
             scenes=[static_scene(pole_plans, shapes)],
@@ -80,9 +81,11 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
         )
         recorder.start(head)
         sample = np.zeros(1, np.int64)  # the recording has one sample, number 0
-        # The motion has one row for each assembly mode. Each mode gets a page.
+        # Each assembly mode gets a page.
         for row, scene in enumerate(moving_link_scenes(motion, shapes)):
             recorder.log(scene, sample)
+            # Each R pair (revolute joint) gets an arc from its zero to its present angle.
+            # A table lists the sizes of the links and the angles of the pairs.
             additions = (*_zero_arcs(motion, row), _size_table(motion, row, note))
             recorder.log(Scene(scene.page, additions), sample)
     return note

@@ -221,7 +221,8 @@ class RerunRecorder:
             assembly modes (ways to assemble the mechanism), and scenes (drawings) that do
             not move.
         """
-        sight = facing(head.focus)  # eye, target and upward direction
+        # From where the viewer looks at the sphere: eye, target and upward direction.
+        sight = facing(head.focus)
         layout, timeline_note = self._make_layout(head, sight)
         # Each assembly mode has a page of the window, with a number and a title.
         layout.pages.update(head.assembly_modes.items())
@@ -241,17 +242,9 @@ class RerunRecorder:
             self.root,
             [(ENTITY_ITSELF, rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.draw_sphere()],
         )
-        # These scenes show the ground and texts. Findings are results of analyses.
-        for scene in map(convert_to_degrees, head.scenes):
-            names = self._names_of_new_links(scene)
-            for primitive in scene.primitives:
-                self._introduce(
-                    scene.page,
-                    primitive,
-                    has_findings=False,
-                    names=names.get(primitive.path, ()),
-                )
-        # A recording with nothing to look at needs no explanation.
+        for scene in head.scenes:
+            self._introduce_scene_without_motion(convert_to_degrees(scene))
+        # A text explains the recording, unless there is nothing to look at.
         if head.scenes or layout.pages:
             notes = NOTES.format(
                 name=self.name, timeline=timeline_note, compared=MAX_COMPARED_CURVES
@@ -417,9 +410,10 @@ class RerunRecorder:
     ) -> bool:
         """Log a label at the rows without a configuration, where a link has NaN.
 
-        The label ("no configuration here") is an item of its own in the view of the sphere
-        of a page (the drawings of an assembly mode or an analysis). The first label of a
-        page is added to the layout of the window, which then has to be sent again.
+        The label is the text "no configuration here". A page (the drawings of an assembly
+        mode or an analysis) has a view of the sphere, which shows the label. When the label
+        is new on a page, this view has to be told. The layout of the window then changes
+        and has to be sent again.
 
         Parameters
         ----------
@@ -442,7 +436,8 @@ class RerunRecorder:
         for body in bodies:
             # The ground does not move and has no quaternions.
             if body.quaternions is not None:
-                is_failed |= ~all_finite(body.quaternions, 1)
+                # One quaternion of four numbers in each row.
+                is_failed |= ~all_finite(body.quaternions, axis=1)
         path = f"{layout.base(scene.page)}/status"
         # `ENTITY_ITSELF`, the empty path, puts the label at `path` itself.
         is_new = self._outputs.log_first(path, [(ENTITY_ITSELF, entities.failure_label())])
@@ -541,6 +536,20 @@ class RerunRecorder:
                 time.sleep(0.5)
         except KeyboardInterrupt:
             return
+
+    def _introduce_scene_without_motion(self, scene: Scene) -> None:
+        """Log the drawings of a scene that does not move, such as the ground or texts.
+
+        A link, here the ground, is drawn with its name and the names of its pairs (joints).
+        """
+        names = self._names_of_new_links(scene)
+        for primitive in scene.primitives:
+            self._introduce(
+                scene.page,
+                primitive,
+                has_findings=False,  # findings are results of analyses
+                names=names.get(primitive.path, ()),
+            )
 
     def _names_of_new_links(self, scene: Scene) -> dict[str, list[Name]]:
         """Choose places for the names of links that a page shows for the first time.
