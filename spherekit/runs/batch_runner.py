@@ -247,8 +247,7 @@ class BlockRows:
 
         A row is one sample in one assembly mode (way to assemble the mechanism). A slice is
         a number of successive rows of one mode. A row is certified if its loops are closed
-        up to rounding, and if its error bounds are small enough. A row is out of reach if
-        the mechanism cannot be assembled at its inputs.
+        up to rounding, and if its error bounds are small enough.
 
         Parameters
         ----------
@@ -399,6 +398,10 @@ class BlockRows:
 
         A row is one sample in one assembly mode (way to assemble the mechanism).
 
+        - With a closed form, a formula says whether the two links of each dyad can meet.
+        - Without a closed form, an assembly mode is a curve of known configurations over
+          the input. Inputs beyond its ends are out of reach.
+
         Parameters
         ----------
         mode
@@ -418,11 +421,12 @@ class BlockRows:
         return find_out_of_reach(triple_squares)
 
     def _find_beyond_curve(self, mode: int, rows: slice) -> Bools:
-        """Return in which rows (n,) the inputs are beyond the end of their mode's curve.
+        """Return in which rows (n,) the input is beyond the end of the curve of its mode.
 
-        Some assembly modes (ways to assemble the mechanism) are followed along a curve of
-        configurations. The curve ends where the mechanism can be assembled no further, so
-        rows beyond its ends are out of reach.
+        With a single input, an assembly mode (way to assemble the mechanism) without a
+        closed form is a curve of known configurations over this input. The curve may end
+        where the mechanism can be assembled no further. Rows beyond such an end are out of
+        reach.
 
         Parameters
         ----------
@@ -435,12 +439,15 @@ class BlockRows:
         has_prediction = self._has_prediction(rows)
         is_beyond = np.zeros_like(has_prediction)
         assembly_mode = self._position_analysis.assembly_modes[mode]
+        # `guide` has the known configurations of the mode: a curve or a grid.
         curve = assembly_mode.guide
-        # A mode that consists of pieces of other modes has no single curve.
-        if isinstance(curve, ModeCurve) and not assembly_mode.pieces:
-            q = self._q[:, rows][:, ~has_prediction]
-            status = curve.predict(q.T, None).status
-            is_beyond[~has_prediction] = status == Status.OUT_OF_REACH
+        # A grid has no ends, and a mode composed of pieces of other modes has no single
+        # curve.
+        if not isinstance(curve, ModeCurve) or assembly_mode.pieces:
+            return is_beyond
+        inputs = self._q[:, rows][:, ~has_prediction].T
+        status = curve.predict(inputs).status
+        is_beyond[~has_prediction] = status == Status.OUT_OF_REACH
         return is_beyond
 
     def _has_prediction(self, rows: slice) -> Bools:
@@ -839,10 +846,14 @@ class BatchRunner:
     ) -> tuple[LazyField, ...]:
         """Return the poles of a block, for each input that moves while others are locked.
 
-        A pole is the axis about which one link rotates relative to another. The columns of
-        numbers are computed when they are read. `motion_at` has stored facts about these
-        poles in `pending_poles`. They are removed here, so each motion can be used only
-        once.
+        A pole is the axis about which one link rotates relative to another. A row is one
+        sample in one assembly mode (way to assemble the mechanism). The kernel (compiled
+        functions) certifies a row if its error bounds are small enough. Poles of certified
+        rows are computed later, when a column of their numbers is read. Poles of all other
+        rows are computed now, in another way.
+
+        `motion_at` has stored facts about these poles in `pending_poles`. They are removed
+        here, so each motion can be used only once.
 
         Parameters
         ----------
@@ -858,7 +869,6 @@ class BatchRunner:
         For each input, an object with the attributes of `PoleField`.
         """
         pending_poles = self.pending_poles.pop(id(motion))
-        # The rows that the kernel (compiled functions) does not certify are computed now.
         uncertified_poles = UncertifiedPoles(
             self.kernel, motion, self.requests, pending_poles.uncertified
         )
@@ -872,6 +882,7 @@ class BatchRunner:
         columns = KernelColumns(
             self.kernel, motion, self.requests, uncertified_poles, sign_functions
         )
+        # The size of the next block depends on whether these columns will be read.
         self._latest_columns = columns
         return tuple(
             LazyField(columns, input_index, motion, pending_poles.is_certified, errors)
@@ -976,18 +987,18 @@ class BatchRunner:
         # Arrays of this shape have an axis for the modes and an axis for the samples.
         shape = (len(motion.assembly_modes), motion.samples)
         is_assembled = ~rows.has_failed.reshape(shape)
+        is_uncertified = is_uncertified.reshape(shape)
         input_count = len(self.requests)
+        # A pole is a line, so its computed direction may reverse from one row to the next.
+        # These are the rows in which it has to be compared with the row before. In a grid
+        # of inputs, rows do not follow each other, so no directions are compared.
         compared_rows_by_input = []
         if motion.is_path:
-            compared_rows_by_input = [
-                find_compared_rows(
-                    examined_slices,
-                    input_index,
-                    is_assembled,
-                    is_uncertified.reshape(shape),
+            for input_index in range(input_count):
+                compared_rows = find_compared_rows(
+                    examined_slices, input_index, is_assembled, is_uncertified
                 )
-                for input_index in range(input_count)
-            ]
+                compared_rows_by_input.append(compared_rows)
         return PendingPoles(
             is_certified=rows.is_certified,
             is_assembled=is_assembled,

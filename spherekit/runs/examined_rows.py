@@ -469,23 +469,26 @@ class ExaminedRows:
             Whether the rates are known. Otherwise the differences of successive angles take
             their place.
         """
-        new_rows = slice(0, None)
+        repeated_rows = 0
         if overview.last_row is not None:
+            # The segment continues from the last row of the block before.
             last_row = OutputRows.from_last_row(overview.last_row)
             segment = OutputRows.concatenate([last_row, segment])
-            new_rows = slice(1, None)
+            repeated_rows = 1
         segment = replace(segment, angles=self._remove_jumps(segment))
-        if not has_rates:
-            steps = np.diff(segment.angles)
-            segment = replace(segment, rates=np.append(segment.rates[0], steps))
         overview.widen_angle(segment.angles)
-        if not has_rates:
-            # Without rates, the angles of turning points are estimated by parabolas.
-            overview.smooth_angle.add(segment.angles[new_rows])
-        for before, after in segment.find_reversals():
-            if has_rates:
+        if has_rates:
+            for before, after in segment.find_reversals():
                 self._add_turning_point(overview, segment, before, after)
-            else:
+        else:
+            # The change of the angle since the row before is the rate of a row. The first
+            # row has no row before it in the segment, and keeps its rate.
+            first_rate = segment.rates[0]
+            steps = np.diff(segment.angles)
+            segment = replace(segment, rates=np.append(first_rate, steps))
+            # The greatest and the least angle between rows are estimated by parabolas.
+            overview.smooth_angle.add(segment.angles[repeated_rows:])
+            for before, after in segment.find_reversals():
                 overview.add_rest(_place_of_rest(segment, before, after))
         overview.last_row = segment.last_row()
 
@@ -531,18 +534,18 @@ class ExaminedRows:
         path = segment.places if self.plan.moves_over_time else segment.inputs[:, 0]
         step = path[after] - path[before]
         # For a linear rate, the trapezoidal rule yields the step of the angle exactly.
-        error = 0.5 * (rate_before + rate_after) * step
-        error -= segment.angles[after] - segment.angles[before]
+        linear_angle_step = 0.5 * (rate_before + rate_after) * step
+        angle_step = segment.angles[after] - segment.angles[before]
+        error = abs(linear_angle_step - angle_step)
         variation = abs((rate_after - rate_before) * step)
-        is_linear = abs(error) <= MAX_RATE_CURVATURE * variation
-        # With a linear rate, the turning point is at most variation / 8 beyond the rows.
-        # For other rates twice as much is allowed.
-        turning_error = float(abs(error) if is_linear else 0.25 * variation)
-        overview.turning_error_rad = max(overview.turning_error_rad, turning_error)
+        is_linear = error <= MAX_RATE_CURVATURE * variation
         if not is_linear:
+            # A rough bound of how far the angle goes beyond its values in the two rows.
+            overview.add_turning_error(0.25 * variation)
             first_place = float(segment.places[before])
             overview.add_uncertain_rest(first_place, float(segment.places[after]))
             return
+        overview.add_turning_error(error)
         overview.add_rest(_place_of_rest(segment, before, after))
         # The linear rate is zero at this share of the step.
         share = rate_before / (rate_before - rate_after)

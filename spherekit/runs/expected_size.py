@@ -188,7 +188,10 @@ class CostExtrapolation:
     def predict(self, *keys: str) -> int:
         """Return a predicted cost of a long run, such as the size of a table.
 
-        The prediction is extrapolated from short runs.
+        The prediction is extrapolated from the costs of two short runs. If there are many
+        poles, these two runs have only the table of the motion, to save time. All other
+        costs are then those of a third run of a few samples, which has all tables. They are
+        multiplied by the ratio of the numbers of samples.
 
         Parameters
         ----------
@@ -196,12 +199,12 @@ class CostExtrapolation:
             The nested keys of the cost, such as ``"tables", "motion", "csv_bytes"`` or
             ``"configurations"``.
         """
-        is_motion = len(keys) > 1 and keys[1] == MOTION
-        # If there are many poles, the two short runs have only the table of the motion.
-        if self.of_many_poles is None or is_motion:
+        is_in_motion_table = len(keys) > 1 and keys[1] == MOTION
+        third_run_cost = self.of_many_poles
+        if third_run_cost is None or is_in_motion_table:
             value = self._extrapolate_linearly(keys)
         else:
-            value = self._scale_many_poles(self.of_many_poles, keys)
+            value = self._scale_many_poles(third_run_cost, keys)
         # The value is proportional to the number of assembly modes.
         return round(value * self.predicted_modes / max(self.measured_modes, 1))
 

@@ -91,8 +91,11 @@ class FigureOfMerit:
                 f'"{self.name}" cannot name a figure of merit; use only letters, digits '
                 "and _, and no digit at the beginning"
             )
-        # The point is the input value at which the reduction `at` takes the expression.
-        if bool(self.point) != REDUCTION_BY_NAME[self.reduction].needs_point:
+        # The reduction `at` takes the expression at a point: a tuple of input values. The
+        # tuple is empty if no point is given.
+        has_point = len(self.point) > 0
+        needs_point = REDUCTION_BY_NAME[self.reduction].needs_point
+        if has_point != needs_point:
             raise AnalysisError(
                 f"{self.name}: the reduction at(EXPRESSION, Q) needs an input value Q, "
                 "and no other reduction accepts one"

@@ -195,6 +195,10 @@ class OutputOverview:
         else:
             self.further_rests += 1
 
+    def add_turning_error(self, error: float) -> None:
+        """Note the error (rad) of the angle at which the output turns back."""
+        self.turning_error_rad = max(self.turning_error_rad, float(error))
+
     def add_rest(self, place: float) -> None:
         """Note a place at which the output comes to rest."""
         if len(self.rests) < MAX_LIST_ENTRIES:
@@ -258,7 +262,8 @@ class OutputOverview:
 
         It is the determinant of the output's velocity Jacobian (velocity per unit rate of
         each input) at successive samples. A place is the time (s), the first input (rad) or
-        the number of a sample.
+        the number of a sample. In a simulation, the determinant is infinite where an input
+        turns back. A change of its sign is then no singularity of type I.
 
         Parameters
         ----------
@@ -266,7 +271,8 @@ class OutputOverview:
             (m,) determinants at the m samples of a block, NaN where there is none.
         senses
             (m,) sign of the product of the rates of all inputs in a simulation, otherwise
-            0.
+            0. This sign changes where an input turns back. Samples with different signs
+            are therefore not compared.
         places
             (m,) places of the samples.
         """

@@ -151,7 +151,11 @@ def _summarize_excess(output: OutputOverview) -> Facts:
     measure instead. Only small values of the transmission matter, so its maxima are left
     out.
     """
-    angle = output.smooth_angle.excess(output.lowest_rad, output.highest_rad)
+    # There are two estimates for the angle. Only one of them is used, the other is 0. If
+    # the rates are unknown, parabolas through successive samples exceed the samples. If
+    # they are known, turning points between samples are computed from them, with an error.
+    parabola_excess = output.smooth_angle.excess(output.lowest_rad, output.highest_rad)
+    angle_excess = max(parabola_excess, output.turning_error_rad)
     ratios = [
         smooth.excess(lowest, highest)
         for smooth, lowest, highest in zip(
@@ -165,7 +169,7 @@ def _summarize_excess(output: OutputOverview) -> Facts:
     elif output.transmission is not None:
         transmission = output.smooth_transmission.excess(output.transmission[0], None)
     return {
-        "angle_rad": max(angle, output.turning_error_rad),
+        "angle_rad": angle_excess,
         "ratio": max(ratios, default=0.0),
         "transmission": transmission,
     }

@@ -289,8 +289,10 @@ class RecordingSession:
         count = motion.samples
         scene_over_samples = replace(scene, over=self._axes(motion))
         inputs = None
+        # `_inputs` has the values of a single input. It is None with several inputs, or if
+        # the samples are times.
         if self._inputs is not None:
-            # A single input is the timeline of the viewer.
+            # The single input is the timeline of the viewer.
             inputs = motion.q[:count]
         times = None
         if self._times is not None and motion.timing is not None:

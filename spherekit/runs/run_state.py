@@ -330,11 +330,14 @@ class RunState:
         key = (FAILED, analysis_name, table.name)
         status_columns = [column for column in table.columns if column.kind == "status"]
         for column in status_columns:
-            for codes, part_count in _status_arrays(data[column.name]):
+            # A table may have a row for each of several poles, with an array of codes for
+            # each pole. Poles may share one array, which is then examined only once. Its
+            # counts are multiplied by the number of these poles.
+            for codes, pole_count in _status_arrays(data[column.name]):
                 failures = codes
                 if has_configurations:
                     failures = _select_failures(codes, data, column, batch)
-                self._count_statuses(key, failures, part_count, ignored)
+                self._count_statuses(key, failures, weight=pole_count, ignored=ignored)
 
     @property
     def configurations(self) -> int:

@@ -312,8 +312,16 @@ class Sampling:
         Returns
         -------
         An entry ``time`` with the duration and the time laws of the inputs. For a
-        simulation an entry ``simulation`` with its end and the results of its checks
-        instead. Empty if the samples are no times.
+        simulation an entry ``simulation`` instead, with its start, its end and its checks:
+
+        - ``achieved_error_rad``: difference from a more accurate simulation;
+        - ``missed``: a message if the requested tolerance is missed, otherwise None;
+        - ``energy_imbalance_J``, ``power_imbalance_W``: errors of the balance between the
+          kinetic energy and the work of the loads;
+        - ``energy_scale_J``: the largest energy, with which its error is compared;
+        - ``closure_drift_rad``: the largest opening of a loop of links.
+
+        The result is empty if the samples are no times.
         """
         if not self.is_over_time:
             return {}
@@ -443,8 +451,10 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
     )
     input_grid = position_analysis.input_grid
     # The samples get times and rates if the inputs can pass them at constant speed. This is
-    # so on the straight path. A single input can pass any values in rising order. Several
-    # inputs cannot on a grid (`is_path` is False), or on a listed path with corners.
+    # so on the straight path, and for a single input. If the values of a single input are
+    # listed, its times are those of a motion from the least to the greatest value. They
+    # need not rise from sample to sample. Several inputs get no times on a grid (`is_path`
+    # is False) or on a listed path, which may have corners.
     is_straight = study.path is None and input_grid.is_path
     has_one_input = len(mechanism.input_pairs) == 1
     timing = None

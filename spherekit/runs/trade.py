@@ -166,28 +166,33 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
     rows
         (n,) numbers of the samples that the result has.
     search
-        Whether all assembly modes (ways to assemble the mechanism) are searched again.
+        Whether all assembly modes (ways to assemble the mechanism) are searched at these
+        samples. Otherwise only the mode of a given reference pose is found.
     """
     position_analysis = sampling.position_analysis
     modes = position_analysis.assembly_modes
     q = sampling.inputs[rows]
-    timing = sampling.timing
-    # The samples become a path of the inputs. A run in a single assembly mode stays
-    # restricted to this mode. `crossings` is the rule by which a mode continues where
-    # curves of configurations cross.
+    timing = None
+    if sampling.timing is not None:
+        timing = sampling.timing.rows(rows)
+    # A run in a single assembly mode stays restricted to this mode.
+    only_mode = modes[0].number if len(modes) == 1 else None
+    # `path` lists the input values, one sample after another. `crossings` is the rule by
+    # which a mode continues where curves of configurations cross.
+    smaller_analysis = PositionAnalysis(
+        position_analysis.mechanism,
+        input_pair=None,
+        assembly_mode=only_mode,
+        search=search,
+        path=q,
+        crossings=position_analysis.crossings,
+    )
     return replace(
         sampling,
-        position_analysis=PositionAnalysis(
-            position_analysis.mechanism,
-            input_pair=None,
-            assembly_mode=modes[0].number if len(modes) == 1 else None,
-            search=search,
-            path=q,
-            crossings=position_analysis.crossings,
-        ),
+        position_analysis=smaller_analysis,
         inputs=q,
         shape=(len(q),),
-        timing=None if timing is None else timing.rows(rows),
+        timing=timing,
     )
 
 

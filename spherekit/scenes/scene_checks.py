@@ -312,21 +312,20 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
     item
         The primitive, or a mark or curve that is a part of a primitive.
     sizes
-        Lengths of array axes by letter. `ARRAY_SHAPES` has the shape of each array field,
-        for example ("n", 3). All arrays with "n" need the same length on that axis. The
-        first array with a letter determines this length, and adds it here.
+        Lengths of array axes by letter, which are extended in place. `ARRAY_SHAPES` has the
+        shape of each array field, for example ("n", 3). All arrays with "n" need the same
+        length on that axis. The first array with a letter determines this length.
 
     Returns
     -------
     The array fields as NumPy arrays, by name.
     """
-    # The array fields by name.
-    arrays: Facts = {}
     field_names = {field.name for field in fields(item)}
     for name in TEXT_FIELDS:
         if name in field_names and not isinstance(getattr(item, name), str):
             value = getattr(item, name)
             raise PluginError(f"{where}: {name} is {value!r}; it has to be a text")
+    arrays: Facts = {}
     for name, shape in ARRAY_SHAPES[type(item)].items():
         value = getattr(item, name)
         if value is None and (type(item), name) in OPTIONAL_FIELDS:
@@ -334,14 +333,20 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
         array = _check_numbers(f"{where}: {name}", value, shape, sizes)
         # A range stays a pair of floats, which can be compared as such.
         arrays[name] = tuple(map(float, array)) if name in RANGE_FIELDS else array
-    # A sequence such as a list of names has a fixed length, or that of an array above.
+    # Other sequences, such as a list of names.
     for name, size in SEQUENCE_LENGTHS.get(type(item), {}).items():
         length = len(_check_sequence(where, name, getattr(item, name)))
-        needed = sizes[size] if isinstance(size, str) else _SharedSize(size, words="")
-        if length != needed.length:
-            reason = f", as many as {needed.words}" if needed.words else ""
+        if isinstance(size, str):
+            # The size is a letter. The sequence has the length of the arrays with it.
+            shared = sizes[size]
+            needed_length = shared.length
+            reason = f", as many as {shared.words}" if shared.words else ""
+        else:
+            needed_length = size
+            reason = ""
+        if length != needed_length:
             raise PluginError(
-                f"{where}: {name} has {length} items, but needs {needed.length}{reason}"
+                f"{where}: {name} has {length} items, but needs {needed_length}{reason}"
             )
     return arrays
 
