@@ -143,10 +143,10 @@ class MujocoModel:
         """Choose the bodies and names of the model. The property `text` writes the model.
 
         MuJoCo moves bodies on the joints of a tree, and closes loops by constraints. A pair
-        (joint of the mechanism) that closes a loop is therefore a constraint. Loads act
-        only at joints of the tree. If a load acts at such a pair, the link gets a second
-        body (twin). The pair is then the joint of the twin, and a weld joins both bodies of
-        the link.
+        (joint of the mechanism) that closes a loop is therefore a constraint. But a load
+        can act only at a joint of the tree. If a pair with a load closes a loop, one of its
+        links gets a second body (twin). The pair is then the joint of the twin, and a weld
+        joins both bodies of the link.
 
         Parameters
         ----------
@@ -467,11 +467,11 @@ class MujocoModel:
         share = 1.0 / (1 + twin_count)
         rotation = self._rotation_of(inertia.link)
         tensor = share * (rotation.T @ inertia.tensor @ rotation)
-        # No principal moment of a body exceeds the sum of the other two. The excess of the
-        # largest moment m is m - (trace - m). Adding an amount to all three moments reduces
-        # the excess by this amount. `thickness` is the excess plus a small share of the
-        # trace.
-        excess = 2.0 * np.linalg.eigvalsh(tensor)[-1] - np.trace(tensor)
+        # The trace is the sum of the three moments. The excess of the largest moment m over
+        # the sum of the others is m - (trace - m). If an amount is added to all three
+        # moments, the excess decreases by this amount.
+        largest_moment = np.linalg.eigvalsh(tensor)[-1]
+        excess = 2.0 * largest_moment - np.trace(tensor)
         thickness = TENSOR_THICKNESS * np.trace(tensor) + max(excess, 0.0)
         tensor = tensor + thickness * np.eye(3)
         # MuJoCo's order: xx, yy, zz, xy, xz, yz.
@@ -492,10 +492,6 @@ class MujocoModel:
     def _add_appearance(self, body: Element, link: str) -> None:
         """Add the drawn shapes of a link, and the sites (points) of its outputs and loads.
 
-        An output is a link whose motion is of interest. Its site marks the observed
-        direction. A link is drawn as capsules along its arcs. The first link of each pair
-        (joint) also has a pin along the axis of the pair.
-
         Parameters
         ----------
         body
@@ -503,11 +499,19 @@ class MujocoModel:
         link
             Name of the link. Nothing is drawn if the mechanism has no link of this name.
         """
-        mechanism = self._mechanism
-        radius = self._radius
-        number = mechanism.link_number.get(link)
+        number = self._mechanism.link_number.get(link)
         if number is None:
             return
+        self._add_link_shape(body, link, number)
+        self._add_output_sites(body, link)
+        self._add_load_sites(body, link)
+
+    def _add_link_shape(self, body: Element, link: str, number: int) -> None:
+        """Draw a link with a number, as capsules along its arcs.
+
+        The first link of each pair (joint) also has a pin along the axis of the pair.
+        """
+        radius = self._radius
         shape = self._link_shapes[number]
         rgba = " ".join(f"{part / 255:.3g}" for part in (*link_colour(number), 255))
         # Capsules between every `POINTS_PER_CAPSULE`-th point of the drawn curves. A link
@@ -518,12 +522,19 @@ class MujocoModel:
                 attributes = {"fromto": _format_drawn(radius * ends), "rgba": rgba}
                 _add(body, "geom", **attributes, **{"class": "arc"})
         for name, axis in zip(shape.joint_labels, shape.joints, strict=True):
-            if mechanism.pair(name).links[0] == link:
+            first_link = self._mechanism.pair(name).links[0]
+            if first_link == link:
                 half_length = 0.5 * PIN_LENGTH_RATIO
                 ends = np.outer([1 - half_length, 1 + half_length], radius * axis)  # (2, 3)
                 _add(body, "geom", fromto=_format_drawn(ends), **{"class": "pin"})
-        # Yellow points in the direction that an output observes.
-        for output in mechanism.outputs:
+
+    def _add_output_sites(self, body: Element, link: str) -> None:
+        """Add a yellow point for each output of a link, in the direction that it observes.
+
+        An output is a link whose motion is of interest.
+        """
+        radius = self._radius
+        for output in self._mechanism.outputs:
             if output.link == link and output.direction is not None:
                 _add(
                     body,
@@ -533,8 +544,12 @@ class MujocoModel:
                     size=_format_drawn(PIN_RADIUS_RATIO * radius),
                     rgba="1 0.77 0 1",
                 )
-        # In MuJoCo an actuator exerts each of these loads. The actuator of a force or
-        # moment on a link acts at a site of its body.
+
+    def _add_load_sites(self, body: Element, link: str) -> None:
+        """Add an invisible site (point) for each force and moment on a link.
+
+        In MuJoCo an actuator exerts the force or moment, and acts at this site.
+        """
         for load, _actuator_attributes in self._loads.actuator_loads:
             if isinstance(load, PointForce | Moment) and load.link == link:
                 # A moment has no point of action, so its site is at the centre.
@@ -544,7 +559,7 @@ class MujocoModel:
                     "site",
                     name=self._names.load_sites[load.name],
                     pos=point,
-                    size=_format_drawn(INVISIBLE_SITE_RATIO * radius),
+                    size=_format_drawn(INVISIBLE_SITE_RATIO * self._radius),
                 )
 
     def _add_loops(self, tendons: Element, equalities: Element) -> None:

@@ -69,6 +69,7 @@ def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
     for link in root.iter("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
+    # Each item is what a motor drives: a joint or a wheel. Wheels get names.
     transmissions, transmission_notes = read_transmissions(root, path)
     transmissions = name_wheels(root, transmissions)
     spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))

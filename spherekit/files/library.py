@@ -229,4 +229,6 @@ def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
     if not nearby_files and not names:
         message += f" There are no {_SUFFIX} files in {folder}"
     faults = [f"{pack.name} ({pack.fault})" for pack in packs if pack.fault]
-    return f"{message} Broken packs: {listing(faults)}." if faults else message
+    if faults:
+        message += f" Broken packs: {listing(faults)}."
+    return message

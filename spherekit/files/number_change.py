@@ -94,8 +94,8 @@ def _with_lonlat(document: Document) -> Document:
         for entry in table.values():
             if "xyz" in entry:
                 entry["lonlat"] = lonlat(entry.pop("xyz"))
-    # The key ``points_xyz`` of a profile, for example, becomes ``points``. A key with a
-    # single vector, such as a centre, stays as it is: its first element is a number.
+    # The key ``points_xyz`` of a profile becomes ``points``. A key with a single vector,
+    # such as ``centre_xyz``, stays as it is: its first element is a number, not a point.
     for pair in tables["pairs"].values():
         for profile in pair.get("profiles", {}).values():
             for key, points in list(profile.items()):

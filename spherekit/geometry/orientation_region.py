@@ -720,7 +720,7 @@ def _subcell_volumes(boxes: _Boxes) -> Floats:
     which is far more accurate.
     """
     # The coordinates of boxes are integers from 0 to 2**CUBE_BITS. They are converted to
-    # coordinates from -1 to 1. Axes: cell, point, coordinate.
+    # coordinates from -1 to 1. The axes of the arrays are cell, point and coordinate.
     unit = 2.0 ** (1 - CUBE_BITS)
     corner = boxes.corner[:, None] * unit - 1.0
     width = boxes.width[:, None, None] * unit
@@ -730,6 +730,8 @@ def _subcell_volumes(boxes: _Boxes) -> Floats:
         x = corner + points * width
         return 8.0 / (1.0 + np.vecdot(x, x)) ** 2
 
-    at_centres = density(_SUBCELL_CENTRES)
-    cell_volume = density(_CUBE_GAUSS_POINTS) @ _CUBE_GAUSS_WEIGHTS * width[:, 0, 0] ** 3
-    return at_centres * (cell_volume / at_centres.sum(axis=1))[:, None]
+    at_centres = density(_SUBCELL_CENTRES)  # (n, SUBCELL_COUNT)
+    mean_density = density(_CUBE_GAUSS_POINTS) @ _CUBE_GAUSS_WEIGHTS  # (n,)
+    cell_volume = mean_density * width[:, 0, 0] ** 3
+    scale = cell_volume / at_centres.sum(axis=1)
+    return at_centres * scale[:, None]

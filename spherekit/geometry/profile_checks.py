@@ -185,13 +185,15 @@ def check_no_self_intersection(path: SplinePath) -> None:
     meets = _lie_on_both_sides(a=starts[i], b=ends[i], c=starts[j], d=ends[j])
     meets &= _lie_on_both_sides(a=starts[j], b=ends[j], c=starts[i], d=ends[i])
     if np.any(meets):
+        # The panels of the first two arcs that meet.
         first = np.argmax(meets)
         panels = sorted((i[first] // arcs_per_panel, j[first] // arcs_per_panel))
-        # Panel k leads from point k to the next one. Users count points from 1.
-        places = " and ".join(
-            f"between points {k + 1} and {(k + 1) % panel_count + 1}" for k in panels
-        )
-        raise ValueError(f"the closed curve meets itself: {places}")
+        places = []
+        for panel in panels:
+            # The last panel leads back to the first point. Users count points from 1.
+            next_panel = (panel + 1) % panel_count
+            places.append(f"between points {panel + 1} and {next_panel + 1}")
+        raise ValueError(f"the closed curve meets itself: {' and '.join(places)}")
 
 
 def _sample_panels(path: SplinePath, samples_per_panel: int) -> Floats:

@@ -458,10 +458,12 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     n, t = equations.shape[:2]
     with np.errstate(all="ignore"):
         if t == 1:
+            # The only equation is c0 + c1 cos(x) + c2 sin(x) = 0, with two zeros.
             zeros = _find_form_zeros(equations[:, 0])
             return _angles_from_factors(zeros.factors)[..., None]
         # `angles` is filled in step by step; systems without complete solutions stay NaN.
-        angles = np.full((n, 2 * eliminant_degree(incidence), t), np.nan, dtype=complex)
+        solution_count = 2 * eliminant_degree(incidence)
+        angles = np.full((n, solution_count, t), np.nan, dtype=complex)
 
         # 1. Elimination for some systems, with one start of Newton's method for each root.
         # Of systems with three equations, only every `ELIMINATION_STRIDE`-th is chosen.
@@ -1044,14 +1046,17 @@ def _find_problems(equations: Numbers, samples: EliminantSamples) -> list[str]:
     largest_limit = np.max(samples.magnitude_limits, axis=1)
     is_zero_everywhere = ~(largest_value > ZERO_ELIMINANT * largest_limit)
 
-    return np.select(
-        [~can_eliminate, has_empty_equation | is_zero_everywhere],
+    # For each system, the first reason that applies, or an empty text.
+    has_infinitely_many = has_empty_equation | is_zero_everywhere
+    reasons = np.select(
+        [~can_eliminate, has_infinitely_many],
         [
             "an equation of the elimination does not hold its angle",
             "there are infinitely many complex solutions",
         ],
-        "",
-    ).tolist()
+        default="",
+    )
+    return reasons.tolist()
 
 
 def _polynomial_roots(coefficients: Complexes) -> Complexes:

@@ -86,9 +86,8 @@ def find_coaxial_links(
             near_side = links_by_pair[pair].index(link)
             far_side = 1 - near_side
             next_link = links_by_pair[pair][far_side]
-            if next_link in reached or not are_same_line(
-                axes[near_side], coaxial_link.line
-            ):
+            is_coaxial = are_same_line(axes[near_side], coaxial_link.line)
+            if next_link in reached or not is_coaxial:
                 continue
             # 1 if the axis of the pair points along the line, -1 if it points against it.
             direction_sign = float(np.sign(axes[near_side] @ coaxial_link.line))

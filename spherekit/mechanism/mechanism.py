@@ -283,12 +283,15 @@ class Mechanism:
             ]
             for pair in self.pairs
         ]
-        masses = {mass.link for mass in self.masses}
+        links_with_mass = {mass.link for mass in self.masses}
         link_rows = []
         for number, link in enumerate(self.links):
             pairs = listing(pair.name for pair in self.pairs if link in pair.links)
-            remarks = ["ground"] if number == 0 else []
-            remarks += ["has inertia"] if link in masses else []
+            remarks = []
+            if number == 0:
+                remarks.append("ground")
+            if link in links_with_mass:
+                remarks.append("has inertia")
             link_rows.append([link, pairs, self._arcs_text(link), ", ".join(remarks)])
         pair_titles = ["pair", "type", "joins the links", "driven"]
         link_titles = ["link", "pairs", "arcs (deg)", "remarks"]

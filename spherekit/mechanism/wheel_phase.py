@@ -238,6 +238,7 @@ def find_wheel_contact(
         If both wheels have the same centre, and touch everywhere.
     """
     first_radius, second_radius = (wheel.radius for wheel in wheels)
+    # Unit vectors to the centres, in the axes of the carrier.
     first_centre, second_centre = (
         rotation @ wheel.centre
         for wheel, rotation in zip(wheels, orientations, strict=True)
@@ -257,9 +258,11 @@ def find_wheel_contact(
         )
     # 1 if the first circle is larger, -1 if it is smaller.
     side = np.sign(first_radius - second_radius)
+    # (3,) unit vector to the contact point.
     point = (
         np.cos(first_radius) * first_centre + np.sin(first_radius) * side * across / size
     )
+    # The transposed rotation leads back to the axes of each wheel.
     return [
         wheel.arc_length(rotation.T @ point)
         for wheel, rotation in zip(wheels, orientations, strict=True)

@@ -257,7 +257,10 @@ def _compute_and_copy(part_copies: Sequence[_PartCopy], spans: Sequence[Span]) -
     }
 
     def copy_computed_rows(computed_rows: slice, values: Sequence[Array]) -> None:
-        """Copy the values of all columns in the rows that the source has computed."""
+        """Copy the values of all columns in the rows that the source has computed.
+
+        The source calls this function for each slice of rows.
+        """
         spans_in_values = {
             subject_count: _spans_of_values(part_spans, computed_rows)
             for subject_count, part_spans in spans_in_part.items()
