@@ -211,8 +211,8 @@ class RegionRefinement:
 
         1. Triangles are open and have an edge longer than `feature`, or are broken and have
            an edge longer than `MAX_BROKEN_EDGE_RAD`.
-        2. Then the border is searched in all triangles. Those in which the search fails
-           become open. They are cut if they have an edge longer than `feature`.
+        2. Then the border is searched in the triangles that it crosses. Those in which the
+           search fails become open. They are cut if an edge is longer than `feature`.
         3. The error of the area exceeds the tolerance. The triangles that cause it are cut.
 
         Parameters
@@ -223,13 +223,13 @@ class RegionRefinement:
             Smallest size (rad) of parts and holes of the region that are to be found.
         """
         is_large = self.longest_edges > feature
-        is_large_broken = self.classes == TriangleClass.BROKEN
-        is_large_broken &= self.longest_edges > MAX_BROKEN_EDGE_RAD
+        is_broken = self.classes == TriangleClass.BROKEN
+        is_large_broken = is_broken & (self.longest_edges > MAX_BROKEN_EDGE_RAD)
         is_cut = is_large_broken | (self.is_open & is_large)
         if is_cut.any():
             return is_cut
 
-        self._find_border()
+        self._find_border()  # it may open triangles
         is_cut = self.is_open & is_large
         if is_cut.any():
             return is_cut
