@@ -293,8 +293,8 @@ class SchemaConversion:
         The keys of a table can depend on its values, for example on that of the key "kind".
         The schema then has a list of rules "if the table has this value, then ...". A rule
         can refer ("$ref") to a definition that declares the whole table. The first such
-        rule with a true condition is used. Rules without a reference only forbid or require
-        keys. The table was checked by them before.
+        rule with a true condition is used. Rules without a reference only restrict keys and
+        values. They were checked before.
         """
         for rule in part.get("allOf", ()):
             declares_table = "$ref" in rule.get("then", ())
