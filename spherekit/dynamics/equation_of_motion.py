@@ -218,7 +218,7 @@ class EquationOfMotion:
         Number m of degrees of freedom.
     variable_count
         Number of pair variables.
-    momenta, load_work_rows
+    momenta, works
         Slices of the momenta and of the works in a state.
     """
 
@@ -241,7 +241,7 @@ class EquationOfMotion:
         self.loads = Loads(mechanism)
         self.variable_count = len(mechanism.variable_names)
         self.momenta = slice(self.variable_count, self.variable_count + freedoms)
-        self.load_work_rows = slice(self.variable_count + freedoms, None)
+        self.works = slice(self.variable_count + freedoms, None)
 
     def make_state(self, values: Floats, speed: Floats, rate_weights: Floats) -> Floats:
         """Return the state of a simulation at its start, from positions and rates.
@@ -298,7 +298,7 @@ class EquationOfMotion:
         values = state[: self.variable_count]
         coordinate_rates = new_weights @ variable_rates
         new_state = self.make_state(values, coordinate_rates, new_weights)
-        new_state[self.load_work_rows] = state[self.load_work_rows]
+        new_state[self.works] = state[self.works]
         return new_state, new_weights
 
     def compute_motion(

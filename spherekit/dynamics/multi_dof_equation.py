@@ -160,17 +160,14 @@ def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int
     """Return det(J J^T) of the velocity equations J v' = 0 of the loops, as an expression.
 
     It is zero where the equations depend on each other. v' are the rates of the pair
-    variables (joint angles). J is not needed, since the rates T are known already:
+    variables (joint angles). J itself is not used. The rows of a matrix T are solutions v',
+    which are known already, and linear algebra has the identity
 
         det(J J^T) = det(T T^T) / D^(2 m - 2).
 
     - m is the number of coordinates (degrees of freedom). Each of m inputs is a coordinate.
     - Row i of T has D times the rates of all variables per unit rate of coordinate i.
     - D is the determinant of the columns of J that belong to the other variables.
-
-    The reason: each maximal minor of J is, up to its sign, D^(1 - m) times the minor of
-    T with the other columns. By the formula of Cauchy and Binet, each determinant is
-    the sum of the squares of these minors.
 
     Parameters
     ----------
@@ -180,7 +177,9 @@ def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int
         The number m of degrees of freedom.
     """
     tau = coordinate_rates.tau
-    rate_products = [[dot(a, b) for b in tau] for a in tau]  # T T^T
+    rate_products = []  # T T^T
+    for row in tau:
+        rate_products.append([dot(row, other_row) for other_row in tau])
     return _divide_repeatedly(
         determinant(rate_products), coordinate_rates.scale, 2 * freedoms - 2
     )

@@ -633,8 +633,10 @@ class Collocation:
     ) -> Floats:
         """Return a first guess of the state's rates (N, states) at the nodes of a step.
 
-        The iteration for the step starts with it. The guess continues the polynomial of the
-        step before. Without such a step it is the rate at the start, at all nodes.
+        The iteration for the step starts with the guess. It continues the polynomial of the
+        step before, which is a Legendre series of the rates. Polynomials of high order grow
+        fast outside of their step, so only the first coefficients are used. Without a step
+        before, the guess is the rate at the start, at all nodes.
 
         Parameters
         ----------
@@ -651,7 +653,8 @@ class Collocation:
         if previous is None:
             dynamics = self._evaluate_dynamics(np.array([start]), state[None])
             return np.repeat(self.equation.state_rates(dynamics), NODE_COUNT, axis=0)
-        return previous.evaluate_series(previous.series[:CONTINUED_COEFFICIENTS], t)
+        coefficients_of_low_orders = previous.series[:CONTINUED_COEFFICIENTS]
+        return previous.evaluate_series(coefficients_of_low_orders, t)
 
     def _momentum_rate_slopes(
         self, t: Floats, states: Floats, rates: Floats, scale: Floats
@@ -698,26 +701,29 @@ class Collocation:
         step
             A step whose iteration has converged.
         scale
-            (states,) sizes of the quantities in a state.
+            (states,) sizes of the quantities in a state, relative to which errors are
+            judged.
         tolerance
             Tolerance of the step, rad.
         """
         equation = self.equation
+        # Only some loads can change so abruptly, such as tanh(1000 x) near x = 0.
         if not equation.loads.needs_step_probes:
             return True
         allowed_rate_error = _allowed_momentum_rate_error(
             tolerance,
-            momentum_size=max(
-                scale[equation.variable_count],
-                float(max_abs(step.state[equation.momenta])),
-            ),
+            momentum_size=float(np.max(scale[equation.momenta])),
             length=step.length,
         )
 
         # `find_first_errors` can examine several steps at once. There is only one step
         # here, so the index of the step is not used.
         def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
-            """Return relative errors (n,) and steep arguments (n, k) at n times."""
+            """Return errors of the rates, as multiples of the allowed error, at n times.
+
+            The second result are the arguments (n, k) of steep functions, such as x in
+            tanh(1000 x). Their zeros are probed, too.
+            """
             rate_errors, steep_arguments = self._probe_step(step, fractions)
             return np.max(rate_errors, axis=1) / allowed_rate_error, steep_arguments
 
@@ -821,6 +827,7 @@ class Collocation:
         """
         if not self.problem.passes_crossings:
             return True
+        # The sign of the determinant before the step, and its largest absolute value.
         record = self.determinant_record.include_sizes(determinants)
         is_near = np.abs(determinants) < CROSSING_RATIO * record.largest
         has_other_sign = determinants * record.sign < 0.0
@@ -855,12 +862,10 @@ class Collocation:
         Such a step is then computed more accurately. The answer is False if the simulation
         passes crossings; `_stays_on_set` then tests the step.
 
-        The computed path misses the exact curve of configurations by about the tolerance e.
-        Near a crossing, the closure determinant is therefore about sqrt(2 e) of its usual
-        size instead of 0. For example, the curves x y = 0 cross at the origin, and the
-        determinant is proportional to the gradient (y, x). On the path x y = e the gradient
-        is at least sqrt(2 e) long. The limit is sqrt(e), relative to the largest
-        determinant.
+        The determinants are zero at a crossing, but by its error the computed path can pass
+        beside the crossing. With the tolerance e it passes at a distance of about sqrt(e),
+        as the curve x y = e passes the origin. The determinants can then be small without a
+        zero. The limit is sqrt(e) times the largest determinant so far.
 
         Parameters
         ----------
@@ -870,10 +875,12 @@ class Collocation:
         """
         if self.problem.passes_crossings:
             return False
+        # The sign of the determinant before the step, and its largest absolute value.
         record = self.determinant_record.include_sizes(determinants)
-        # Negative beyond a crossing, where the sign has changed.
+        limit = np.sqrt(self.tolerance) * record.largest
+        # Negative beyond a crossing, where the determinants have the other sign.
         signed_determinants = determinants * record.sign
-        return bool(np.any(signed_determinants < np.sqrt(self.tolerance) * record.largest))
+        return bool(np.any(signed_determinants < limit))
 
     def _accept(
         self, step: CollocationStep, rates: Floats, determinants: Floats
@@ -933,11 +940,14 @@ class Collocation:
         mechanism = self.equation.mechanism
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield StepEvent(t, "joint_limit", pair)
+        # The sign of the determinant before the step, and its largest absolute value.
         record = self.determinant_record.include_sizes(determinants)
         crossing_time = step.find_crossing(determinants, record)
         if crossing_time is not None:
-            ends_here = not self.problem.passes_crossings
-            yield StepEvent(crossing_time, "singularity" if ends_here else "crossing")
+            if self.problem.passes_crossings:
+                yield StepEvent(crossing_time, "crossing")
+            else:
+                yield StepEvent(crossing_time, "singularity")
         yield from self._find_indeterminate_inputs(step, rates)
         # With one input there is a single momentum. The mechanism rests where it changes
         # its sign. A state has the pair variables first, then the momentum.
@@ -1064,7 +1074,7 @@ def _make_state_scales(problem: Problem, state_size: int) -> Floats:
     largest_inertia = float(np.linalg.norm(inertia_at_start, 2))
     scales = np.ones(state_size)
     scales[equation.momenta] = np.sqrt(largest_inertia)
-    scales[equation.load_work_rows] = largest_inertia
+    scales[equation.works] = largest_inertia
     return scales
 
 

@@ -26,10 +26,11 @@ count as motion.
 
 @dataclass(frozen=True)
 class Stiffness:
-    """The effect of the inputs on an output link, and its stiffness between them.
+    """How the inputs move an output link, and how stiffly they hold it.
 
-    The inputs hold the link relative to another link. Each input yields like a spring; all
-    other parts are rigid. The arrays have n rows, one for each configuration.
+    The inputs move and hold the output link relative to another link. Each input yields
+    like a spring; all other parts are rigid. The arrays have n rows, one for each
+    configuration.
 
     Attributes
     ----------
@@ -37,15 +38,16 @@ class Stiffness:
         (n, inputs, 3) angular velocity of the link relative to the other link, per unit
         rate of each input, in ground axes.
     advantage
-        (n, inputs) mechanical advantage ``1 / |w|``: the moment about the axis of w that a
-        unit torque at this input balances while the other inputs are locked. Infinite if
-        the input does not move the link.
+        (n, inputs) mechanical advantage ``1 / |w|``: the moment on the link about the axis
+        of w that a unit torque at this input balances while the other inputs are locked.
+        Infinite if the input does not move the link.
     stiffness
-        (n, 3) principal stiffnesses of the link in rising order, N m/rad. Infinite about
-        axes that do not yield.
+        (n, 3) principal stiffnesses of the link in rising order, N m/rad: moment about a
+        principal axis, divided by the angle by which the link yields. Infinite about axes
+        that do not yield.
     axes
-        (n, 3, 3) the principal axes in rows, in ground axes. NaN for axes that do not
-        yield.
+        (n, 3, 3) the principal axes in rows, in ground axes. A moment about a principal
+        axis turns the link about this axis alone. NaN for axes that do not yield.
     """
 
     w: Floats

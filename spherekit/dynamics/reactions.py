@@ -91,19 +91,21 @@ class Reactions(JointReactions):
     def on_bearings(self) -> Mapping[str, Floats]:
         """The forces (n, bearings, 3) on the bearings of pairs (joints), N, in pair axes.
 
-        There are n rows (samples of the motion). The key is the name of the load
-        (`Bearings`) that describes the bearings of a pair. The component along the axis is
-        NaN if the file does not say how the bearings share the axial force. The other
-        components are NaN if the force in the pair through the centre O of the sphere is
-        undetermined.
+        There are n rows (samples of the motion). Axis z of a pair is its axis of rotation.
+        The key is the name of the load (`Bearings`) that describes the bearings of a pair.
+
+        The bearings together exert the moment and the force that the pair transmits. A
+        component is NaN if the equations of equilibrium leave it undetermined. The z
+        component is also NaN if the file does not say how the bearings share the force
+        along the axis.
         """
-        forces: dict[str, Floats] = {}
+        forces_on_bearings: dict[str, Floats] = {}
         for load in self._bearing_loads:
             pair = self._pair_number(load)
-            forces[load.name] = load.supported_loads(
+            forces_on_bearings[load.name] = load.supported_loads(
                 self.moments[:, pair], self.forces[:, pair]
             )
-        return forces
+        return forces_on_bearings
 
     @property
     def couples(self) -> Mapping[str, Floats]:

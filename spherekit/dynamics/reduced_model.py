@@ -613,8 +613,9 @@ class StoredModel:
         Raises
         ------
         SolveError
-            If the inputs have a wrong shape, or if a single point of several inputs is
-            outside the domain.
+            If the model has several inputs and their array has a wrong shape. Also if only
+            one point is passed and it is outside the domain. Among many points, those
+            outside are no error; the functions of the model are NaN there.
         """
         arrays = [np.asarray(x, dtype=float) for x in (coordinates, *derivatives)]
         if self.heading.is_curve:

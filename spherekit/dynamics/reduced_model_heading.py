@@ -63,7 +63,8 @@ class StoredLoad:
     name
         Name of the load.
     works_on
-        For each component the name of the pair variable, or of the stored velocity.
+        For each component the name of its velocity: a pair variable, whose rate it is, or a
+        stored function.
     components
         Expressions of the magnitudes in pair variables, their rates and the time. Empty if
         the torque is a table.
@@ -85,7 +86,13 @@ class StoredLoad:
         """The torque as a table, or None if it is given by expressions."""
         if self.components:
             return None
-        return TorqueTable(self.name, "", self.times, self.torques, self.repeats)
+        return TorqueTable(
+            name=self.name,
+            pair="",  # not needed to look up a torque
+            times=self.times,
+            torques=self.torques,
+            periodic=self.repeats,
+        )
 
 
 class VelocityTerm(NamedTuple):

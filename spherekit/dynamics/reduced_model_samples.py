@@ -281,17 +281,18 @@ class Sampler:
     def _label_load_velocities(self, heading: StoredHeading) -> list[FunctionLabel]:
         """Return labels (name, unit, kind) of velocities on which load components work.
 
-        A load may be a sum of components, such as the x, y and z parts of a force. The
-        error of a stored function is judged relative to its largest value. Along a curve
-        (one input), the components of a load share the largest value of all of them, as
-        parts of one `FunctionLabel.vector`. Over a box (several inputs) each velocity is
-        judged alone.
+        A load may be a sum of components, such as the x, y and z parts of a force.
         """
         labels = []
         for component, velocity_name in self.load_velocities.items():
             load = self.loads.load_of_component[component]
             unit = self.mechanism.loads[load].velocity_unit
-            vector = f"load {self.loads.names[load]}" if heading.is_curve else ""
+            # The error of a function is judged relative to its largest value. Functions
+            # with the same name of a vector share the largest value of all of them.
+            vector = ""
+            if heading.is_curve:
+                vector = f"load {self.loads.names[load]}"
+            # There is one function for each coordinate.
             for name in heading.by_coordinates(velocity_name):
                 kind = FunctionKind.LOAD_VELOCITY
                 labels.append(FunctionLabel(name, unit, kind, vector))
@@ -686,34 +687,61 @@ class CurveSampler(Sampler):
         come back reversed after one lap of the curve of configurations. The period of the
         model is then two laps.
         """
+        # Evenly spaced places on one lap. The last one is where the next lap starts.
         coordinates = self.lap_length * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
         motion = self._compute_motion(coordinates)
-        primary = {step.pole for step in self.plan.steps if isinstance(step, PrimaryPole)}
-        axes = {
-            pole: axis
-            for pole, axis in self._compute_axes(motion).items()
-            if pole not in primary
-        }
+        axes = self._compute_axes_between_pairs(motion)
         self._check_axis_speeds(axes)
-        # The first direction makes an acute angle with the sum of the pair axes (the z
-        # columns of the frames). Any other reference would serve as well.
-        pair_axes = self._convert_motion(motion).frames[0, :, :, 2]
-        reference = np.sum(pair_axes, axis=0)
-        directions = {
-            pole: axis * continuous_signs(axis, reference)[:, None]
-            for pole, axis in axes.items()
-        }
-        is_reversed = {
-            pole: bool(samples[0] @ samples[-1] < 0.0)
-            for pole, samples in directions.items()
-        }
-        if self.periodic and any(is_reversed.values()):
-            self.laps_per_period = 2
-            directions = {
-                pole: _append_second_lap(samples, is_reversed[pole])
-                for pole, samples in directions.items()
-            }
-        self.stored_directions = directions
+        reference = self._choose_reference_direction(motion)
+        self.stored_directions: dict[Pole, Floats] = {}
+        for pole, axis in axes.items():
+            signs = continuous_signs(axis, reference)
+            self.stored_directions[pole] = axis * signs[:, None]
+        if self.periodic:
+            self._store_second_lap()
+
+    def _compute_axes_between_pairs(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
+        """Return unit vectors (n, 3) along the poles whose links have no pair in common.
+
+        A pole is the axis of relative rotation of two links. The vectors are in ground
+        axes, in either sense.
+        """
+        poles_at_pairs = set()
+        for step in self.plan.steps:
+            # A primary pole is the axis of a pair. Other poles are constructed from these.
+            if isinstance(step, PrimaryPole):
+                poles_at_pairs.add(step.pole)
+        axes = self._compute_axes(motion)
+        return {pole: axis for pole, axis in axes.items() if pole not in poles_at_pairs}
+
+    def _choose_reference_direction(self, motion: CoordinateMotion) -> Floats:
+        """Return a vector (3,) with which the first direction of an axis is compared.
+
+        It is the sum of the axes of all pairs (joints) in the first configuration. Any
+        other vector would serve as well.
+        """
+        # Columns of a frame: x, y, and z along the axis of the pair.
+        frames = self._convert_motion(motion).frames
+        pair_axes = frames[0, :, :, 2]
+        return np.sum(pair_axes, axis=0)
+
+    def _store_second_lap(self) -> None:
+        """Extend the stored directions to two laps if an axis is reversed after one.
+
+        The curve is closed, so the second lap has the same configurations. After two laps
+        all directions repeat.
+        """
+        reversed_poles = []
+        for pole, directions in self.stored_directions.items():
+            if directions[0] @ directions[-1] < 0.0:
+                reversed_poles.append(pole)
+        if not reversed_poles:
+            return
+        self.laps_per_period = 2
+        for pole, directions in self.stored_directions.items():
+            self.stored_directions[pole] = _append_second_lap(
+                directions, is_reversed=pole in reversed_poles
+            )
 
     def _check_axis_speeds(self, axes: Mapping[Pole, Floats]) -> None:
         """Raise `SolveError` if an axis turns too fast between samples to be followed.
@@ -730,33 +758,36 @@ class CurveSampler(Sampler):
 
 
 def _choose_pole_axis(
-    planned_axis: Floats, error_bound: Floats, relative_w: Floats, max_speeds: Floats
+    constructed_axis: Floats, error_bound: Floats, relative_w: Floats, max_speeds: Floats
 ) -> Floats:
     """Return unit vectors (n, 3) along a pole axis, each by the more accurate method.
 
-    A pole axis is the axis of relative rotation of two links. In each row (configuration),
-    the direction of their relative angular velocity replaces the planned axis if its error
-    is smaller. A planned axis with a negligible error (`TRUSTED_AXIS_ERROR_RAD`) stays.
+    A pole axis is the axis of relative rotation of two links. It is constructed from other
+    axes: the three pole axes of any three links lie in one plane, and an unknown axis is
+    the intersection of two such planes. The axis is also the direction of the relative
+    angular velocity of the links. In each row (configuration), this direction is used if
+    its error is smaller. A constructed axis with a negligible error
+    (`TRUSTED_AXIS_ERROR_RAD`) stays in any case.
 
     Parameters
     ----------
-    planned_axis
-        (n, 3) the axis as an intersection of planes.
+    constructed_axis
+        (n, 3) the axis by the construction.
     error_bound
-        (n,) error bound of the planned axis, rad. NaN if it is unknown.
+        (n,) error bound of the constructed axis, rad. NaN if it is unknown.
     relative_w
         (n, 3) relative angular velocity of the links.
     max_speeds
         (n,) largest angular velocity of any link, from which rounding errors are estimated.
     """
-    axis = planned_axis.copy()
-    planned_error = np.nan_to_num(error_bound, nan=np.inf)
+    axis = constructed_axis.copy()
+    construction_error = np.nan_to_num(error_bound, nan=np.inf)
     relative_speed = np.linalg.norm(relative_w, axis=1)
     # For links at relative rest, division by zero gives an infinite error.
     with np.errstate(divide="ignore", invalid="ignore"):
         velocity_error = AXIS_ERROR_ROUNDINGS * EPS * max_speeds / relative_speed
-        is_better = planned_error > TRUSTED_AXIS_ERROR_RAD
-        is_better &= velocity_error < planned_error
+        is_better = construction_error > TRUSTED_AXIS_ERROR_RAD
+        is_better &= velocity_error < construction_error
         axis[is_better] = relative_w[is_better] / relative_speed[is_better, None]
     return axis
 

@@ -256,7 +256,9 @@ class Simulation:
         """A message if the simulation misses its tolerance, otherwise None.
 
         Two errors are compared with the tolerance: the difference from a more accurate
-        simulation, if there is one, and the error of the momenta in a step.
+        simulation, if there is one, and the error of the momenta in a step. The message
+        states the error of the momenta as a power, which can be compared with the power of
+        the loads.
         """
         if self.tolerance is None:
             return None
@@ -316,11 +318,13 @@ class Simulation:
             If a time is outside of this range.
         """
         equation = self.equation
-        input_columns = list(self.driven)  # among the pair variables
         times = np.atleast_1d(np.asarray(t, dtype=float))
         # Accelerations need second derivatives of the motion.
         path_states, dynamics = self._evaluate(times, second=True)
+        # Rows are times. Columns are the pair variables (joint angles), the momenta, and
+        # the work of each load.
         states = path_states.states
+        input_columns = list(self.driven)  # among the pair variables
         # Momenta are defined as p = R u, with the rates u of the coordinates and the
         # symmetric root R of the inertia matrix M = R R. The kinetic energy u M u / 2 is
         # p^2 / 2.
@@ -340,12 +344,12 @@ class Simulation:
             values=motion.values,
             value_rates=value_rates,
             rotations=motion.rotations,
-            speed=dynamics.speed,
+            speed=dynamics.speed,  # rates of the coordinates
             M=masses.M_parts,  # for each link with mass its part of the inertia matrix
             Q=dynamics.forces,
             kinetic=kinetic_energy,
             power=dynamics.power,
-            work=states[:, equation.load_work_rows],
+            work=states[:, equation.works],
             residual=closed.closure_residual,
         )
 
@@ -379,11 +383,13 @@ class Simulation:
         equation = self.equation
         t, step_lengths = self._choose_check_times()
         path_states, dynamics = self._evaluate(t)
+        # Rows are times. Columns are the pair variables (joint angles), the momenta, and
+        # the work of each load.
         states = path_states.states
         closed = equation.closure.linearise(states[:, : equation.variable_count])
         momenta = states[:, equation.momenta]
         kinetic = 0.5 * np.sum(momenta**2, axis=1)
-        work = np.sum(states[:, equation.load_work_rows], axis=1)
+        work = np.sum(states[:, equation.works], axis=1)
         balance = kinetic - work
 
         rate_errors = path_states.rates[:, equation.momenta] - dynamics.momentum_rates
@@ -393,12 +399,7 @@ class Simulation:
         power_errors = np.vecdot(momenta, rate_errors)
         # An error of dp/dt that lasts for a whole step changes the momenta by this much.
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
-        # Errors of momenta are divided by the largest momentum. For a mechanism at rest
-        # this would be zero. The divisor is therefore at least the largest eigenvalue of R,
-        # the momentum at rates of 1 rad/s. (An eigenvalue is NaN if M is not positive.)
-        momentum_sizes = np.linalg.norm(momenta, axis=1)
-        unit_momentum_sizes = dynamics.roots.eigenvalues.ravel()
-        momentum_scale = np.nanmax(np.concatenate([momentum_sizes, unit_momentum_sizes]))
+        momentum_scale = _choose_momentum_scale(momenta, dynamics.roots.eigenvalues)
         return Checks(
             energy=float(max_abs(balance - balance[0])),
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
@@ -483,3 +484,22 @@ def _accelerations_by_time(dynamics: StateDynamics) -> Floats:
     # Letters: n row, i j coordinates, v variable.
     at_constant_rates = np.einsum("nijv,ni,nj->nv", motion.second, u, u)
     return rates_by_time(motion, dynamics.accelerations) + at_constant_rates
+
+
+def _choose_momentum_scale(momenta: Floats, root_eigenvalues: Floats) -> float:
+    """Return the size relative to which errors of the momenta are judged.
+
+    It is the largest momentum during the simulation. For a mechanism at rest this would be
+    zero. So the result is at least a typical momentum, that at coordinate rates of 1 rad/s.
+
+    Parameters
+    ----------
+    momenta
+        (n, m) momenta p = R u at n times, with the rates u of m coordinates.
+    root_eigenvalues
+        (n, m) eigenvalues of R, the symmetric root of the inertia matrix. Each of them is
+        the momentum at a rate of 1 rad/s. NaN if the inertia matrix is not positive.
+    """
+    momentum_sizes = np.linalg.norm(momenta, axis=1)
+    unit_momentum_sizes = root_eigenvalues.ravel()
+    return float(np.nanmax(np.concatenate([momentum_sizes, unit_momentum_sizes])))

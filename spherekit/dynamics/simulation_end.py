@@ -120,6 +120,9 @@ def no_step_end(
     # Inertias at the starts of some steps (a limited number, evenly chosen) and at the end.
     step_starts = path.starts[path.checked_steps]
     path_states = path.evaluate(np.append(step_starts, t))
+    # A state begins with the pair variables (joint angles). The weights define the
+    # coordinates of the inertia matrix: the rate of a coordinate is a weighted sum of the
+    # rates of the pair variables.
     motion = equation.compute_motion(
         path_states.states[:, : equation.variable_count], path_states.rate_weights
     )

@@ -60,9 +60,12 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     variable_rates = [derivative * speed for derivative in tau]
 
     load_state = layout.make_load_state(coordinate_rates, variable_rates)
+    # For each load its part in d(p / P)/dt.
     momentum_rates = _derive_momentum_rates(layout, load_state, inverse_root_inertia)
     # d(W / P^2)/dt = Q u / P^2, which is d(p / P)/dt (p / P).
     work_rates = [rate * scaled_momentum for rate in momentum_rates]
+    # tau is zero where the velocity equations depend on each other, so the square of tau
+    # measures their independence.
     tau_square = dot(tau, tau)
     (input_variable,) = structure.inputs
     return EquationExpressions(
@@ -93,10 +96,12 @@ def _derive_momentum_rates(
         1 / sqrt(B).
     """
     force_factor = layout.inverse_momentum_unit * inverse_root_inertia
-    return [
-        generalised_forces(load, load_state)[0] * force_factor
-        for load in load_state.mechanism.loads
-    ]
+    momentum_rates = []
+    for load in load_state.mechanism.loads:
+        # With one degree of freedom there is one coordinate, so a load has one Q.
+        (force,) = generalised_forces(load, load_state)
+        momentum_rates.append(force * force_factor)
+    return momentum_rates
 
 
 def _derive_events(
@@ -104,14 +109,16 @@ def _derive_events(
 ) -> list[EventFunction]:
     """Return the events of the motion, except those of joint limits and of loads.
 
-    The configurations of the mechanism form a curve with the parameter x. Its tangent is
-    tau = dv/dx, the derivatives of all pair variables (joint angles) v. An event occurs
-    where its function crosses zero. The functions are:
+    The configurations of the mechanism form a curve with a parameter x. The derivatives of
+    all pair variables (joint angles) v are tau = dv/dx. They are a tangent of the curve,
+    but not one of unit length: tau is computed from determinants of the velocity equations.
+    At a singularity these equations depend on each other, and tau is zero.
+
+    An event occurs where its function crosses zero. The functions are:
 
     - for a moment of rest, the momentum,
     - for a dead centre of the input q, its derivative dq/dx,
-    - for a singularity, the sum of the squares of tau minus a limit. At a singularity the
-      velocity equations depend on each other, and tau is zero.
+    - for a singularity, the sum of the squares of tau minus a small limit.
 
     Parameters
     ----------

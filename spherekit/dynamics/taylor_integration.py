@@ -284,7 +284,7 @@ class StepProbe:
             (n,) errors of the momenta, as multiples of the largest error that is allowed.
         arguments
             (n, arguments) values of x in functions such as tanh(1000 x) in the loads. Loads
-            may change abruptly where x is zero or extreme.
+            change abruptly where x passes through zero.
         """
         layout = self.equation.layout
         times_in_step = places * self.lengths[steps]
@@ -320,10 +320,13 @@ class StepProbe:
         probe_function = self.equation.probe_function
         assert probe_function is not None
         # The inputs of the function: state, time, parameters. Columns are the n places.
+        times = self.starts[steps] + times_in_step
         inputs = [
             states.T,
-            (self.starts[steps] + times_in_step)[None],
+            times[None],
+            # Parameters that are the same in all steps.
             np.repeat(self.common_parameters[:, None], len(steps), axis=1),
+            # The last parameters: signs of conditions that switch loads.
             self.switch_signs[steps].T,
         ]
         outputs = probe_function(np.concatenate(inputs))
@@ -347,9 +350,9 @@ class RunStart:
         (m,) momenta, in the unit square root of joule. With one degree of freedom the
         momentum is sqrt(B) u, with the inertia B and the rate u along the curve of
         configurations. It is positive in the direction of the tangent that the compiled
-        equation computes (`homogeneous_rates`). With several degrees of freedom each
-        momentum is the rate of a coordinate times one constant for all, the root of the
-        total moment of inertia.
+        equation computes (`homogeneous_rates`). With several degrees of freedom, m of the
+        pair variables are the coordinates. Each momentum is the rate of a coordinate times
+        sqrt(J). J is the same for all: the sum of the largest moments of inertia of links.
     momentum_unit
         A typical size of the momenta, not zero, in the same unit. The integrator's state
         has the momenta divided by it, or by their norm if that is larger. They are then at
@@ -472,9 +475,11 @@ class TaylorIntegration:
         progress = ProgressReporter("simulating")
         # The integrator has only one state, so a second run has to wait.
         with self.equation.lock:
+            # Some loads change abruptly with the sign of a condition, as dry friction with
+            # that of the sliding rate. Set the signs at the start.
+            self._set_switch_signs(targets[0])
             # Parameters of the equation, such as values and slopes of torque tables, change
             # from target to target. These are for the time up to the first target.
-            self._set_switch_signs(targets[0])
             parameters = self._make_parameters(targets[0])
             integrator.start(self.start_state, self.time, parameters)
             for target in targets:
@@ -780,15 +785,18 @@ class TaylorIntegration:
         """
         table_parameters = [self.time]
         for table in self.tables:
+            # Value and slope of the table.
             table_parameters += _linear_piece(table, self.time, interval_end)
         return np.array(
             [
-                *self.turns,
+                *self.turns,  # whole turns that were subtracted from each joint angle
                 self.momentum_unit,
                 1.0 / self.momentum_unit,
-                self.min_independence,
-                *self.limit_values,
+                self.min_independence,  # below this, closure equations count as dependent
+                *self.limit_values,  # of the joint limits
                 *table_parameters,
+                # A load changes abruptly where a condition changes its sign, as dry
+                # friction where the sliding rate does. These are the signs, 1 or -1.
                 *self.switch_signs,
             ]
         )

@@ -366,7 +366,9 @@ class NewtonEuler:
         - A force through O, which has no moment. Its unit is 1 N m divided by the mean
           distance of contacts from O, so that it is comparable with moments.
         - A moment about one axis of a pair (joint).
-        - The moment m_y of gear teeth with a pressure angle, which also causes m_x.
+        - The moment m_y of gear teeth with a pressure angle. Axis x is the common tangent
+          of the teeth, y their normal, and z points from O to the contact. The force along
+          x causes m_y. The force that presses the wheels apart then causes a moment m_x.
 
         At a contact with a known distance from O, a moment also has a force, because it is
         the moment of a force at the point of contact.
@@ -742,19 +744,23 @@ def _solve_reactions(driven: DrivenState, forces: bool) -> JointReactions:
     # A pair transmits its reactions, and the torque of loads and drives about its axis.
     wrenches = equations.sum_wrenches(equilibrium.reactions)
     wrenches += equilibrium.torques[..., None] * equations.unit_torque_wrenches
-    # A component is open (not determined) for two reasons. Redundant constraints let
-    # reactions balance each other, or the side on which gear teeth press is not known.
-    opened = equations.open_components | ~balance.is_settled[:, None, None]
-    wrenches[opened] = np.nan
+    # With redundant constraints, some components can balance each other without loads. The
+    # equations do not determine these components.
+    is_undetermined = equations.open_components
+    # In some rows it is not known on which of their two sides gear teeth press. No
+    # component is determined there.
+    is_undetermined = is_undetermined | ~balance.is_settled[:, None, None]
+    wrenches[is_undetermined] = np.nan
     if not forces:
         # Forces were not requested.
         wrenches[..., MOMENT_COMPONENTS:] = np.nan
-        opened[..., MOMENT_COMPONENTS:] = False
+        is_undetermined[..., MOMENT_COMPONENTS:] = False
     return JointReactions(
         wrenches,
-        opened,
+        opened=is_undetermined,
         # The moment by which equilibrium is missed is the residual of its equations.
         unbalanced=equilibrium.residual,
+        # Links that no pair keeps from moving away from the centre of the sphere.
         slides=equations.slides,
     )
 
