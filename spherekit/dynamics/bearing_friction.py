@@ -489,10 +489,11 @@ def _solve_friction(equation: FrictionEquation) -> CarriedLoads:
         change = max_abs(carried - previous, axis=1)
         # Rows with NaN do not count as converged.
         is_converged = change <= CARRIED_LOAD_TOLERANCE * np.max(carried, axis=1)
-        is_moving = is_contracting & ~is_converged
-        if iterations == MAX_FRICTION_ITERATIONS or not np.any(is_moving):
+        needs_iteration = is_contracting & ~is_converged
+        if iterations == MAX_FRICTION_ITERATIONS or not np.any(needs_iteration):
             break
-    return CarriedLoads(carried, is_moving | ~is_contracting, iterations)
+    is_unknown = needs_iteration | ~is_contracting
+    return CarriedLoads(carried, is_unknown, iterations)
 
 
 def _step_by_newton(

@@ -182,8 +182,8 @@ def make_body_inertia(
     are chosen instead, such that the tensor about O is right:
 
     - The file does not state both.
-    - The centre of mass is at O, where the weight has no moment. MuJoCo would close loops
-      wrongly: it weighs closure constraints by the mobility of the centres of mass.
+    - The centre of mass is at O, where it never moves. MuJoCo would close the loops
+      wrongly, because it takes such a body for one that hardly moves.
 
     A link without inertia gets a small inertia, because MuJoCo refuses such bodies.
 

@@ -186,7 +186,8 @@ def write_c(source: FormulaSource) -> str:
       input. It exists only if modes follow smooth curves of configurations through
       crossings with other curves.
     """
-    # In C all numbers, variables and constants, have the type double.
+    # In C all numbers, variables and constants, have the type double. It exists already, so
+    # no line has to define it (`type_line`).
     declarations = [
         f"{_function_head(source, function, 'double')};" for function in source.functions
     ]
@@ -195,11 +196,10 @@ def write_c(source: FormulaSource) -> str:
     # The arrays that callers read are declared, too. The declaration of an array is its
     # definition without the values.
     constants = [*_write_constants(source, storage="")]
-    declarations += [
-        f"extern {text.partition(' = ')[0]};"
-        for text in constants
-        if text.startswith("const ")
-    ]
+    for text in constants:
+        if text.startswith("const "):
+            name_and_type, _, _ = text.partition(" = ")
+            declarations.append(f"extern {name_and_type};")
     parts = [
         f"/*\n{head_comment(source)} */\n#include <math.h>\n",
         _prototype_comment(source),
@@ -207,7 +207,7 @@ def write_c(source: FormulaSource) -> str:
         "",
         *constants,
         *source.helpers,
-        *_write_series(source, "double", "double", type_line=""),
+        *_write_series(source, scalar="double", constant="double", type_line=""),
         *(_write_function(source, function, "double") for function in source.functions),
         *_write_smooth_modes(source, "double"),
     ]
@@ -501,8 +501,13 @@ def _write_smooth_modes(source: FormulaSource, scalar: str) -> Iterator[str]:
         }
 
     Its arguments are the number k of the mode and the input q (rad). The mode values in the
-    interval of q are written to the last argument. If configurations repeat after a period
-    of the input, q is first moved into the range of the input.
+    interval of q are written to the last argument. Two parts are added if necessary:
+
+    - If configurations repeat after a period of the input, q is first moved into the range
+      of the input.
+    - Formulas that are not in closed form are solved by Newton's method, which starts from
+      a known configuration of the mode. The function then returns the input of this
+      configuration, from an array ``inputs``.
 
     Parameters
     ----------
@@ -515,9 +520,9 @@ def _write_smooth_modes(source: FormulaSource, scalar: str) -> Iterator[str]:
     if smooth_modes is None:
         return
     fields = source.smooth_mode_fields
-    lines_that_move_q = (
-        C_MOVED_INPUT_TEMPLATE.format(**fields) if source.is_periodic else ""
-    )
+    lines_that_move_q = ""
+    if source.is_periodic:
+        lines_that_move_q = C_MOVED_INPUT_TEMPLATE.format(**fields)
     yield C_SMOOTH_MODE_TEMPLATE.format(
         **fields,
         head=_smooth_mode_head(source, scalar),

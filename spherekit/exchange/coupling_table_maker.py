@@ -408,8 +408,8 @@ class InterpolationErrors:
     """The largest absolute errors of interpolation in each cell of a coupling table.
 
     A coupling table has values of assembly modes (ways to assemble the mechanism) at the
-    nodes of a grid of inputs. A cell is a box between neighbouring nodes. Errors are NaN if
-    the mode does not exist in the whole cell.
+    nodes of a grid of inputs. A cell is a box between neighbouring nodes. The errors of
+    a mode are NaN in a cell if the mode is missing at any point of the cell.
 
     Attributes
     ----------
@@ -516,14 +516,18 @@ def _largest_differences(interpolated: Floats, computed: Floats) -> Floats:
 
 
 def _find_periodic_inputs(table: CouplingTable, periods: Floats) -> None:
-    """Mark the inputs of a table after a revolution of which all configurations return.
+    """Find and mark the periodic inputs of a table.
 
-    Interpolation can then continue beyond the range of such an input.
+    An input is periodic if all configurations are the same after one revolution of the
+    input. A joint angle may differ by whole periods: 2 pi for a joint that turns, since
+    both angles then describe the same position. Interpolation can continue beyond the range
+    of a periodic input.
 
     Parameters
     ----------
     table
-        The table. Its arrays `periodic` and `rise` are changed.
+        The table. Its arrays `periodic` and `rise` (growth of the joint angles in one
+        revolution) are changed.
     periods
         (K,) period (rad) of each of the K passive variables (joint angles).
     """

@@ -68,8 +68,8 @@ class Mode(NamedTuple):
         The numbers that select the mode in the formulas. In closed form they are the signs
         of the dyads (groups of two links). Otherwise they are the pair variables (joint
         angles, rad) of the known configuration, from which Newton's method starts. A mode
-        that follows a smooth curve of configurations through a crossing with another curve
-        has other values there, see `SmoothModes`.
+        can follow a smooth curve of configurations through a crossing with another curve.
+        Beyond the crossing it has other values, see `SmoothModes`.
     """
 
     number: int
@@ -191,9 +191,9 @@ class LeftOutMode(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The mode in messages, such as ``1 (p0)``, or ``1`` if it has no signs."""
-        # The title has "+" or "-" for each dyad (group of two links), and "~" for each
-        # larger group, which has no sign. A title of "~" alone does not tell modes apart.
+        """The mode in messages, such as ``1 (+-)``, or ``1`` without a telling title."""
+        # A title that is not a name has "+" or "-" for each dyad (group of two links), and
+        # "~" for each larger group. A title of "~" alone does not tell modes apart.
         if all(character == "~" for character in self.title):
             return f"{self.number}"
         return f"{self.number} ({self.title})"
@@ -212,8 +212,10 @@ class ModeTable(NamedTuple):
     left_out
         The other assembly modes.
     undetermined
-        Numbers of the modes that are left out because the chosen velocity equations do not
-        determine them. Such a mode can be exported alone, with other equations.
+        Numbers of the modes that are left out for one reason. If constraints are redundant,
+        the formulas use only as many velocity equations as are necessary. The equations
+        that were chosen do not determine the rates in these modes. Such a mode can be
+        exported alone, with other equations.
     compared
         Number of inputs at which each mode was compared. If it differs between modes, it is
         the smallest. It is 0 if no mode was compared.

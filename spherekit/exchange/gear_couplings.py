@@ -69,8 +69,9 @@ class ImportedPair(NamedTuple):
     value
         Variable (joint angle, rad) in the pose of the model.
     joint
-        Number of its joint in the model. It is -1 for a pair that closes a loop or carries
-        an added wheel.
+        Number of its joint in the model. It is -1 for a pair that is no joint there: one
+        that closes a loop, or that carries an idler wheel. Such a wheel is added between
+        two gears that turn about one axis.
     """
 
     name: str
@@ -193,6 +194,24 @@ class CoaxialHinges(NamedTuple):
     hinges: list[HingeOnPath]
 
 
+class Extent(NamedTuple):
+    """How far points of a plane extend from the origin.
+
+    Attributes
+    ----------
+    largest
+        Extent along the direction in which the points extend farthest.
+    smallest
+        Extent at right angles to this direction; 0 if the points are on a line.
+    smallest_direction
+        (2,) unit vector at right angles to the direction of the largest extent.
+    """
+
+    largest: float
+    smallest: float
+    smallest_direction: Floats
+
+
 @dataclass(frozen=True)
 class BevelEquation:
     """The equation u x + v y = 0 of two links that turn about crossing axes of a carrier.
@@ -263,10 +282,11 @@ class CoaxialEquation:
 
         The idler is a wheel between the two links, which turn about one axis of a carrier.
         Let x, z and y be the angular velocities of the first link, the idler and the second
-        link relative to the carrier. The equation u x + v y = 0 determines the ratio y / x.
-        It is the product of the ratios z / x and y / z of the two meshes. Both ratios get
-        the same magnitude, sqrt(abs(y / x)), so that no wheel is very small. The ratio z /
-        x is chosen negative: the idler turns in the opposite sense to the first link.
+        link relative to the carrier, each about its own axis. The equation u x + v y = 0
+        determines the ratio y / x. It is the product of the ratios z / x and y / z of the
+        two meshes. Both ratios get the same magnitude, sqrt(abs(y / x)), so that no wheel
+        is very small. The sign of z / x only says in which sense the idler turns, so it is
+        free. It is chosen negative.
 
         Parameters
         ----------
@@ -278,14 +298,13 @@ class CoaxialEquation:
         ratio = -u / v  # y / x
         first_mesh_ratio = -float(np.sqrt(abs(ratio)))  # z / x
         second_mesh_ratio = ratio / first_mesh_ratio  # y / z
-        return (
-            construct_gears_with_ratio(
-                (first_link, idler_link), (self.axis, self.idler_axis), first_mesh_ratio
-            ),
-            construct_gears_with_ratio(
-                (idler_link, second_link), (self.idler_axis, self.axis), second_mesh_ratio
-            ),
+        first_mesh = construct_gears_with_ratio(
+            (first_link, idler_link), (self.axis, self.idler_axis), first_mesh_ratio
         )
+        second_mesh = construct_gears_with_ratio(
+            (idler_link, second_link), (self.idler_axis, self.axis), second_mesh_ratio
+        )
+        return first_mesh, second_mesh
 
 
 GearEquation = BevelEquation | CoaxialEquation
@@ -420,10 +439,13 @@ def construct_gears_with_ratio(
         Angular velocity of the second gear, divided by that of the first gear. Both are
         relative to the carrier of the gears.
     """
-    # With the angular velocities p and y of the gears the equation is ratio p - y = 0.
-    # `construct_bevel_gears` has x = -p instead of p (the carrier relative to the first
-    # gear), so -ratio x - y = 0.
-    return construct_bevel_gears(links, axes, factors=(-ratio, -1.0))
+    # `construct_bevel_gears` needs the factors u and v of an equation u x + v y = 0. There,
+    # x is the angular velocity of the carrier relative to the first gear, so that of the
+    # first gear is -x. That of the second gear is y. So y = ratio (-x), which is
+    # -ratio x - y = 0.
+    u = -ratio
+    v = -1.0
+    return construct_bevel_gears(links, axes, factors=(u, v))
 
 
 def construct_bevel_gears(
@@ -637,18 +659,28 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
     """
     # Each column is the point (x, y) of a motion. All motions are combinations of these.
     points = rotations @ _find_allowed_motions(equations).T
-    # Columns of `directions`: the direction in which the points extend farthest from the
-    # origin, then the direction at right angles to it.
-    directions, extents, _ = np.linalg.svd(points)
-    farthest_direction_extent, normal_extent = _pad_with_zeros(extents, 2)
-    if normal_extent > COUPLING_TOLERANCE:
+    extent = _measure_extent(points)
+    if extent.smallest > COUPLING_TOLERANCE:
         return None  # the points fill the plane
-    if farthest_direction_extent <= COUPLING_TOLERANCE:
+    if extent.largest <= COUPLING_TOLERANCE:
         return None  # the only point is the origin
-    factors = directions[:, 1]
+    factors = extent.smallest_direction  # the normal of the line
     if np.min(np.abs(factors)) <= COUPLING_TOLERANCE:
         return None  # one rotation is always at rest
     return factors
+
+
+def _measure_extent(points: Floats) -> Extent:
+    """Return how far points (2, n) of a plane, in columns, extend from the origin.
+
+    The extent along a direction is the root of the sum of the squares of the components of
+    all points along this direction. Without points it is 0.
+    """
+    # The singular value decomposition has the directions in columns and their extents, with
+    # the largest first. A single point has only one extent.
+    directions, extents, _ = np.linalg.svd(points)
+    largest, smallest = _pad_with_zeros(extents, 2)
+    return Extent(largest, smallest, smallest_direction=directions[:, 1])
 
 
 def _find_allowed_motions(equations: Floats) -> Floats:

@@ -309,9 +309,11 @@ class ImportedDynamics:
     def _list_actuator_loads(self) -> Iterator[tuple[str, Table]]:
         """Yield the name and table of each load that comes from an actuator.
 
-        An actuator with control drives an input and is no load. An actuator without control
-        is a load if it exerts a torque at a hinge, or a constant force or moment at a point
-        of a body (a site). Any other actuator is left out with a note.
+        The force of an actuator may follow a control signal. At a hinge, such an actuator
+        becomes an input of the mechanism and is no load; elsewhere it is left out. An
+        actuator without control signal is a load if it exerts a torque at a hinge, or a
+        constant force or moment at a point of a body (a site). Otherwise it is left out.
+        The user gets a note on all that is lost.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtTrn
@@ -397,12 +399,18 @@ class ImportedDynamics:
         """Return whether an actuator at a site is a constant force or moment.
 
         A mechanism file can only have such loads, constant in the axes of their link or of
-        the ground. A site is a frame on a body, here that of an actuator without control.
-        The actuator acts along axes of its own site, or of a reference site if it has one.
-        The reference site must be fixed to the world.
+        the ground. A site is a frame on a body. The actuator acts along axes of its own
+        site, or of a reference site if it has one. The reference site must be fixed to the
+        world.
+
+        Parameters
+        ----------
+        actuator
+            Number of an actuator at a site. No control signal changes its force.
         """
         mj_model = self._mj_model
-        # Without control the force is bias[0] + bias[1] * length + bias[2] * its rate.
+        # The force is bias[0] + bias[1] * length + bias[2] * rate. The length of the
+        # actuator and its rate depend on the motion.
         bias = mj_model.actuator_biasprm[actuator]
         has_feedback = np.any(bias[1:3])
         if has_feedback:

@@ -198,18 +198,18 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
 def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     """Return the numbers of the links at the ends of chains, which become outputs.
 
-    - If there are links with a single pair (joint), they are returned. Links at a joint
-    that
-      gears turn, such as the wheel of a motor, are left out, except for those that are
-      farthest from the ground.
-    - Otherwise all chains are closed. The links farthest from the ground are returned.
+    The end of an open chain is a link with a single pair (joint). If there are such links,
+    they are returned, but a wheel in a gear train, such as that of a motor, is no output.
+    So links at joints that gears turn are left out. Those farthest from the ground are kept
+    even then, since a gear train may drive the last link.
+
+    If all chains are closed, the links farthest from the ground are returned.
     """
-    ends = [pair.links for pair in linkage.pairs]
-    links_with_one_pair = [
-        link
-        for link in linkage.links[1:]
-        if sum(link in links_of_pair for links_of_pair in ends) == 1
-    ]
+    links_with_one_pair = []
+    for link in linkage.links[1:]:  # all but the ground
+        pairs_of_link = [pair for pair in linkage.pairs if link in pair.links]
+        if len(pairs_of_link) == 1:
+            links_with_one_pair.append(link)
     if not links_with_one_pair:
         return _find_farthest_links(linkage, linkage.links)
     farthest_links = _find_farthest_links(linkage, links_with_one_pair)
@@ -217,7 +217,7 @@ def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     return [
         link
         for link in links_with_one_pair
-        if link not in geared_links or link in farthest_links
+        if link in farthest_links or link not in geared_links
     ]
 
 

@@ -426,8 +426,9 @@ class ImportedLinkage:
         value
             Variable (joint angle, rad) in the pose of the model.
         joint
-            Number of the joint of the model. It is -1 for a pair that closes a loop or
-            carries an added wheel.
+            Number of the joint of the model. It is -1 for a pair that is no joint there:
+            one that closes a loop, or that carries an idler wheel. Such a wheel is added
+            between two gears that turn about one axis.
         """
         name = self.make_unique_name(text, (pair.name for pair in self.pairs))
         self.pairs.append(ImportedPair(name, links, axis, value, joint))

@@ -245,10 +245,10 @@ class LatexEquationOfMotion:
     def _name_inertia(self, inertia: dict[tuple[int, int], Expr]) -> None:
         """Write the elements of the inertia matrix B as formulas.
 
-        The mapping `inertia` has each element by (row, column). Each is replaced by its
-        symbol B_ki, for row k and column i. Users ask for an element by the name
-        ``B_NAME_by_INPUT``: the name of input k, and the suffix of input i that moves. With
-        one input the matrix has one element, the equivalent inertia ``B``.
+        The mapping `inertia` has each element by (row, column), the numbers k and i of two
+        inputs. Each element is replaced by its symbol B_ki. Users ask for an element by the
+        name ``B_NAME_by_INPUT``, with the names of input k and of input i. With one input
+        the matrix has one element, the equivalent inertia ``B``.
         """
         formula_list = self._formula_list
         names = self._mechanism.names_of(self._positions.inputs)
@@ -257,6 +257,7 @@ class LatexEquationOfMotion:
             quantity = "B"
             if formula_list.has_several_inputs:
                 symbol_name = f"B_{{{k + 1},{i + 1}}}"
+                # A suffix is the text "_by_INPUT".
                 quantity = f"B_{names[k]}{self._input_suffixes[i]}"
             inertia[k, i] = formula_list.write(make_symbol(symbol_name), inertia[k, i])
             # A quantity is a list of its components. A number has a single component.
@@ -386,9 +387,11 @@ class LatexEquationOfMotion:
             power = self._coefficients.pair_coefficient(input_index, pair)
         for moment_index, moment in enumerate(component.moments):
             link = self._mechanism.link_number[moment.link]
+            # A frame is a list of three symbols: the unit vectors along the axes.
             link_frame = self._positions.link_frames[link]
             ground_frame = self._positions.link_frames[0]
             frame = link_frame if moment.axes == "link" else ground_frame
+            # The sum of the three components, each times its unit vector.
             vector = dot(moment.direction, frame)
             if moment.arm is not None:
                 # The load is a force: `vector` is its direction, and arm x vector its

@@ -82,14 +82,14 @@ class LinkAxis(NamedTuple):
 
 
 class DyadSide(NamedTuple):
-    """One of the two links of a dyad, with its axes at two pairs of the dyad.
+    """One of the two links of a dyad, with its axes u and v at two pairs of the dyad.
 
-    The link is given by its number. The axes are in the order of the mechanism file.
+    The link is given by its number. The mechanism file lists u before v.
     """
 
     link: int
-    first_axis: LinkAxis
-    second_axis: LinkAxis
+    axis_u: LinkAxis
+    axis_v: LinkAxis
 
 
 def _end_of_arc(start: Expr, tangent: Expr, length: AngleExpression) -> Expr:
@@ -426,9 +426,10 @@ class PositionFormulas:
         """Write the frame of a link that an input joins to a link with a known frame.
 
         At the axis of a pair (joint), each link has a reference arc. It leads to another
-        axis of the link: the first one that the file lists. The tangent to the reference
-        arc of the child follows from the frame of the parent and the input angle. The axis
-        and this tangent determine the frame of the child.
+        axis of the link: the first one that the file lists. The input angle is the angle
+        between the reference arcs of the two links, apart from a constant. So the tangent
+        to the reference arc of the child follows from the frame of the parent and the input
+        angle. The axis and this tangent determine the frame of the child.
 
         Parameters
         ----------
@@ -438,14 +439,15 @@ class PositionFormulas:
             Numbers of the link with the known frame, and of the link to be placed.
         """
         first_link, _ = self._mechanism.ends[pair]
+        # The tangent of one link is computed from that of the other link, the parent.
         if parent == first_link:
-            tangent = self._find_second_tangent(pair)
+            tangent = self._find_tangent_of_second_link(pair)
         else:
-            tangent = self._find_first_tangent(pair)
+            tangent = self._find_tangent_of_first_link(pair)
         tangent = self._formula_list.write(self._tangent_symbol(child, pair), tangent)
         self._place_by_reference_arc(child, pair, tangent)
 
-    def _find_second_tangent(self, input_pair: int) -> Expr:
+    def _find_tangent_of_second_link(self, input_pair: int) -> Expr:
         """Return the tangent t2 to the reference arc of the second link of an input.
 
         The first link has a known frame, and t1 is the tangent to its reference arc. Two
@@ -457,7 +459,7 @@ class PositionFormulas:
         direction_at_zero = self._write_zero_direction(input_pair)
         return self._rotate_about_pair(input_pair, direction_at_zero, input_rotation)
 
-    def _find_first_tangent(self, input_pair: int) -> Expr:
+    def _find_tangent_of_first_link(self, input_pair: int) -> Expr:
         """Return the tangent t1 to the reference arc of the first link of an input.
 
         The reference arc of a link leads from the axis of the pair to the first other axis
@@ -489,9 +491,12 @@ class PositionFormulas:
     def _place_by_reference_arc(self, link: int, pair: int, tangent: Expr) -> None:
         """Write the frame of a link from its axis and reference arc at a pair (joint).
 
-        The frame follows from the first axis k of the link, and from the tangent at k of
-        the arc from k to any other axis. The reference arc leads from the axis of the pair
-        to k. If k itself is the axis of the pair, it leads from k to the second axis.
+        The reference arc begins at the axis of the pair. It ends at k, the first axis of
+        the link. If the pair has the axis k itself, the reference arc ends at the second
+        axis of the link.
+
+        The frame is written from k and the tangent at k of an arc to any other axis. If the
+        reference arc ends at k, this is the tangent there back to the axis of the pair.
 
         Parameters
         ----------
@@ -502,14 +507,14 @@ class PositionFormulas:
         """
         link_axes = self._axes_by_link[link]
         pair_axis = self._find_axis(link, pair)
-        if pair_axis is link_axes[0]:
-            # The reference arc already begins at k.
+        axis_k = link_axes[0]
+        if pair_axis is axis_k:
+            # The reference arc begins at k.
             self._write_frame(
                 link, first_vector=pair_axis.vector, tangent=tangent, axis=link_axes[1]
             )
         else:
-            # The reference arc ends at k. The arc from k to the axis of the pair is the
-            # same arc in the opposite direction, and has the same length.
+            # The reference arc ends at k.
             length = pair_axis.arc
             self._write_frame(
                 link,
@@ -610,30 +615,29 @@ class PositionFormulas:
         axes = [
             self._find_axis(link, group.pairs[position]) for position in (outer, middle)
         ]
-        first_axis, second_axis = sorted(axes, key=self._axes_by_link[link].index)
-        return DyadSide(link, first_axis, second_axis)
+        axis_u, axis_v = sorted(axes, key=self._axes_by_link[link].index)
+        return DyadSide(link, axis_u, axis_v)
 
     def _write_arc_cosine(self, side: DyadSide) -> Expr:
-        """Return the cosine of the arc between the two axes of a link of a dyad.
+        """Return the cosine of the arc between the axes u and v of a link of a dyad.
 
-        A dyad is two links that close a loop. The file states the arcs a and b from the
-        first axis of the link to these two axes, and the angle c between the arcs. By the
-        spherical law of cosines, the arc d between the two axes has
+        A dyad is two links that close a loop. Let k be the axis that the file lists first
+        for the link. The file states the arcs a from k to u and b from k to v, and the
+        angle c between these arcs. By the spherical law of cosines, the arc d between u and
+        v has
 
             cos d = cos a cos b + sin a sin b cos c.
 
-        If the first axis of the link is one of the two axes, then it comes first in `side`,
-        a is 0, and the result is cos b. Otherwise the expression gets a symbol.
+        If u is k itself, a is 0 and the result is cos b. Otherwise the expression gets a
+        symbol.
         """
-        first_axis = side.first_axis
-        second_axis = side.second_axis
-        sine_product = (
-            first_axis.arc.sine
-            * second_axis.arc.sine
-            * second_axis.azimuth.subtract(first_axis.azimuth).cosine
-        )
-        cosine = first_axis.arc.cosine * second_axis.arc.cosine + sine_product
-        if first_axis is self._axes_by_link[side.link][0]:
+        arc_a = side.axis_u.arc
+        arc_b = side.axis_v.arc
+        angle_c = side.axis_v.azimuth.subtract(side.axis_u.azimuth)
+        sine_product = arc_a.sine * arc_b.sine * angle_c.cosine
+        cosine = arc_a.cosine * arc_b.cosine + sine_product
+        axis_k = self._axes_by_link[side.link][0]
+        if side.axis_u is axis_k:
             return cosine
         return self._formula_list.write_indexed(
             r"\kappa", self._formula_list.link_labels[side.link], cosine
@@ -644,43 +648,45 @@ class PositionFormulas:
 
         A dyad is two links that close a loop. The frame of a link is defined by its first
         axis k in the mechanism file, and by the tangent at k of the arc from k to another
-        axis.
+        axis. The known axes are u and v. The file lists u before v, so k may be u itself.
+        Otherwise k is expressed by u and v.
 
         Raises
         ------
         EngineError
-            If the arc from k to the second known axis is 0 or 180 degrees. It then has no
-            tangent at k.
+            If the arc from k to v is 0 or 180 degrees. It then has no tangent at k.
         """
-        if side.second_axis.arc.sine == 0.0:
+        axis_v = side.axis_v
+        if axis_v.arc.sine == 0.0:
             raise self._refuse_link(side.link)
         axis_k = self._axes_by_link[side.link][0]
-        if side.first_axis is axis_k:
+        if side.axis_u is axis_k:
             k_right_side: Expr = axis_k.vector
         else:
-            k_right_side = self._write_first_axis(side)
+            k_right_side = self._express_axis_k(side)
         # `_write_frame` first writes the formula k = `k_right_side`, and then formulas that
         # contain the symbol k, such as that of this tangent.
-        tangent = _tangent_of_arc(axis_k.vector, side.second_axis)
+        tangent = _tangent_of_arc(axis_k.vector, axis_v)
         self._write_frame(
-            side.link, first_vector=k_right_side, tangent=tangent, axis=side.second_axis
+            side.link, first_vector=k_right_side, tangent=tangent, axis=axis_v
         )
 
-    def _write_first_axis(self, side: DyadSide) -> Expr:
-        """Return the first axis of a link as a combination of two other axes of it.
+    def _express_axis_k(self, side: DyadSide) -> Expr:
+        """Return the axis k of a link as a combination of its axes u and v.
 
-        Let k be the first axis, u and v the other two, a_u and a_v the arcs from k to them,
-        b the angle at k from the first arc to the second, and c = u . v. Solving
+        k is the axis that the file lists first for the link. Let a_u and a_v be the arcs
+        from k to u and v, b the angle at k from the first arc to the second, and
+        c = u . v. The components of k along u, v and their cross product are
 
-            u . k = cos a_u,   v . k = cos a_v,   (u x v) . k = sin a_u sin a_v sin b
+            u . k = cos a_u,   v . k = cos a_v,   (u x v) . k = sin a_u sin a_v sin b.
 
-        gives
+        This gives
 
             k = ((cos a_u - c cos a_v) u + (cos a_v - c cos a_u) v
                  + sin a_u sin a_v sin b (u x v)) / (1 - c^2).
         """
-        axis_u = side.first_axis
-        axis_v = side.second_axis
+        axis_u = side.axis_u
+        axis_v = side.axis_v
         u = axis_u.vector
         v = axis_v.vector
         arc_u = axis_u.arc

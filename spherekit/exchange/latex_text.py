@@ -189,54 +189,78 @@ def _print_function(name: str, arguments: list[LatexText]) -> LatexText:
 
 
 def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
-    r"""Return a product of two factors as LaTeX.
-
-    A factor -1 becomes a minus sign, and two equal factors a square. Other factors are
-    printed in the order of their ranks (numbers first, vectors last), separated by a thin
-    space ``\,``. A factor has brackets if it binds more loosely than a product: symbols
-    bind most tightly, then products, then sums.
+    """Return a product of two factors as LaTeX.
 
     Parameters
     ----------
     node
-        The product as an expression. It shows whether factors are equal, or numbers.
+        The product as an expression. It shows whether factors are equal, or numbers. Only
+        the first factor can be a number.
     arguments
         Its two factors as LaTeX.
     """
     first_argument, second_argument = node.arguments
     first_text, second_text = arguments
     if first_argument == -1.0:
-        # `bracketed_beyond` adds brackets to what binds more loosely than a product.
-        negative = "-" + second_text.bracketed_beyond(Binding.PRODUCT)
-        return LatexText(negative, Binding.SUM, second_text.rank, is_negative=True)
+        return _print_negative(second_text)
     if first_argument is second_argument:
-        # Without brackets, the exponent would seem to belong to the last part of the base.
-        base = first_text.text
-        if not first_text.is_variable or first_text.has_exponent:
-            base = rf"\left({base}\right)"
-        squared = f"{base}^{{2}}"
-        return LatexText(squared, Binding.SYMBOL, FactorRank.SCALAR, has_exponent=True)
-    factors = sorted(arguments, key=lambda factor: factor.rank)
-    factor_texts: list[str] = []
-    for factor in factors:
-        # A factor that is a product with thin spaces needs no brackets. A vector product,
-        # such as "a \times b", needs them. So do sums and factors with a minus sign.
-        loosest = Binding.PRODUCT if factor.is_spaced_product else Binding.SYMBOL
-        factor_texts.append(factor.bracketed_beyond(loosest))
+        return _print_square(first_text)
     if isinstance(first_argument, float):
-        # A number has the smallest rank, so it is the first factor. Even a negative number
-        # needs no brackets there, as in "-2 x".
-        factor_texts[0] = factors[0].text
-    # Other factors with a minus sign are in brackets, so only a number matters here.
-    is_negative = isinstance(first_argument, float) and factors[0].is_negative
-    # The product has the rank of its last factor: a scalar times a vector is a vector.
+        return _print_multiple(first_text, second_text)
+    # Scalars are printed before vectors.
+    first_factor, last_factor = sorted(arguments, key=lambda factor: factor.rank)
     return LatexText(
-        r" \, ".join(factor_texts),
-        Binding.SUM if is_negative else Binding.PRODUCT,
-        factors[1].rank,
-        is_negative=is_negative,
-        is_spaced_product=not is_negative,
+        rf"{_print_factor(first_factor)} \, {_print_factor(last_factor)}",
+        Binding.PRODUCT,
+        # A scalar times a vector is a vector.
+        last_factor.rank,
+        is_spaced_product=True,
     )
+
+
+def _print_negative(positive: LatexText) -> LatexText:
+    """Return an expression with a minus sign as LaTeX.
+
+    As a factor of a product, the result needs brackets, as a sum does.
+    """
+    text = "-" + positive.bracketed_beyond(Binding.PRODUCT)
+    return LatexText(text, Binding.SUM, positive.rank, is_negative=True)
+
+
+def _print_square(base: LatexText) -> LatexText:
+    """Return the square of an expression as LaTeX.
+
+    Without brackets, the exponent would seem to belong to the last part of the base. Only
+    the name of a variable needs no brackets, unless it ends with an exponent itself.
+    """
+    text = base.text
+    if not base.is_variable or base.has_exponent:
+        text = rf"\left({text}\right)"
+    squared = f"{text}^{{2}}"
+    return LatexText(squared, Binding.SYMBOL, FactorRank.SCALAR, has_exponent=True)
+
+
+def _print_multiple(number_text: LatexText, factor: LatexText) -> LatexText:
+    """Return a number times an expression as LaTeX.
+
+    Even a negative number needs no brackets at the beginning, as in "-2 x". The whole
+    product then needs brackets as a factor of another product, as a sum does.
+    """
+    text = rf"{number_text.text} \, {_print_factor(factor)}"
+    if number_text.is_negative:
+        return LatexText(text, Binding.SUM, factor.rank, is_negative=True)
+    return LatexText(text, Binding.PRODUCT, factor.rank, is_spaced_product=True)
+
+
+def _print_factor(factor: LatexText) -> str:
+    r"""Return a factor of a product with thin spaces, in brackets if it needs them.
+
+    Symbols need no brackets, and neither do products with thin spaces. Sums, expressions
+    with a minus sign and vector products such as ``a \times b`` need brackets.
+    """
+    if factor.is_spaced_product:
+        return factor.text
+    return factor.bracketed_beyond(Binding.SYMBOL)
 
 
 def _print_sum(operation: str, a: LatexText, b: LatexText) -> LatexText:

@@ -98,10 +98,11 @@ class ImportedFile:
         """
         linkage = self._linkage
         # Inputs are chosen so that loops and couplings (linear equations between the rates
-        # of hinges) determine the rates of all other hinges. Couplings become gears, some
-        # of which need an added link, an idler wheel. No coupling contains its hinge, which
-        # would therefore be chosen as an input. So idler wheels are added after that.
+        # of hinges) determine the rates of all other hinges. This comes before idler wheels
+        # are added. Couplings do not mention the hinge of such a wheel, so the wheel would
+        # become an input.
         inputs = choose_inputs(linkage)
+        # Couplings become gears. Between two gears with one axis an idler wheel is needed.
         gear_train = self._find_gears()
         linkage.add_idler_wheels(gear_train.idlers)
         contacts = self._contact_tables(gear_train.gears)
