@@ -284,8 +284,9 @@ def _split_with_redundancy(
 
     A group is a smallest rigid part, which can be placed alone. An example of repeated
     constraints is two wheels on a common carrier that roll on each other: the carrier
-    already keeps them in touch. If there are only such contacts, their repeated constraints
-    are left out of the count. In all other cases, all bodies are one group.
+    already keeps them in touch. If all repeated constraints are of this kind, they are left
+    out of the count of constraints, and the groups can be found. In all other cases, all
+    bodies are one group.
 
     Parameters
     ----------
@@ -303,6 +304,7 @@ def _split_with_redundancy(
             mechanism, body_of_link, pairs, carried_contacts=carried_contacts
         )
     except CountError:
+        # Other constraints are repeated, too.
         whole_group = _make_group(
             mechanism,
             body_of_link,
@@ -484,12 +486,12 @@ def _find_smallest_part_with(pebble_game: PebbleGame, body_a: int, body_b: int) 
     """Return the smallest rigid part that contains two bodies of a rigid structure.
 
     The pebble game counts degrees of freedom (Lee and Streinu 2008). Each body has three,
-    its pebbles. Each constraint takes a pebble of one of its two bodies, and points to the
-    other body. The free pebbles are those that no constraint has taken. A rigid structure
-    has three of them, for its motion as a whole (`BODY_FREEDOMS`).
+    its pebbles. Each constraint takes a pebble of one of its two bodies, and points from
+    this body to the other one. The free pebbles are those that no constraint has taken. A
+    rigid structure has three of them, for its motion as a whole (`BODY_FREEDOMS`).
 
     They are gathered on body a. The part is then all bodies that can be reached from a and
-    b along constraints.
+    b along constraints, in the direction in which these point.
 
     Parameters
     ----------
@@ -500,9 +502,10 @@ def _find_smallest_part_with(pebble_game: PebbleGame, body_a: int, body_b: int) 
 
     Notes
     -----
-    The part is rigid: no constraint leads out of it, so constraints within it take all its
-    pebbles but three. A smaller part with both bodies is not rigid: constraints that lead
-    out of it take some pebbles, and fewer constraints are within it.
+    No constraint points from a body of the part to a body outside. So constraints within
+    the part have taken all its pebbles but three, and it is rigid. From a smaller part with
+    both bodies, some constraint points to a body outside. It has taken a pebble of the
+    smaller part. The constraints within then have taken too few, and it is not rigid.
     """
     pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
     return pebble_game.reachable_bodies([body_a, body_b])

@@ -96,11 +96,11 @@ class CarriedContact(NamedTuple):
     angles f and g. The circles have the radii r and s (rad) on the unit sphere. Rolling
     keeps sin(r) f - sin(s) g constant.
 
-    This relation applies also to wheels that touch from outside and rotate in opposite
-    senses. A circle on the sphere has two opposite centres. For both circles the centre on
-    the same side of their common tangent is used. If the wheels touch from outside, this is
-    the opposite centre for one of them: its radius here is 180 degrees less that of the
-    wheel, and its angle is counted about the opposite axis.
+    Wheels that touch from outside rotate in opposite senses about their own centres. The
+    same relation holds for them with this trick: every circle on the sphere has two
+    opposite centres, and for one of the wheels the opposite one is used. The radius r from
+    there is 180 degrees less the usual radius, with the same sine. The angle f about the
+    opposite axis has the opposite sign.
 
     Attributes
     ----------

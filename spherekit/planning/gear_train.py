@@ -67,9 +67,10 @@ class GearTrain(NamedTuple):
         (contacts,) their rolled lengths (rad) at inputs of zero.
     wheel_lengths
         (contacts, 2) by how much the first and the second wheel of each contact have rolled
-        (rad) if the variables of all R pairs are zero, with whole turns. The mechanism is
-        usually not assembled at these angles, so both lengths of a contact differ. NaN if a
-        reference pose determines `offsets` and `lengths` instead.
+        (rad) if the variables of all R pairs are zero. The whole turns of the assembly that
+        was chosen are included. The mechanism usually cannot be assembled at these angles,
+        so both lengths of a contact differ. NaN if a reference pose determines `offsets`
+        and `lengths` instead.
     """
 
     followers: tuple[int, ...]
@@ -384,17 +385,18 @@ def _solve_angles_of_equal_lengths(
 ) -> Floats:
     """Return the follower angles at which both wheels of contacts have rolled equally.
 
-    Followers are pairs that turn with the wheels. If all their angles are zero, the lengths
-    of both wheels differ, so the wheels do not fit. The angles a change the first length
-    less the second one by -F a, with the factors F of the relations. The difference becomes
-    zero if F a is equal to it.
+    Followers are pairs that turn with the wheels. Let their angles be zero at first. The
+    point of contact is then at different lengths along both wheels, so the wheels do not
+    fit. At the angles a, the difference of both lengths is smaller by F a, with constant
+    factors F. It is zero if F a is equal to the difference at angles of zero.
 
     Parameters
     ----------
     wheel_lengths
         (m, 2) arc lengths (rad) of both wheels of m independent contacts at angles of zero.
     follower_factors
-        (m, m) factors F of the angles of m followers in the relations of the contacts.
+        (m, m) factors F: by how much the difference of the lengths of each contact falls
+        per radian of the angle of each follower.
     """
     differences = wheel_lengths[:, 0] - wheel_lengths[:, 1]
     return np.asarray(np.linalg.solve(follower_factors, differences), dtype=float)
@@ -412,6 +414,10 @@ def _fit_contact_to_angles(
     wheels. Of all turns that fit to the angles, those with the smallest rolled length are
     chosen.
 
+    The lengths are the positions of the point of contact along both circles, at angles of
+    zero. If a wheel with the radius r turns by f relative to its carrier, this point moves
+    back along its circle by sin(r) f. The rolled length is where it is then.
+
     Parameters
     ----------
     wheel_lengths
@@ -419,19 +425,19 @@ def _fit_contact_to_angles(
     circumferences
         (2,) arc lengths of whole turns.
     difference
-        Required first length minus the second.
+        Required first length minus the second (rad).
     first_angle_length
-        Length sin(r) f (rad) that belongs to the angle f of the first wheel, with the
-        radius r. The rolled length is the first length minus this.
+        The length sin(r) f (rad) of the first wheel.
 
     Returns
     -------
-    (2,) the lengths with whole turns; None if no turns fit.
+    (2,) the lengths at angles of zero with whole turns; None if no turns fit.
     """
     fitting_lengths = _find_fitting_lengths(wheel_lengths, circumferences, difference)
     if not len(fitting_lengths):
         return None
-    # (n, 1) for n combinations of turns and this one contact.
+    # The rolled lengths along the first circle: (n, 1) for n combinations of turns and this
+    # one contact.
     rolled_lengths = fitting_lengths[:, :1] - first_angle_length
     return fitting_lengths[index_of_least_rolled(rolled_lengths)]
 

@@ -41,10 +41,13 @@ def find_least_rolled_turns(
     is chosen. If sums are equal, it is the one with the largest length of the first
     contact, then of the second contact, and so on.
 
-    The angles a of the pairs that follow from the inputs are unknown. The rolled lengths
-    are ``lengths[:, 0] - first_slopes @ a``, measured along the first circles. They are the
-    same along the second circles, which gives the equations ``matrix @ a = lengths[:, 0] -
-    lengths[:, 1]``.
+    The angles a of the pairs that follow from the inputs are unknown. The rolled length of
+    a contact can be measured along both circles. The results must be equal:
+
+        lengths[:, 0] - first_slopes @ a = lengths[:, 1] - second_slopes @ a.
+
+    With ``matrix = first_slopes - second_slopes`` these are the equations ``matrix @ a =
+    lengths[:, 0] - lengths[:, 1]`` for a.
 
     Parameters
     ----------
@@ -57,7 +60,7 @@ def find_least_rolled_turns(
         (m, m) derivatives of the lengths along the first circles by the angles a, with the
         opposite sign.
     matrix
-        (m, m) matrix of the equations for a.
+        (m, m) these derivatives less those along the second circles.
 
     Returns
     -------
@@ -65,14 +68,13 @@ def find_least_rolled_turns(
     if there are too many circles to try all combinations.
     """
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
-    rolled_without_turns = lengths[:, 0] - first_slopes @ inverse @ (
-        lengths[:, 0] - lengths[:, 1]
-    )
+    differences = lengths[:, 0] - lengths[:, 1]
+    rolled_without_turns = lengths[:, 0] - first_slopes @ inverse @ differences
     changes_by_circle = _find_changes_by_turns(circumferences, first_slopes, inverse)
     turn_counts = _list_turn_counts(len(changes_by_circle))
     if turn_counts is None:
         return None
-    # (combinations, contacts) rolled lengths.
+    # (combinations, contacts) changes of the rolled lengths.
     changes = turn_counts @ np.array(list(changes_by_circle.values()))
     best = index_of_least_rolled(rolled_without_turns + changes)
     turns = np.zeros(circumferences.shape, dtype=np.int64)
@@ -88,8 +90,11 @@ def _find_changes_by_turns(
 
     The rolled lengths are lengths[:, 0] - first_slopes @ a. Here a are angles with matrix @
     a = lengths[:, 0] - lengths[:, 1], and `lengths` (m, 2) has the two arc lengths of each
-    contact. A turn adds a circumference to one of them. Turns that change nothing, or the
-    same as those of an earlier circle (or the opposite), are left out.
+    contact. A turn adds a circumference to one of them.
+
+    Circles whose turns change nothing are left out. The same is true if a turn has the same
+    or the opposite effect as one of an earlier circle. The earlier circle is enough, since
+    its turns are tried in both senses.
 
     Parameters
     ----------
@@ -105,13 +110,17 @@ def _find_changes_by_turns(
     """
     changes: dict[tuple[int, int], Floats] = {}
     for contact, side in np.ndindex(*circumferences.shape):
-        # The change of -first_slopes @ a: the first length increases the right side of the
-        # equations for a, the second one decreases it.
-        sign = 2 * side - 1
-        change = first_slopes @ inverse[:, contact] * sign
+        # If lengths[:, 0] - lengths[:, 1] of this contact grows by 1, then a grows by a
+        # column of the inverse matrix, and first_slopes @ a by this much:
+        slope_change = first_slopes @ inverse[:, contact]
         if side == 0:
-            # The first length itself is a part of the rolled length.
+            # The first length grows by 1, and with it the difference. The first length
+            # itself is a part of the rolled length, too.
+            change = -slope_change
             change[contact] += 1
+        else:
+            # The second length grows by 1, so the difference falls by 1.
+            change = slope_change
         change *= circumferences[contact, side]
         no_change = np.zeros_like(change)
         if not any(

@@ -121,16 +121,20 @@ class PebbleGame:
     def add_constraint(self, body_a: int, body_b: int) -> bool:
         """Add one constraint between two bodies; return False if it is redundant.
 
-        Pebbles count degrees of freedom. Each body has three, and each independent
-        constraint takes one. Free pebbles can be moved along the constraints. The new
-        constraint is independent if four free pebbles can be moved to its two bodies: three
-        for the motion of both as a whole, and one for a relative motion, which the
-        constraint removes.
+        Pebbles count degrees of freedom. Each body has three. An independent constraint
+        takes a pebble of one of its two bodies, and points to the other one. A constraint
+        can exchange this pebble for a free pebble of the other body. In this way free
+        pebbles move from body to body.
+
+        The new constraint is independent if four free pebbles can be moved to its two
+        bodies: three for the motion of both as a whole, and one for a relative motion,
+        which the constraint removes.
         """
         if self.gather_pebbles(body_a, BODY_FREEDOMS) < BODY_FREEDOMS:
             return False
         if not self.gather_pebbles(body_b, 1, keep=[body_a]):
             return False
+        # Both bodies have free pebbles, so either could give one. Body a does.
         self.free_pebbles[body_a] -= 1
         self.constraint_targets[body_a].append(body_b)
         return True
@@ -188,9 +192,12 @@ class PebbleGame:
         """Replace a rigid part by one of its bodies, so that it counts as one body.
 
         Pebbles count degrees of freedom. Each body has three. A constraint takes a pebble
-        of one of its bodies, and points from this body to the other. Constraints within the
-        part are removed. Constraints from outside that point to the part now point to the
-        remaining body, which has three free pebbles.
+        of one of its bodies, and points from this body to the other. It can give this
+        pebble back if it takes a free one of the other body instead. It then points the
+        other way.
+
+        Constraints within the part are removed. Constraints from outside that point to the
+        part now point to the remaining body, which has three free pebbles.
 
         Parameters
         ----------
@@ -200,8 +207,8 @@ class PebbleGame:
             The body that remains.
         """
         # A rigid part has three pebbles that its inner constraints have not taken.
-        # Constraints that lead out of the part may have taken them. Gathering turns such
-        # constraints round, so that they point to the part.
+        # Constraints that point out of the part may have taken them. They have to give them
+        # back, and then point to the part.
         self.gather_pebbles(into, BODY_FREEDOMS)
         for body in range(len(self.constraint_targets)):
             if body in part:

@@ -93,12 +93,16 @@ class LinePole:
 
         It is written to files with the plan. The letters are taken from R. Di Gregorio's
         lecture: (a) two great circles through poles, (b) one great circle and one contact
-        plane, (c) two contact planes.
+        plane, (c) two contact planes. If there are more than two lines, (b) is returned if
+        they are of both kinds.
         """
-        # Without a third body (`via`) there is no great circle, but there are two contacts.
-        needed_circles = 1 if self.contacts else 2
-        circle_count = min(len(self.via), needed_circles)
-        return {2: "a", 1: "b", 0: "c"}[circle_count]
+        has_great_circles = len(self.via) > 0
+        if not has_great_circles:
+            return "c"
+        has_contact_planes = len(self.contacts) > 0
+        if has_contact_planes:
+            return "b"
+        return "a"
 
     @property
     def sources(self) -> tuple[Pole, ...]:
@@ -115,7 +119,7 @@ class BlockPoles:
     irreducible part they do not. They follow from the rates of its pairs, which solve the
     velocity equations of its loops.
 
-    For display only, the plan also shows how the poles would follow one by one if one of
+    For display only, the plan also shows how other poles would follow one by one if one of
     them, the opening pole, were known. A pass is a round of this search: it finds each pole
     at which two great circles through poles of earlier passes intersect.
 
@@ -149,10 +153,15 @@ class BlockPoles:
     def pass_numbers(self) -> dict[Pole, int]:
         """The number of the pass that finds each pole of the part.
 
-        It is `pass_number` for the opening pole and other poles without a step.
+        The part is solved in the pass `pass_number`. Poles that would follow one by one
+        from the opening pole have the later passes of their steps. The opening pole itself
+        has no step. Some other poles may have none either.
         """
-        later_passes = {step.pole: step.pass_number for step in self.steps_from_opening}
-        return {pole: later_passes.get(pole, self.pass_number) for pole in self.poles}
+        pass_by_step = {step.pole: step.pass_number for step in self.steps_from_opening}
+        numbers = {}
+        for pole in self.poles:
+            numbers[pole] = pass_by_step.get(pole, self.pass_number)
+        return numbers
 
     @property
     def last_pass_number(self) -> int:

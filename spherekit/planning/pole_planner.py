@@ -107,14 +107,18 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     """
     mechanism = whole_plan.mechanism
     names = mechanism.links
-    # The numbers of two links, and the pole of the bodies to which they belong.
-    i, j = parse_pole(mechanism, pole) if isinstance(pole, str) else pole
+    # The numbers of the two links.
+    if isinstance(pole, str):
+        i, j = parse_pole(mechanism, pole)
+    else:
+        i, j = pole
     if not 0 <= min(i, j) <= max(i, j) < len(names):
         raise PlanError(
             f"{mechanism.name}: pole ({i}, {j}): links are numbered from 0 to "
             f"{len(names) - 1}; give two of these numbers, or a string with two names, "
             f'such as "{names[-1]}/{names[0]}"'
         )
+    # The pole of the bodies to which these links belong.
     pole_of_bodies = whole_plan.pole(i, j)
     if pole_of_bodies is None:
         raise PlanError(
@@ -194,21 +198,23 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     -------
     For each pole the poles that it needs directly.
     """
-    # The ancestors of a pole are all secondary poles to be computed until it is known,
-    # itself included. Their number is the cost of the pole. Primary poles cost nothing.
+    # The ancestors of a pole: itself and all other poles that have to be computed before.
+    # Primary poles are given, so they are never ancestors and have none. The number of
+    # ancestors is the cost of a pole.
     ancestors: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
-        # The poles of an irreducible part need primary poles only, so each is its only
-        # ancestor.
         if isinstance(step, BlockPoles):
+            # The poles of an irreducible part need only primary poles. So each of them has
+            # no other ancestor than itself.
             primary_poles = [pole_of(*whole_plan.ends[pair]) for pair in step.pairs]
             for pole in step.poles:
                 ancestors[pole] = frozenset([pole])
                 sources_by_pole[pole] = primary_poles
         elif isinstance(step, LinePole):
-            # `via` are the third bodies k of the chosen circles. Third bodies that turn
-            # about one axis (`coaxial`) give the same circle.
+            # `via` are the third bodies k of the chosen circles, and `needed` are all poles
+            # to be computed for these circles. `coaxial` lists bodies that turn about one
+            # axis, because they give the same circle.
             via, needed = _choose_cheapest_lines(step, ancestors, whole_plan.coaxial)
             ancestors[step.pole] = needed | {step.pole}
             # The step with the chosen circles only: its sources are P_ik and P_jk.
@@ -229,8 +235,11 @@ def _choose_cheapest_lines(
 
     A pole P_ij is the axis of the relative rotation of two bodies. Two lines determine it.
     A third body k gives a line, the great circle through the poles P_ik and P_jk. A sliding
-    pair of the two bodies gives another one, its contact plane. Each circle is rated alone,
-    even if two circles share poles that they need.
+    pair of the two bodies gives another one, its contact plane.
+
+    The cost of a circle is the number of other poles that it needs. Each circle is rated
+    alone, even if two circles share poles that they need. Several third bodies give the
+    same circle if they turn about one axis with i or j. Only the cheapest of them counts.
 
     Parameters
     ----------
@@ -240,7 +249,8 @@ def _choose_cheapest_lines(
         For each pole of an earlier step, all poles that have to be computed for it,
         including itself.
     coaxial
-        For each common axis its bodies and an R pair (`Plan.coaxial`).
+        For each common axis of several bodies the bodies that turn about it, and the number
+        of an R pair about it (`Plan.coaxial`).
 
     Returns
     -------
@@ -250,21 +260,24 @@ def _choose_cheapest_lines(
         All poles to be computed for these great circles.
     """
     i, j = step.pole
-    needed_by_third = {
-        third: ancestors[pole_of(i, third)] | ancestors[pole_of(j, third)]
-        for third in step.via
-    }
+    needed_by_third: dict[int, frozenset[Pole]] = {}
+    for third in step.via:
+        needed_by_third[third] = ancestors[pole_of(i, third)] | ancestors[pole_of(j, third)]
 
     def cost(third: int) -> tuple[int, int]:
         """Return the number of needed poles. Bodies of equal cost are sorted by number."""
         return len(needed_by_third[third]), third
 
-    # Several third bodies may give the same great circle; the cheapest one is taken.
+    # The third bodies of each circle, and the cheapest one of them.
     circles = group_by_circle(step.via, step.pole, coaxial)
-    cheapest_thirds = sorted((min(thirds, key=cost) for thirds in circles), key=cost)
+    cheapest_thirds = [min(thirds, key=cost) for thirds in circles]
+    cheapest_thirds.sort(key=cost)
+    # Each contact plane replaces one of the two circles.
     circle_count = max(2 - len(step.contacts), 0)
     chosen = tuple(cheapest_thirds[:circle_count])
-    needed = frozenset[Pole]().union(*(needed_by_third[third] for third in chosen))
+    needed: frozenset[Pole] = frozenset()
+    for third in chosen:
+        needed |= needed_by_third[third]
     return chosen, needed
 
 

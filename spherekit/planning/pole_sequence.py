@@ -308,6 +308,9 @@ def _choose_opening(
     poles. Of several opening poles with equally many followers, the one with the fewest
     passes is chosen.
 
+    Such a line is a great circle. By the three-pole theorem, the pole P_ij lies on the
+    great circle through P_ik and P_jk for every third body k.
+
     Parameters
     ----------
     empty_plan
@@ -328,8 +331,12 @@ def _choose_opening(
         return -len(opened_block.steps_from_opening), opened_block.last_pass_number
 
     def most_lines_first(pole: Pole) -> tuple[int, Pole]:
-        """Return a sort key: poles on many great circles first, then by number."""
-        return -len(known_poles.third_bodies(pole)), pole
+        """Return a sort key: poles on many great circles first, then by number.
+
+        Each third body k with known poles P_ik and P_jk gives a great circle.
+        """
+        great_circle_count = len(known_poles.third_bodies(pole))
+        return -great_circle_count, pole
 
     # The time of a trial grows with the square of the number of poles.
     max_trials = max(1, MAX_OPENING_WORK // len(block.poles) ** 2)

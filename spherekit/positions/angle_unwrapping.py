@@ -161,15 +161,16 @@ class UnwrappedStretch:
         _, highest = self._range_with_slack
         inputs = self._shift_to_curve(values[:, self.input_variable])
         to_curve = self._compare_with_curve(inputs.remainders, values)
+        # The shifted inputs are never below the lowest input of the curve.
         is_on_stretch = inputs.remainders <= highest
         # A larger deviation shows that the configuration belongs to another mode.
         is_on_stretch &= to_curve.deviation < SAME_MODE_TOLERANCE_RAD
-        # Three parts: from the angle to that of the curve, the gain in each whole period of
-        # the input, and less those of the curve at the reference input.
+        # `to_curve.revolutions` lead from the given angles to those of the curve. The curve
+        # itself gains revolutions in each whole period of the input. At the reference
+        # input, its angles must be in (-pi, pi], so the revolutions there are subtracted.
         gained_revolutions = inputs.period_counts[:, None] * self.winding
-        revolutions = to_curve.revolutions + (
-            gained_revolutions - self.reference_revolutions
-        )
+        curve_revolutions = gained_revolutions - self.reference_revolutions
+        revolutions = to_curve.revolutions + curve_revolutions
         return np.where(is_on_stretch[:, None], revolutions, np.nan)
 
     @property
@@ -186,9 +187,11 @@ class UnwrappedStretch:
         """Shift inputs (n,) by whole periods into the range of the followed curve.
 
         After a period of the input the configurations repeat. The shifted inputs are in the
-        period that begins at the lowest input that counts as one of the curve. If the
-        period is infinite, inputs above this lowest input stay the same, and those below it
-        become infinite.
+        period that begins at the lowest input that counts as one of the curve.
+
+        If the period is infinite, inputs above this lowest input stay the same. An input
+        below it is not on the curve, and cannot be shifted to it. It becomes infinite
+        (`np.mod` of a negative number), and so is beyond the highest input of the curve.
         """
         lowest, _ = self._range_with_slack
         # The curve may begin a little above a dead centre. An input below it by at most the
@@ -372,9 +375,9 @@ class AngleUnwrapping:
         Parameters
         ----------
         key
-            Number under which `count` stores curves that it has followed. It is the number
-            of the mode, or a negative number if the mode is one piece of a mode that
-            continues through crossings of curves.
+            Number under which `count` stores the curve that it follows for this mode, to
+            use it again in later calls. Each mode, and each piece of a mode that continues
+            through crossings of curves, has its own number.
         mode
             The mode.
         q

@@ -236,9 +236,10 @@ def _search_in_gear_phase(
     (n, variables) closed configurations (rad) in which wheels have rolled as far as the
     inputs require.
     """
-    # Random starts have small rolled lengths. These are counted from the anchor inputs. The
-    # search is therefore done at equivalent inputs near the anchor, whole periods away from
-    # q.
+    # The rolled lengths are counted from certain inputs, the anchor (those of the reference
+    # pose, or zero), and grow with the distance from there. Random starts have small rolled
+    # lengths. The search is therefore done at inputs near the anchor that are whole periods
+    # away from q. After a period the same configurations return.
     near_anchor = q - whole_laps(q - gear_phases.anchor_inputs, gear_phases.periods)
     rolled_lengths = gear_phases.rolled_lengths(near_anchor[None])
     locked_values = np.append(near_anchor, rolled_lengths)[None]

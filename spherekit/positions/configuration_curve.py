@@ -344,9 +344,14 @@ class ArcCurve(Chords):
            one revolution. An angle and the same angle plus 2 pi are one position.
         4. Otherwise the configurations never return, and the result is infinite. For
            example, wheels can be in another position after one revolution of the variable.
+
+        Parameters
+        ----------
+        variable
+            Number of the variable.
         period
-            The period (rad) of the whole mechanism if it is known. Otherwise infinite if
-            wheels roll in proportion to the variable, and NaN if no wheels roll.
+            The period (rad) of the whole mechanism. If this is not known, infinite means
+            that wheels roll in proportion to the variable. NaN means that none do.
         """
         if np.isfinite(period):
             return period
@@ -355,7 +360,9 @@ class ArcCurve(Chords):
         if growth_in_lap != 0.0:
             return growth_in_lap
         no_wheels_roll = np.isnan(period)
-        return TURN if self.closed and no_wheels_roll else np.inf
+        if self.closed and no_wheels_roll:
+            return TURN
+        return np.inf
 
     def rests(self, variable: int) -> bool:
         """Return whether a variable is constant along the whole curve."""

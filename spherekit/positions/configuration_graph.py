@@ -267,9 +267,10 @@ class ConfigurationGraph:
         # directions for each axis of the grid: 2 a leads to the next sample along axis a,
         # and 2 a + 1 to the previous one.
         self._neighbours = input_grid.neighbours()
-        # (directions, k): whether a path from the node in the direction was tried, and
-        # whether a verified path in the direction ends at the node.
+        # (directions, k) whether a path that starts at the node was tried in the direction.
         self._is_tried = np.empty((len(self._neighbours), 0), dtype=bool)
+        # (directions, k) whether the node is the end of a verified path that was followed
+        # in the direction, from the sample before.
         self._is_reached = np.empty((len(self._neighbours), 0), dtype=bool)
         self._edges: list[NodeEdges] = []
         self._progress = ProgressReporter(
@@ -495,9 +496,10 @@ class ConfigurationGraph:
         # Edges from each node to the next make the whole sheet one connected component of
         # the graph.
         self._edges.append(NodeEdges(starts=nodes[:-1], ends=nodes[1:]))
-        # A piece is a set of nodes with at most one per sample. New nodes are united first,
-        # which is always possible. Pieces of earlier nodes are united with them only if
-        # they share no sample.
+        # Assembly modes are made from pieces, sets of joined nodes. A mode has at most one
+        # configuration per sample, so `unite` joins two pieces only if they share no
+        # sample. New nodes are united first, which is always possible. Earlier nodes follow
+        # with the pieces to which they belong already.
         new_nodes = nodes[nodes >= old_node_count]
         earlier_nodes = nodes[nodes < old_node_count]
         ordered_nodes = np.concatenate([new_nodes, earlier_nodes]).tolist()
@@ -538,7 +540,8 @@ class ConfigurationGraph:
         First, paths along the last axis of the grid make long pieces. Then paths are
         followed along the other axes. A single path can join two long pieces that are side
         by side, so a few paths from each piece are tried first, and more only if pieces
-        remain to be joined.
+        remain to be joined. Each path also joins its end to its start. So one of the two
+        directions of each axis is enough at first.
 
         At some samples configurations may be missing among the nodes. A path to such a
         sample can end at a new configuration, which becomes a node.
@@ -547,6 +550,7 @@ class ConfigurationGraph:
         # one.
         axis_count = len(self._neighbours) // 2
         back_along_last_axis = 2 * (axis_count - 1) + 1
+        # The nodes from which a path may join two pieces.
         starts = self._find_useful_starts(back_along_last_axis)
         self._join_along_paths(starts, back_along_last_axis)
         # Paths to previous samples, from the last axis but one to the first axis. Pieces

@@ -104,9 +104,8 @@ class Piece(NamedTuple):
     ----------
     assembly_mode
         Number of the mode. None if no known mode has the configurations of the piece:
-        either the search for modes has missed one, or wheels mesh in another way. For
-        example, a wheel of 20 teeth is in the same position again after one revolution, but
-        a wheel of 30 teeth that it drives has then turned by 2/3 of a revolution.
+        either the search for modes has missed one, or wheels mesh in other teeth than in
+        the known modes.
     middle
         (variables,) configuration at the middle of the piece (rad), the input in the range.
     start, stop

@@ -96,10 +96,10 @@ class Crossing(NamedTuple):
         Whether second-order terms determine the number of curves. If not, `tangents` is
         empty.
     miss
-        How far the configuration is from an exact crossing (rad), where the closure
-        residual is zero and so are the surplus singular values of the closure Jacobian.
-        `miss` is the largest of these numbers. If it is only rounding, this may be an exact
-        crossing.
+        How far the configuration is from an exact crossing (rad). At an exact crossing the
+        loops are closed: the closure residual is zero. The closure Jacobian has lost rank:
+        all its singular values beyond the rank are zero. `miss` is the largest of these
+        numbers, in absolute value. If it is only rounding, this may be an exact crossing.
     error
         Size (rad) of the last step of Newton's method that found `values`.
     """
@@ -289,13 +289,16 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     derivative.
     """
     # The derivative by one variable is the rate of J if this variable alone has the rate 1.
-    # (The loops then open.) There is one such motion, and one row of the linearisation, for
-    # each variable.
+    # The loops open in this motion. There is one such motion, and one row of the
+    # linearisation, for each variable.
     count = len(values)
     linearisation = closure.linearise(np.tile(values, (count, 1)))
     # J consists of the velocity vectors of the variables (for an R pair, its axis). The
     # rate of a vector follows from the angular velocities of both bodies of its pair.
     first_rates = linearisation.body_rates(np.eye(count))[:, closure.tree.first_bodies]
+    # `body_rates` returns one angular velocity for each body. At a pair where a loop opens,
+    # this is not the one that the pair gives its second body. So the angular velocities of
+    # the second bodies are computed from the first bodies and the pairs.
     second_rates = _rates_of_second_bodies(linearisation, first_rates)
     vector_rates = linearisation.vector_rates_of_pairs(first_rates, second_rates)
     # The elements of J are these vectors with constant signs, so their rates are the rates

@@ -148,7 +148,8 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
         tree_pairs = _find_remaining_pairs(group, removed_links)
         if _can_form_equations(tree_pairs, removed_links):
             orders += _list_orders(group, tree_pairs, removed_links)
-    # The number of roots is 0 if an equation lacks an angle that is needed.
+    # An angle can be eliminated from equations only if they contain it. In some orders they
+    # do not. The number of roots is then stated as 0.
     solvable_orders = [order for order in orders if order.root_count > 0]
     fewest_roots = min((order.root_count for order in solvable_orders), default=0)
     best_orders = [order for order in solvable_orders if order.root_count == fewest_roots]
@@ -182,7 +183,9 @@ def _list_orders(
     """List the sequences of angles and equations for one choice of removed links.
 
     The removed links have two pairs each. Each gives an equation between the angles of the
-    other bodies, which form a tree. Some sequences may be impossible to solve.
+    other bodies, which form a tree. The angles are eliminated one by one, from the last to
+    the second. For the last angle, the last two equations are combined into one without
+    this angle. Some sequences may be impossible to solve.
 
     Parameters
     ----------
@@ -201,8 +204,8 @@ def _list_orders(
     }
     for ordered_pairs in permutations(tree_pairs):
         for ordered_links in permutations(removed_links):
-            # The last angle is eliminated from the last two equations together, so their
-            # order does not matter. Only the one with rising bodies is listed.
+            # The last two equations are combined, so their order does not matter. Only the
+            # one with rising numbers of the bodies is listed.
             last_bodies = [link.body for link in ordered_links[-2:]]
             if last_bodies == sorted(last_bodies):
                 yield EliminationOrder(

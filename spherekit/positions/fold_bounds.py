@@ -311,6 +311,8 @@ class _FoldModel:
         # hardly opens the loops. They open in the residual direction.
         self._direction = self._right_vectors[:, :, -1]
         self._residual_direction = left_vectors[:, :, -1]
+        # How much the variables can change per change of the residual: the Frobenius norm
+        # of the inverse Jacobian, whose singular values are the reciprocals.
         with np.errstate(divide="ignore"):
             self.sensitivity = np.sqrt(np.sum(singular_values**-2.0, axis=1))
         self.quadratic = self._expand_residual()

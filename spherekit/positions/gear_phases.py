@@ -70,13 +70,14 @@ class GearPhases(NamedTuple):
     ratios
         (m, inputs) derivatives of the rolled lengths by the inputs.
     periods
-        (inputs,) growth (rad) of each input after which the same configurations return, as
-        the gear ratios show it.
+        (inputs,) for each input, by how much it must grow (rad) until the same
+        configurations return. This follows from the gear ratios.
 
-        - Finite: all wheels are in their first positions again.
-        - Infinite: some wheels never are, or this is not known, because only some of the
-          rolled lengths follow from the inputs.
-        - NaN: no rolled length follows from the inputs, so that there are no gear ratios.
+        - Finite: after this growth, all wheels are in their first positions again.
+        - Infinite: the wheels are never all in their first positions again. It is also
+          infinite if only some rolled lengths follow from the inputs, because the period is
+          not known then.
+        - NaN for all inputs: no rolled length follows from the inputs.
     all_known
         Whether the rolled lengths of all contacts follow from the inputs.
     """

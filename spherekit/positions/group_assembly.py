@@ -99,11 +99,12 @@ class AssemblyState:
             values=values,
             # No group is placed yet, so none has failed to close.
             is_open=np.zeros(n, dtype=bool),
-            # Angle (rad) by which the spherical triangle of a dyad (two links) may miss
-            # closing. It begins with rounding errors.
+            # Groups of two links (dyads) are placed by spherical triangles. The next two
+            # numbers tell how many digits this loses, and change with each dyad.
+            # First, the error of the placed axes (rad). It begins with rounding errors.
             slack=np.full(n, REACH_SLACK),
-            # Least ratio of the smallest to the largest sine of a side, in the triangles of
-            # dyads. It begins with the largest possible ratio.
+            # Second, how narrow the narrowest triangle was: its smallest sine of a side,
+            # divided by the largest one. It begins with the largest possible ratio.
             slenderness=np.ones(n),
         )
 
@@ -229,17 +230,18 @@ def orient_links_in_bodies(
     """
     identity = np.broadcast_to(np.eye(3), (sample_count, 3, 3))
     body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
-    # Each input leads from a link with a known orientation (parent) to another link of the
-    # body (child), beginning at the link that gives the body its axes.
-    branches = find_spanning_tree(
-        mechanism.ends, start=assembly.body_of_link, pairs=assembly.inputs
-    )
+    # The links that give the bodies their axes. A body has the number of this link.
+    first_links = assembly.body_of_link
+    # From them, each input leads from a link with a known orientation (parent) to another
+    # link of the body (child).
+    branches = find_spanning_tree(mechanism.ends, start=first_links, pairs=assembly.inputs)
     for input_pair, parent, child in branches:
         first_from_second = rotations_of_inputs[input_pair]
-        is_parent_first = mechanism.ends[input_pair][0] == parent
-        parent_from_child = (
-            first_from_second if is_parent_first else transpose(first_from_second)
-        )
+        first_link, _second_link = mechanism.ends[input_pair]
+        if parent == first_link:
+            parent_from_child = first_from_second
+        else:
+            parent_from_child = transpose(first_from_second)
         body_from_link[child] = body_from_link[parent] @ parent_from_child
     return body_from_link
 

@@ -20,9 +20,12 @@ def group_reciprocal_condition(jacobians: Floats) -> Floats:
     """Return how well the closure equations of a group determine its variables.
 
     A group is a set of bodies that are placed together by closing their loops. The measure
-    is the reciprocal condition number of their Jacobian, after a scaling. Without the
-    scaling, a group whose axes are all close together would seem singular, although it is
-    only small.
+    is the reciprocal condition number of their Jacobian.
+
+    If all axes of a group are close together, the vectors in the Jacobian have nearly one
+    direction. The group would then seem singular, although it is only small. So the vectors
+    are scaled first: the components across their common direction become as large as those
+    along it.
 
     Parameters
     ----------
@@ -37,7 +40,7 @@ def group_reciprocal_condition(jacobians: Floats) -> Floats:
     """
     reciprocal_condition = np.ones(len(jacobians))
     finite = all_finite(jacobians, (1, 2))
-    scaled = _equalise_directions(jacobians[finite])
+    scaled = _equalise_directions(jacobians[finite])  # the scaling stated above
     norm = np.linalg.norm(scaled, axis=(1, 2))
     inverse_norm = np.linalg.norm(left_inverse(scaled), axis=(1, 2))
     reciprocal_condition[finite] = np.nan_to_num(1.0 / (norm * inverse_norm))

@@ -130,18 +130,21 @@ class ConformanceCase:
     ) -> tuple[Tables, Findings]:
         """Return the tables and findings of a run of the analysis.
 
-        Findings are results of an analysis in addition to its tables. A check changes the
-        motion and compares the results with those of the true motion.
+        Findings are results of an analysis in addition to its tables. A check can change
+        the motion, and compare the results with those of the true motion. An analysis reads
+        the motion, and also quantities that were evaluated from the motion before: poles
+        (axes of relative rotation) and angles without jumps by whole revolutions.
 
         Parameters
         ----------
         block_size
             Number of samples in each block.
         change_motion
-            Changes the motion of a block before poles and angles are evaluated from it.
+            Changes the motion of a block before poles and angles are evaluated. So it
+            changes everything that the analysis reads.
         change_read_motion
-            Changes the motion that the analysis reads, after poles and angles were
-            evaluated.
+            Changes the motion of a block after poles and angles were evaluated. So it
+            changes only the motion itself.
 
         Raises
         ------

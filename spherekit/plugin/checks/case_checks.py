@@ -203,8 +203,7 @@ def check_failed_rows(case: ConformanceCase) -> str:
         table for table in case.run_plan.tables_of(case.analysis) if table.in_assembly_modes
     ]
     for table in sample_tables:
-        # Expected is the table of the first computation. Values that may change are
-        # replaced by those of the second one, so that they cause no difference.
+        # Expected is the table of the first computation.
         complete_tables, _ = case.whole_results
         expected = dict(complete_tables[table.name])
         computed = tables[table.name]
@@ -214,10 +213,13 @@ def check_failed_rows(case: ConformanceCase) -> str:
         if len(is_failed) == len(computed[SAMPLE.name]):
             for column in table.columns:
                 values = computed[column.name]
-                may_change = np.isnan(values) if column.kind == "number" else True
-                expected[column.name] = np.where(
-                    is_failed & may_change, values, expected[column.name]
-                )
+                # Values in the rows of the failed sample that are right whatever the first
+                # computation gave: numbers that are NaN, and all texts and whole numbers.
+                is_allowed = is_failed
+                if column.kind == "number":
+                    is_allowed = is_failed & np.isnan(values)
+                # They become the expected values, so that they cause no difference.
+                expected[column.name] = np.where(is_allowed, values, expected[column.name])
         if fault := describe_difference(table, expected, computed):
             raise PluginError(
                 f"where a configuration is missing, {fault}; rows of the missing "
