@@ -433,9 +433,10 @@ class Descent:
             """Return the functions that the optimiser minimises or limits, at a design y.
 
             They are (objective - aim) / scale for all objectives, and the conditions of the
-            synthesis. The scales make objectives in different units comparable. The
-            conditions are not scaled, since only their signs matter. The result is None if
-            the design is refused, or if a number is not finite.
+            synthesis. The caller wants objectives near `aim`, an array of one number for
+            each objective. `self.scales` makes objectives in different units comparable.
+            The conditions are not scaled, since only their signs matter. The result is None
+            if the design is refused, or if a number is not finite.
             """
             values = self.evaluate(y, mode)
             # The mechanism can be assembled at fewer samples than at the start.

@@ -490,9 +490,10 @@ class DesignEvaluator:
         """Return the figures of merit of designs in all assembly modes, by the kernel.
 
         A figure of merit is a number that rates a design (choice of sizes). An assembly
-        mode is one way to assemble the mechanism. If positions have no closed form,
-        solutions of the closure equations are tracked from design to design, and some can
-        be lost.
+        mode is one way to assemble the mechanism. Positions may have a closed form. A mode
+        then has a sign for each dyad (group of two links that can be assembled in two
+        ways). Otherwise solutions of the closure equations are tracked from design to
+        design, and some can be lost.
 
         Parameters
         ----------
@@ -519,7 +520,8 @@ class DesignEvaluator:
     def _find_impossible_arcs(self, values: Floats) -> dict[int, str]:
         """Return the designs that have an arc of a link outside 0 to 180 deg.
 
-        Such designs are impossible. Each gets a text with the reason.
+        Such designs are impossible. Each gets a text with the reason. Arcs of links that
+        the file marks as signed are not checked, since they may be negative.
 
         Parameters
         ----------

@@ -362,12 +362,14 @@ class RedundantKernel:
     ) -> KernelOutputs:
         """Return the quantities of one kernel (function) at n configurations.
 
-        The last output of the kernel is the residual of the equations of all loops.
+        The loops of links give more equations for the rates of pairs than are needed. Each
+        kernel of the design solves another selection of them. Its last output is the
+        residual of all equations, which shows whether the selection was good.
 
         Parameters
         ----------
         kernel
-            One of the kernels of the design. Each solves other equations for the rates.
+            One of the kernels of the design.
         prepared
             (k, 1) arguments of this kernel that follow from the sizes alone.
         rows
@@ -451,11 +453,13 @@ def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], Array
     # The axes (unit vectors) of each link, in axes of the link.
     axes_by_link: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
     for pair, joined_links in enumerate(mechanism.ends):
-        # `pairs.sides` lists contacts, which have profiles and no axes.
-        if pair not in pairs.sides:
-            for link, axis in zip(joined_links, pairs.axes(pair), strict=True):
-                # Rounds components near 0, 1 or -1, which simplifies products.
-                axes_by_link[link].append(constants(axis))
+        is_contact = pair in pairs.sides  # a contact has profiles and no axes
+        if is_contact:
+            continue
+        for link, axis in zip(joined_links, pairs.axes(pair), strict=True):
+            # Components may be numbers or expressions of sizes. `constants` rounds numbers
+            # near 0, 1 or -1, which simplifies products. Expressions stay as they are.
+            axes_by_link[link].append(constants(axis))
     links = []
     arcs: list[Expr] = []
     for link, axes in axes_by_link.items():

@@ -266,6 +266,7 @@ def _accumulate_growth(
         assembled.
     """
     unwrapped = np.empty_like(angles)
+    # An angle of half a revolution may be just above -pi by rounding. It becomes pi.
     unwrapped[:, 0] = _replace_minus_half_revolution(angles[:, 0])
     for k in range(1, len(stations)):
         next_angles = unwrapped[:, k - 1] + growth[:, k - 1]
@@ -351,6 +352,7 @@ def _unwrap_from_mode_end(
         start_angles=inside_angles,
         end_angles=closed_angles,
     )
+    # An angle of half a revolution may be just above -pi by rounding. It becomes pi.
     start_angles = _replace_minus_half_revolution(inside_angles)
     reduced_angles = _replace_minus_half_revolution(closed_angles)
     # `growth` is NaN where the angles cannot be followed.

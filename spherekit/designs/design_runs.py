@@ -458,8 +458,11 @@ class DesignRuns:
         assemble the mechanism) differently. They are matched by the signs of dyads: each
         group of two links and three revolute pairs can be assembled in two ways.
 
-        Working modes (ways to assemble the mechanism at a fixed pose of the output) have no
-        such signs, so the result is None.
+        The result is None if no row matches. It is also None if signs cannot be compared:
+
+        - working modes (ways to assemble the mechanism at a fixed pose of the output) have
+          no signs of dyads;
+        - the kernel may have no signs, or those of other links (if it replaces contacts).
 
         Parameters
         ----------
@@ -471,16 +474,18 @@ class DesignRuns:
             The modes of the run as in its summary, by their numbers. The entry "mode" of
             each is the text of its signs, such as "+-".
         """
+        if mode.column != ASSEMBLY:
+            return None
         evaluator = self.kernel_evaluator
-        is_assembly_mode = mode.column == ASSEMBLY
-        if evaluator is None or not evaluator.has_signs_of_runs or not is_assembly_mode:
+        if evaluator is None or not evaluator.has_signs_of_runs:
             return None
         signs = str(assembly_modes[mode.label]["mode"])
         # The kernel labels a mode by its signs, or by number and signs if a search found
         # it.
         possible_labels = [signs, f"{mode.label} {signs}"]
-        rows = np.flatnonzero(np.isin(kernel_rows.mode.astype(str), possible_labels))
-        return rows[0] if len(rows) == 1 else None
+        is_match = np.isin(kernel_rows.mode.astype(str), possible_labels)
+        matching_rows = np.flatnonzero(is_match)
+        return matching_rows[0] if len(matching_rows) == 1 else None
 
     def _reduce_by_mode(
         self, run: RunResult, merit: FigureOfMerit
@@ -534,6 +539,8 @@ class DesignRuns:
                 f"{merit.name}: at(EXPRESSION, Q) needs {counted(input_count, 'input')} "
                 f"Q, found {len(merit.point)}"
             )
+        # The reduction "swing" (range of a continuous angle) needs to know whether the path
+        # returns to its start. A swing may then continue from its end to its start.
         is_closed_path = len(inputs) > 0 and return_after_revolutions(inputs[0], inputs[-1])
         is_used = _are_rows_used(merit, inputs)
         figure = reduce_samples(

@@ -281,10 +281,11 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
     from that of the first arc. The key of a size, such as ``links.2.arc``, is the one in a
     file with sizes.
 
-    The result is empty if the file has sizes. It is also empty if there are contacts,
-    because their profiles are stated in the axes of the pose.
+    The result is empty if the file has sizes. It is also empty if there are contacts (pairs
+    in which two links touch along curves), for which no sizes are derived.
     """
-    if not isinstance(mechanism.geometry, PoseGeometry) or mechanism.has_contacts:
+    has_reference_pose = isinstance(mechanism.geometry, PoseGeometry)
+    if not has_reference_pose or mechanism.has_contacts:
         return {}
     variables = {}
     for link in mechanism.links:

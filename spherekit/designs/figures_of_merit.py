@@ -116,8 +116,9 @@ class DesignSamples:
             samples = DesignSamples._sample_path(mechanism, study)
         else:
             samples = DesignSamples._sample_ranges(mechanism, study)
-        # `crossings` says what an assembly mode does where its configuration curve crosses
-        # another one.
+        # An assembly mode is one way to assemble the mechanism. Its configurations form a
+        # curve over the input. `crossings` says how a mode continues where two curves
+        # cross.
         return replace(samples, crossings=study.crossings)
 
     @staticmethod
@@ -155,8 +156,9 @@ class DesignSamples:
         """Return samples at values of the inputs that a study lists (a path).
 
         A path has neither rates nor times, but figures of merit (numbers that rate a
-        design) may contain them. By convention, all inputs increase at 1 rad/s, even where
-        the path runs back. The time follows from the first input.
+        design) may contain them. By convention, all inputs have the rate 1 rad/s, also
+        where the path runs back. The time of a sample is the difference of its first input
+        from that at time zero, divided by this rate.
 
         Parameters
         ----------
@@ -334,6 +336,39 @@ class DesignTable(ArrayRows):
         # The table without rows has the columns, in case there are no parts.
         table = DesignTable.concatenate([DesignTable.from_columns([], names), *parts])
         return table.rows(np.argsort(table.design, kind="stable"))
+
+
+def _profile_columns_of_modes(profiles: Sequence[ContactProfile], values: Floats) -> Floats:
+    """Return the geometry (columns) of contact profiles in n modes, at r samples.
+
+    Parameters
+    ----------
+    profiles
+        The profiles (curves along which links touch) of all contacts.
+    values
+        (variables, r, n) pair variables (rad).
+
+    Returns
+    -------
+    (columns, r, n) tangents, points and curvatures at the points of contact.
+    """
+    variable_count, sample_count, mode_count = values.shape
+    # The called function has one axis for samples and modes.
+    configurations = values.reshape(variable_count, -1).T
+    columns = evaluate_profile_columns(profiles, configurations)
+    return columns.reshape(-1, sample_count, mode_count)
+
+
+def _evaluate_all_modes(
+    kernel: "DesignKernel | RedundantKernel", arguments: Floats
+) -> Floats:
+    """Return the outputs (k, r, n) of a kernel for arguments (a, r, n).
+
+    There are r samples and n modes. The kernel itself takes them as one axis.
+    """
+    argument_count, sample_count, mode_count = arguments.shape
+    outputs = kernel.evaluate(arguments.reshape(argument_count, -1))
+    return outputs.reshape(-1, sample_count, mode_count)
 
 
 def _inputs_at_time_zero_of_path(q: Floats) -> Floats:
@@ -559,10 +594,14 @@ class KernelFigures:
         -------
         (n,) the figure of each design.
         """
-        # `place` is the input whose value "argmin" and "argmax" return.
+        # `place` is the input whose value "argmin" and "argmax" return. Other reductions
+        # use the first input.
         input_index = self.inputs.index(merit.place) if merit.place else 0
         q = self.rows[self.select_rows(merit), input_index]
-        return reduce_samples(merit.reduction, q, values, self.samples.is_closed_path)
+        # The reduction "swing" (range of a continuous angle) needs to know whether the path
+        # returns to its start. A swing may then continue from its end to its start.
+        is_closed_path = self.samples.is_closed_path
+        return reduce_samples(merit.reduction, q, values, is_closed_path)
 
     def evaluate_modes(
         self,
@@ -680,29 +719,21 @@ class KernelFigures:
         -------
         The quantities, and whether the mechanism can be assembled.
         """
-        row_count, mode_count = len(rows), prepared.shape[1]
-        # All arguments of the kernel have the shape (arguments, rows, modes).
-        sample = np.broadcast_to(
-            rows.T[:, :, np.newaxis], (len(self.sample_names), row_count, mode_count)
-        )
-        arguments = [sample, position_arguments]
+        sample_count, mode_count = len(rows), prepared.shape[1]
+        # Arrays below have the shape (quantities, samples, modes). The samples are the same
+        # in all modes, and the numbers of a design at all its samples.
+        samples = np.repeat(rows.T[:, :, np.newaxis], mode_count, axis=2)
+        design_numbers = np.repeat(prepared[:, np.newaxis], sample_count, axis=1)
+        arguments = [samples, position_arguments]
         if profiles:
-            columns = evaluate_profile_columns(
-                profiles, position_arguments.reshape(len(position_arguments), -1).T
-            )
-            arguments.append(columns.reshape(-1, row_count, mode_count))
-        arguments.append(revolution_offsets)
-        arguments.append(
-            np.broadcast_to(prepared[:, np.newaxis], (len(prepared), row_count, mode_count))
-        )
-        stacked = np.concatenate(arguments)
-        # The kernel takes rows and modes as one axis.
-        outputs = kernel.evaluate(stacked.reshape(len(stacked), -1))
-        outputs = outputs.reshape(-1, row_count, mode_count)
+            arguments.append(_profile_columns_of_modes(profiles, position_arguments))
+        arguments += [revolution_offsets, design_numbers]
+        outputs = _evaluate_all_modes(kernel, np.concatenate(arguments))
         # The first outputs are negative where a dyad cannot reach.
         reaches, kernel_columns = np.split(outputs, [kernel.reach_count])
         dyads_close = np.all(reaches >= 0.0, axis=0)
-        closed = all_finite(position_arguments[:1], 0) & dyads_close
-        by_name = dict(zip(self.sample_names, sample, strict=True))
+        # Arguments of a configuration that was not found are all NaN, so the first tells.
+        has_positions = all_finite(position_arguments[:1], axis=0)
+        by_name = dict(zip(self.sample_names, samples, strict=True))
         by_name |= zip(self.columns, kernel_columns, strict=True)
-        return QuantitiesOfModes(by_name, closed)
+        return QuantitiesOfModes(by_name, has_positions & dyads_close)

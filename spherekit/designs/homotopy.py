@@ -117,8 +117,9 @@ class PathProfiles:
     Attributes
     ----------
     columns_at
-        Function that returns the geometry (tangent, point, curvature) of the profiles at
-        their contact points.
+        Function that returns the geometry of the profiles at their contact points: w
+        numbers, which are nine for each profile (tangent, point, curvature and its
+        derivatives).
     paths
         (m,) number of the path on which each design lies.
     parameters
@@ -207,8 +208,9 @@ class DesignPaths:
     def inputs_at(self, paths: Indices, parameters: Floats) -> Array:
         """Return the inputs at one point of each of some paths.
 
-        Along a path, sizes and inputs of a mechanism change from start to end. The path of
-        the inputs makes a detour, through complex values if `detour` is imaginary.
+        Along a path, sizes and inputs of a mechanism change from start to end. The inputs
+        make a detour from the straight line. An imaginary `detour` leads through complex
+        inputs, around real ones at which two solutions meet. Tracking would fail there.
 
         Parameters
         ----------

@@ -216,10 +216,13 @@ class StepExpressions(NamedTuple):
 def _newton_step_expressions(expressions: DesignExpressions) -> StepExpressions:
     """Return one step of Newton's method that closes the loops of links, as expressions.
 
-    The result has the changes of the pair (joint) variables, the determinant of the
-    linearised equations, and the squared closure error.
+    The result has the changes that are added to the pair (joint) variables, the determinant
+    of the linearised equations, and the squared closure error. Variables of inputs are
+    among them, with the change 0.
     """
     coordinate_rates = expressions.coordinate_rates
+    # Solve the linearised equations: these changes close the small gaps (residuals) at
+    # which the loops of links are open, while the inputs rest.
     change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
     # Most variables are symbols. The angle of a gear that the inputs drive is a linear
     # function of the inputs instead. Its change is the value of this function minus the

@@ -243,20 +243,22 @@ class DesignProfiles:
         -------
         The derivative of each profile that changes, by the index of the profile.
         """
-        profiles = list_profiles(self.mechanism)
+        # Derivatives of the numbers of all profiles, one profile after another.
         slopes = self._differentiate_numbers(k)
-        # Divide the derivatives of all numbers among the profiles.
-        ends = np.cumsum([len(profile_numbers(item.profile)) for item in profiles])
-        slopes_of_profiles = np.split(slopes, ends[:-1])
-        return {
-            index: differentiate_profile(
-                item.profile, item.runs_backwards, slopes_of_profile
-            )
-            for index, (item, slopes_of_profile) in enumerate(
-                zip(profiles, slopes_of_profiles, strict=True)
-            )
-            if np.any(slopes_of_profile)
-        }
+        curve_derivatives: dict[int, CurveDerivative] = {}
+        start = 0
+        for index, directed_profile in enumerate(list_profiles(self.mechanism)):
+            profile = directed_profile.profile
+            end = start + len(profile_numbers(profile))
+            slopes_of_profile = slopes[start:end]
+            start = end
+            if np.any(slopes_of_profile):
+                # The arc length of a curve may be counted against the direction in which
+                # the file describes the curve.
+                curve_derivatives[index] = differentiate_profile(
+                    profile, directed_profile.runs_backwards, slopes_of_profile
+                )
+        return curve_derivatives
 
     def _differentiate_numbers(self, k: int) -> Floats:
         """Return the derivatives of the numbers that define profiles, by design variable k.
@@ -307,8 +309,8 @@ def make_contact_profiles(
 ) -> list[ContactProfile]:
     """Return the profiles (curves) of all contacts, two for each contact.
 
-    A profile is the curve along which a link touches another one. Equations of designs use
-    the profiles in this order (`PairRotations.sides_with_symbols`).
+    A profile is the curve along which a link touches another one. The profiles are in the
+    order of the contact pairs, and of the two links of each pair.
 
     Parameters
     ----------
@@ -378,7 +380,10 @@ class ProfilesTowardsDraws:
         derivatives. They are NaN if the draw is an impossible design. The second derivative
         is not needed for closing the loops, and is always NaN.
         """
-        columns = self._columns_of_draws(values, paths % len(self.draws))
+        # Paths start at several configurations of the nominal design. From each of them,
+        # one path leads to each draw, in the order of the draws.
+        draws_of_points = paths % len(self.draws)
+        columns = self._columns_of_draws(values, draws_of_points)
         # At path parameter 1 the columns are those of the draw.
         inner_points = np.flatnonzero(parameters < 1.0)
         if len(inner_points):
@@ -439,9 +444,11 @@ class DirectedProfile(NamedTuple):
     profile
         The curve as the file describes it.
     runs_backwards
-        Whether the arc length runs against the order in which the file describes the curve.
-        At a contact, both arc lengths must increase in the same direction along the common
-        tangent. So the second curve of an external contact runs backwards.
+        Whether the arc length is counted against the direction in which the file describes
+        the curve. At a contact, both arc lengths must increase in the same direction along
+        the common tangent. In the file, the body of a link is on the left of its curve. In
+        an external contact the bodies are on opposite sides of the tangent. So both curves
+        have opposite directions in the file, and the second one runs backwards.
     """
 
     profile: Profile
@@ -550,16 +557,15 @@ def _nearest_point_rates(
 ) -> Floats:
     """Return how the contact point moves along two profiles as a design variable changes.
 
-    In the reference pose, the contact is where the moving frames (tangent, normal, point on
-    the unit sphere) of the two profiles differ by the smallest rotation. In the given
-    design the frames are the same. They remain the same if both rotate alike as the
-    variable v changes. With the arc lengths s1 and s2 of the contact, and the rotation
-    vectors r per unit of s1, s2 and v, this is
+    At each point of a profile there is a frame: tangent, normal, and the point on the unit
+    sphere. At the contact in the reference pose, the frames of both profiles coincide. As
+    the variable v changes, both frames rotate. With the arc lengths s1 and s2 of the
+    contact, and the rotation vectors r per unit of s1, s2 and v, the two rotations are
 
-        r1_s ds1/dv + r1_v = r2_s ds2/dv + r2_v.
+        r1_s ds1/dv + r1_v    and    r2_s ds2/dv + r2_v.
 
-    These are three equations for two unknown rates. The least-squares solution makes the
-    rotation between the frames smallest.
+    The rates ds1/dv and ds2/dv are chosen such that the two rotations differ as little as
+    possible, by least squares.
 
     Parameters
     ----------
@@ -582,7 +588,8 @@ def _nearest_point_rates(
         np.zeros(3) if derivative is None else frame.rotation_by_variable(derivative)
         for frame, derivative in zip(frames, derivatives, strict=True)
     ]
-    # The equation above with the unknowns on its left side.
+    # Both rotations are set equal, with the unknown rates on the left side. These are three
+    # equations for two unknowns.
     unknown_factors = np.stack([r1_s, -r2_s], axis=1)
     right_side = -(r1_v - r2_v)
     rates, *_ = np.linalg.lstsq(unknown_factors, right_side, rcond=None)

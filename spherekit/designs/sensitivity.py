@@ -355,9 +355,11 @@ class Sensitivity:
                 )
         deviations = np.where(self._is_mass_or_load, 0.0, size)
         for key, deviation in singly.items():
-            index = self.keys.index(key)
-            is_angle = self.is_angle(key)
-            deviations[index] = np.radians(deviation) if is_angle else deviation
+            # `is_angle` is also true for rates of angles.
+            is_in_degrees = self.is_angle(key)
+            if is_in_degrees:
+                deviation = np.radians(deviation)
+            deviations[self.keys.index(key)] = deviation
         return tuple(deviations.tolist())
 
     def is_angle(self, key: str) -> bool:
@@ -542,7 +544,8 @@ class Sensitivity:
             (n, variables) pair variables (rad) of the nominal mechanism.
         deviations
             (sizes, draws) deviations of the sizes. They are in rad for angles, otherwise in
-            the unit that the file has for the number.
+            the unit that the file has for the number. `document`, from which the nominal
+            sizes are read, has its angles in rad, too.
 
         Returns
         -------
@@ -551,9 +554,10 @@ class Sensitivity:
         """
         draw_count = deviations.shape[1]
         design = self._nominal_design
+        numbers_of_draws = design.values[:, None] + deviations
         # (sizes, draws) the sizes in the closure equations, which follow from the numbers
         # of the file. An impossible draw has NaN.
-        sizes, _ = self._varied_mechanism.kernel_sizes(design.values[:, None] + deviations)
+        sizes, _ = self._varied_mechanism.kernel_sizes(numbers_of_draws)
         # Contact profiles of the draws, if they are not circles.
         profiles = None
         if design.profiles is not None:

@@ -102,14 +102,15 @@ class SynthesisMode:
 
         They are arguments of kernels (functions of many configurations). If all groups of
         links are dyads (two links and three revolute pairs), they are signs: a dyad can be
-        assembled in two ways. Otherwise they are the variables of all pairs (joints).
+        assembled in two ways. Otherwise they are the variables of all pairs (joints). They
+        are tracked from `origin`, which has the known configurations of one design.
 
         Parameters
         ----------
         design
             The design in which the mode is evaluated.
         count
-            Number n of configurations. An origin has the same number.
+            Number n of configurations. If there is an origin, it has as many.
 
         Returns
         -------

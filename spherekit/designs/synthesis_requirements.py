@@ -166,9 +166,9 @@ class Specification:
         """Return a text that says why no design meets the requirements of a synthesis.
 
         Some designs (choices of sizes) are evaluated. The text counts those that cannot be
-        assembled and those that are impossible mechanisms. For each condition it counts the
-        rows that meet it. A row is one assembly mode (way to assemble the mechanism) of a
-        design.
+        assembled and those that are impossible mechanisms. Each of them has one row in the
+        table of designs. Other designs have a row for each assembly mode (way to assemble
+        the mechanism). For each condition the text counts the rows that meet it.
         """
         designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
         # `add_match` adds the column "match", the error at the precision points. Objectives
@@ -292,7 +292,7 @@ class PopulationScorer:
 
         A design that cannot be assembled in the assembly mode (way to assemble the
         mechanism) gets large values, so that all others are preferred. The same is true for
-        objectives that are not finite.
+        a design with objectives that are not finite.
 
         Parameters
         ----------
@@ -302,7 +302,8 @@ class PopulationScorer:
         """
         design_count = len(points)
         designs = (self.low + (self.high - self.low) * points).T
-        # Scores of the designs that have the mode. `scores.design` has their indices.
+        # Scores of the designs that have the mode and finite objectives. `scores.design`
+        # has their indices. All other designs keep the large values.
         scores = self.specification.score_mode(designs, self.mode)
         objectives = np.full((design_count, self.objective_count), MISSING_DESIGN_VIOLATION)
         objectives[scores.design] = scores.objectives

@@ -80,6 +80,10 @@ constant derivatives count as varying, and they are computed again for each desi
 """
 
 
+class _OtherFormError(DesignError):
+    """A design has other contacts or kinds of loads, so the kernel does not apply."""
+
+
 @dataclass(frozen=True)
 class ColumnGradients:
     """Quantities of one design at n samples, and their derivatives by design variables.
@@ -442,8 +446,9 @@ class VariedMechanism:
             for k, design in enumerate(values.T):
                 try:
                     numbers[:, k] = self._read_varied_numbers(design)
+                except _OtherFormError:
+                    reasons[k] = OTHER_FORM
                 except SpherekitError as problem:
-                    # The message is `OTHER_FORM` if the kernel does not apply.
                     reasons[k] = reason_of(problem)
         variable_sizes = (values * self.unit_scales[:, None])[self.size_variables]
         return np.concatenate([variable_sizes, numbers]), reasons
@@ -620,9 +625,8 @@ class VariedMechanism:
 
         Raises
         ------
-        DesignError
-            If contacts or kinds of loads differ. The message is then `OTHER_FORM`. It tells
-            callers that the design must be analysed without the kernel.
+        _OtherFormError
+            If contacts or kinds of loads differ.
         SpherekitError
             If the design is impossible.
         """
@@ -630,7 +634,7 @@ class VariedMechanism:
         actions = masses_and_loads(mechanism)
         contact_numbers = self._contact_numbers(mechanism)
         if _without_values(actions) != _without_values(masses_and_loads(self.mechanism)):
-            raise DesignError(OTHER_FORM)
+            raise _OtherFormError(OTHER_FORM)
         return np.array([*contact_numbers, *list_numbers(actions)])
 
     def _read_mechanism(self, values: Floats) -> Mechanism:
@@ -663,16 +667,17 @@ class VariedMechanism:
 
         Raises
         ------
-        DesignError
-            If the linkage has another form than that of the mechanism in the file. The
-            message is then `OTHER_FORM`.
+        _OtherFormError
+            If the same expressions do not apply to this linkage and to that of the
+            mechanism in the file, since other contacts slide or other wheels roll.
         """
         if self.equivalent_linkage is None:
             return []
         # Wheels roll on each other if the gap between them is at most `wheel_gap_rad`.
         linkage = find_equivalent_linkage(mechanism, self.inputs, self.wheel_gap_rad)
+        # The form says which contacts slide, and which pairs follow the inputs by wheels.
         if linkage is None or linkage.form != self.equivalent_linkage.form:
-            raise DesignError(OTHER_FORM)
+            raise _OtherFormError(OTHER_FORM)
         return linkage.numbers
 
     def _read_numbers_if_possible(self, values: Floats) -> Floats | None:
@@ -692,7 +697,7 @@ class VariedMechanism:
         numbers = self._read_numbers(values)
         differences = np.delete(numbers - self._nominal_numbers, self.varied_numbers)
         if not np.all(np.abs(differences) <= SAME_NUMBER):
-            raise DesignError(OTHER_FORM)
+            raise _OtherFormError(OTHER_FORM)
         return numbers[self.varied_numbers]
 
     @cached_property

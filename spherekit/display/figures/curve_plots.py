@@ -123,8 +123,8 @@ def _draw_panel(
         For each curve its scene, which has the values on the horizontal axis, and its
         series, which has those on the vertical axis. All series have one unit.
     scale
-        Largest magnitude of the quantities of the whole figure. The `resolution` of a
-        series times this magnitude is the size of rounding errors.
+        Largest magnitude of the quantities of the whole figure. Rounding errors are this
+        magnitude times `resolution`, the relative error of a series.
     looks
         For each curve the colour, line style and label. Coinciding curves are drawn with
         other line styles.
@@ -144,7 +144,8 @@ def _draw_panel(
         if dash.linestyle is not None:
             dashed_look = look | {"linestyle": dash.linestyle}
         _draw_curve(panel, curve, value_range, dashed_look)
-    _note_level_lines(panel, all_values, rounding=resolution * scale, unit=unit)
+    # A curve that varies by rounding errors only looks constant. A note states by how much.
+    _note_spread_of_rounding(panel, all_values, rounding=resolution * scale, unit=unit)
 
     start, end = axis.extent
     if start < end:
@@ -198,10 +199,12 @@ def _has_no_neighbour(has_value: Bools) -> Bools:
     return has_value & ~value_before & ~value_after
 
 
-def _note_level_lines(panel: Axes, values: Floats, rounding: float, unit: str) -> None:
+def _note_spread_of_rounding(
+    panel: Axes, values: Floats, rounding: float, unit: str
+) -> None:
     """Write into a panel how much values differ, if they differ by rounding only.
 
-    Such curves look like level lines, although the values vary a little.
+    Such curves look like straight horizontal lines, although the values vary a little.
 
     Parameters
     ----------

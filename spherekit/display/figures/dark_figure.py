@@ -59,15 +59,25 @@ def dark_copy(figure: Figure) -> Figure:
         for effect in artist.get_path_effects() or ()
     }
     for effect in effects.values():
-        stroke = getattr(effect, "_gc", {})
-        if "foreground" in stroke:
-            stroke["foreground"] = _dark_rgba(stroke["foreground"])
-    background = _dark_rgba("white")
+        _darken_halo(effect)
+    # By now a background that was white has this colour. It becomes transparent. Other
+    # backgrounds stay. They mark where a colour map has no values.
+    darkened_white = _dark_rgba("white")
     for patch in (dark.patch, *(panel.patch for panel in dark.axes)):
-        # Other backgrounds stay. They mark where a colour map has no values.
-        if np.allclose(to_rgba(patch.get_facecolor()), background):
+        was_white = np.allclose(to_rgba(patch.get_facecolor()), darkened_white)
+        if was_white:
             patch.set_alpha(0.0)
     return dark
+
+
+def _darken_halo(effect: Any) -> None:
+    """Replace the colour of a halo (outline of a text) by that for a dark background.
+
+    matplotlib has no public way to change the colour. It is in the mapping `_gc`.
+    """
+    stroke = getattr(effect, "_gc", {})
+    if "foreground" in stroke:
+        stroke["foreground"] = _dark_rgba(stroke["foreground"])
 
 
 def _darken(artist: Any) -> None:

@@ -138,8 +138,8 @@ def _draw_path(panel: Axes, line: Floats, look: Look, has_start_dot: bool) -> No
     look
         Colour and dashes of the mode, and its name in the legend.
     has_start_dot
-        Whether a dot marks the first point. In a panel with fixed curves, such as singular
-        ones, the dot could be mistaken for a mark.
+        Whether a dot marks the first point. It is left out in a panel that also has curves
+        of singular configurations, on which dots mark special points.
     """
     panel.plot(*line.T, linewidth=1.4, zorder=2.5, **look)
     finite_points = line[all_finite(line, 1)]

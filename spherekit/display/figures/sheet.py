@@ -142,14 +142,6 @@ class Sheet:
     ) -> tuple[Drawing, Any]:
         """Return a figure with a number of panels in rows and columns.
 
-        The figure extends over one or two columns of a journal page (`self.columns`). By
-        default one column of panels is drawn on each column of the page. One column of
-        panels is added if titles are short and
-
-        - there are more than four panels,
-        - four panels are on one column of a journal, which become two by two, or
-        - three panels are on two columns of a journal, which become one row.
-
         Parameters
         ----------
         panel_count
@@ -169,15 +161,10 @@ class Sheet:
         panels
             Its panels, row by row.
         """
-        allows_more = panel_count > 4 or (panel_count, self.columns) in ((4, 1), (3, 2))
-        has_short_titles = longest_title <= LONG_TITLE_LETTERS
-        column_count: int = self.columns
-        if allows_more and has_short_titles:
-            column_count += 1
-        column_count = min(panel_count, column_count)
+        column_count = self._count_panel_columns(panel_count, longest_title)
         row_count = -(-panel_count // column_count)  # rounded up
-        # A single panel over two columns of a journal would be too high, so its height is
-        # reduced to about that of a panel on one column (half the width).
+        # A single panel over the whole width of a journal page would be too high, so its
+        # height is reduced to about that of a panel of half the width.
         is_wide = column_count == 1 and self.columns == 2
         height_factor = 0.55 if is_wide else 1.0
         panel_height = self.width / column_count * ratio * height_factor
@@ -188,6 +175,28 @@ class Sheet:
         for unused_panel in panels[panel_count:]:
             unused_panel.remove()
         return figure, panels[:panel_count]
+
+    def _count_panel_columns(self, panel_count: int, longest_title: int) -> int:
+        """Return how many panels are beside each other in a figure.
+
+        A figure is one or two text columns of a journal wide (`self.columns`). Usually it
+        has as many panels beside each other.
+
+        Parameters
+        ----------
+        panel_count
+            Number of all panels of the figure.
+        longest_title
+            Number of letters of the longest title.
+        """
+        column_count: int = self.columns
+        has_many_panels = panel_count > 4
+        fills_square = panel_count == 4 and self.columns == 1  # two by two
+        fills_row = panel_count == 3 and self.columns == 2
+        has_short_titles = longest_title <= LONG_TITLE_LETTERS
+        if has_short_titles and (has_many_panels or fills_square or fills_row):
+            column_count += 1
+        return min(panel_count, column_count)
 
 
 def label_shared_axes(panels: Sequence[Any], x_label: str, y_label: str) -> None:
@@ -231,13 +240,15 @@ def name_points(
     pixels_per_point = panel.figure.dpi / 72.0
     pixel_positions: Floats = panel.transData.transform(points)
     letter_size = POINT_NAME_PT * pixels_per_point
-    name_middles = place_labels(
+    # `place_labels` places the names in several pictures. Here there is one picture.
+    middles_by_picture = place_labels(
         names,
-        pixel_positions[None],
+        pixel_positions[np.newaxis],
         letter_size,
         curve_points=_points_on_lines(panel, 0.5 * letter_size),
         frame=(np.array(panel.bbox.min), np.array(panel.bbox.max)),
-    )[0]
+    )
+    name_middles = middles_by_picture[0]
     offsets = (name_middles - pixel_positions) / pixels_per_point
     for name, point, offset, colour in zip(names, points, offsets, colours, strict=True):
         panel.annotate(

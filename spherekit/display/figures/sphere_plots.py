@@ -97,17 +97,14 @@ def draw_sphere(
     sheet
         Size of the figure, and titles of modes.
     """
-    # The rim of the map is a circle about the centre that contains all directions. Its
-    # radius is a multiple of a fine step, and has a lower limit.
     shown_directions = directions_to_show(maps, curves)
     frame = frame_about(shown_directions)
     angles = SphereView(frame).angles_from_centre(shown_directions)
     farthest_angle = np.max(angles, initial=0.0)
-    # If the farthest direction is on a circle, rounding would decide which circle is the
-    # rim. The added number makes it always the next circle.
-    steps_to_rim = np.ceil(farthest_angle / FINE_CIRCLE_STEP_RAD + RIM_ROUNDING_STEPS)
-    least_rim = CIRCLE_STEP_RAD if maps else HEMISPHERE_RAD
-    rim = max(least_rim, FINE_CIRCLE_STEP_RAD * steps_to_rim)
+    rim = _choose_rim(farthest_angle)
+    if not maps:
+        # Curves alone are drawn on at least a hemisphere. Areas may fill a smaller map.
+        rim = max(rim, HEMISPHERE_RAD)
     frames = [frame]
     if rim > MAX_RIM_RAD:
         rim = HEMISPHERE_RAD
@@ -118,7 +115,7 @@ def draw_sphere(
         for projection in (EQUAL_AREA, STEREOGRAPHIC)
     ]
     with style.look():
-        figure, panels = sheet.make_panels(len(views), 1.0, subplot=POLAR_PANEL)
+        figure, panels = sheet.make_panels(len(views), ratio=1.0, subplot=POLAR_PANEL)
         for panel, view in zip(panels, views, strict=True):
             title = f"{view.projection.name}, about {view.centre_name}"
             _draw_graticule(panel, view, title)
@@ -127,6 +124,22 @@ def draw_sphere(
         if maps:
             _draw_sphere_maps(figure, panels, views, maps)
         return sheet.add_legend(figure)
+
+
+def _choose_rim(farthest_angle: float) -> float:
+    """Return the angle (rad) from the centre of a map to its rim.
+
+    The rim is one of the circles of the graticule, and contains all directions to be shown.
+    If the farthest direction is on a circle, the next circle is the rim. Otherwise rounding
+    would decide.
+
+    Parameters
+    ----------
+    farthest_angle
+        Angle (rad) from the centre to the farthest direction.
+    """
+    steps_to_rim = np.ceil(farthest_angle / FINE_CIRCLE_STEP_RAD + RIM_ROUNDING_STEPS)
+    return max(CIRCLE_STEP_RAD, FINE_CIRCLE_STEP_RAD * steps_to_rim)
 
 
 def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
@@ -148,7 +161,8 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
     has_several_modes = len({scene.page for scene, _ in arrows}) > 1
     view = _choose_hemisphere([arrow for _, arrow in arrows])
     with style.look():
-        figure, panels = sheet.make_panels(len(labels), 1.05, subplot=POLAR_PANEL)
+        # The map is a circle, and its title needs some height.
+        figure, panels = sheet.make_panels(len(labels), ratio=1.05, subplot=POLAR_PANEL)
         panel_by_label = dict(zip(labels, panels, strict=True))
         for label, panel in panel_by_label.items():
             title = f"{plot_text(label)}, about {view.centre_name}"
@@ -372,9 +386,6 @@ def _cartesian_transform(panel: Any) -> Any:
 def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurves) -> None:
     """Draw curves on the sphere, and marks (labelled points).
 
-    A mark with the label of the curves only names the curves. It is left out, because the
-    legend does this. Without curves each mark is a result of its own, and is drawn.
-
     Parameters
     ----------
     panel
@@ -393,14 +404,17 @@ def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurv
     for curve in sphere_curves.curves:
         panel.plot(*view.project(np.asarray(curve)).T, **curve_look)
     for mark in sphere_curves.marks:
-        has_label_of_curves = mark.label == label
-        angle = view.angles_from_centre(mark.place[None])[0]
+        (angle,) = view.angles_from_centre(mark.place[None])
         is_on_map = angle <= view.rim + RIM_ROUNDING_RAD
-        if not is_on_map or (has_label_of_curves and has_curves):
+        if not is_on_map:
             continue
-        # Without curves, the name of the mark also says what is marked.
         mark_label = mark.label
-        if not has_label_of_curves and not has_curves:
+        if has_curves:
+            if mark.label == label:
+                # This mark has the name of the curves, which is already in the legend.
+                continue
+        elif mark.label != label:
+            # There are no curves, so the legend also has to say what is marked.
             mark_label = f"{label}: {mark.label}"
         panel.plot(
             *view.project(mark.place[None])[0],

@@ -1,7 +1,7 @@
 """Makes the interactive page of a mechanism: its data, its kernels, and its text."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -119,12 +119,14 @@ class PageMaker:
         input_pair
             The driven pairs (joints). None: those of the mechanism.
         crossings
-            What an assembly mode (way to assemble the mechanism) does where its
-            configuration curve crosses another one. It ends there ("end"), or follows its
-            smooth curve ("pass").
+            How an assembly mode (way to assemble the mechanism) continues. Its
+            configurations form a curve over the input, which may cross the curve of another
+            mode. With "pass", a mode follows its smooth curve through a crossing. With
+            "end" it does not.
         """
-        # `formulas` gets the argument itself, which may be a path.
-        self._any_mechanism = mechanism
+        # The mechanism as the caller states it: an object, a name or a path. `formulas`
+        # accepts all of them.
+        self._stated_mechanism = mechanism
         self._input_pair = input_pair
         self._crossings = crossings
         self._mechanism = driven_at(mechanism_of(mechanism), input_pair)
@@ -178,15 +180,14 @@ class PageMaker:
             # This raises an error if a number that the user named changes no result.
             check_arguments(formulas_by_kernel.values())
         elif idle_keys := idle_arguments(formulas_by_kernel.values()):
-            # Repeat all without the sliders that change nothing.
-            for key in idle_keys:
-                self.notes.append(f"no slider for {key}: nothing changes with it")
-            self.keys = tuple(key for key in self.keys if key not in idle_keys)
+            # Numbers that change no result get no slider. Make the page without them.
+            self._leave_out_sliders(idle_keys)
             return self.make_page()
         for reason, names in row_formulas.mode_table.left_out_by_reason().items():
             self.notes.append(f"left out: assembly {numbered('mode', names)}: {reason}")
-        # Newton's method cannot follow a mode through a crossing. With the sizes of the
-        # file there are no crossings, as `_make_row_formulas` has checked.
+        # The configurations of an assembly mode form a curve over the input. Newton's
+        # method cannot follow it through a crossing with the curve of another mode. With
+        # the sizes of the file there are none, as `_make_row_formulas` has checked.
         if self._crossings == "pass" and not has_closed_form:
             self.notes.append(
                 "with the sizes of the file, no curves are known to cross; if they "
@@ -201,6 +202,12 @@ class PageMaker:
 
     # Formulas of the kernels
 
+    def _leave_out_sliders(self, idle_keys: Collection[str]) -> None:
+        """Remove the sliders of some numbers, with a note for each."""
+        for key in idle_keys:
+            self.notes.append(f"no slider for {key}: nothing changes with it")
+        self.keys = tuple(key for key in self.keys if key not in idle_keys)
+
     def _make_formulas(self, names: Sequence[str]) -> Formulas:
         """Return formulas of quantities, after a check that the page can use them.
 
@@ -208,11 +215,11 @@ class PageMaker:
         ------
         EngineError
             If loads depend on arguments that the page does not have, such as the time. Also
-            if modes shall pass crossings of configuration curves, but positions have no
-            closed form. Newton's method cannot pass a crossing.
+            if assembly modes shall follow smooth curves through crossings with other modes,
+            but positions have no closed form. Newton's method cannot pass a crossing.
         """
         page_formulas = formulas(
-            self._any_mechanism,
+            self._stated_mechanism,  # an object, a name or a path
             names,
             self.keys,  # numbers with sliders are arguments of the formulas
             self._input_pair,
@@ -291,8 +298,8 @@ class PageMaker:
         """Return the formulas that the page evaluates at every sample of every mode.
 
         An assembly mode is one way to assemble the mechanism. The formulas are those of
-        quantities that the page shows or needs. A few further quantities depend on the
-        first ones, so formulas are created in two steps.
+        quantities that the page shows or needs. The formulas say which further quantities
+        are needed, for example to choose directions of axes. So they are created twice.
         """
         # Loads, such as springs, depend on the angles of `_wound_pairs`. The page counts
         # their whole revolutions.
@@ -301,9 +308,8 @@ class PageMaker:
         added_names = self._find_added_names(first_formulas)
         if not added_names:
             return first_formulas
-        # Create all formulas again, together with the added ones. The first results may
-        # include driving torques.
-        return self._make_formulas([*first_formulas.results, *added_names])
+        all_names = [*first_formulas.results, *added_names]
+        return self._make_formulas(all_names)
 
     def _find_added_names(self, row_formulas: Formulas) -> list[str]:
         """Return the names of further quantities that the page has to evaluate.
@@ -311,8 +317,8 @@ class PageMaker:
         There are two kinds:
 
         - Angular velocities of links. A pole axis (axis of relative rotation of two links)
-          has two opposite directions. By these velocities the page makes the direction
-          continuous.
+          has two opposite directions, and the page chooses one. Where the relative angular
+          velocity of the links reverses, the chosen direction must not.
         - A number for each dyad (two links between two known axes), which is negative if
           the dyad cannot reach. Only positions in closed form have it.
 
@@ -370,12 +376,13 @@ class PageMaker:
         if not self._mechanism.has_contacts:
             return keys
         # With contacts some sizes cannot be arguments of formulas. So create formulas for
-        # each size, with an arbitrary quantity.
+        # each size, with an arbitrary quantity. They get the mechanism as the caller has
+        # stated it: an object, a name or a path.
         any_quantity = next(iter(self._page_quantities.unit_by_name))
         variable_keys: list[str] = []
         for key in keys:
             try:
-                formulas(self._any_mechanism, [any_quantity], [key], self._input_pair)
+                formulas(self._stated_mechanism, [any_quantity], [key], self._input_pair)
             except SpherekitError as problem:
                 self.notes.append(f"no slider for {key}: {problem}")
             else:

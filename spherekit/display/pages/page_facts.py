@@ -203,20 +203,18 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
 
     A pole is the axis of the relative rotation of two bodies. Usually a step gives one pole
     and has one description. In some parts of a mechanism (`BlockPoles`), velocity equations
-    give several poles at once. If one of them, the opening pole, were known, most of the
-    others would follow one by one. The page shows this:
-
-    - The first description has the poles that do not follow in this way.
-    - A further description follows for each of the others.
+    give several poles at once. The first description then has the poles that only the
+    equations give. Each of the others is also at the intersection of great circles through
+    poles that are described earlier. It has a description of its own, with these circles.
 
     The keys of a description are those of `_make_step_facts`.
     """
     if not isinstance(step, BlockPoles):
         yield _single_pole_facts(pole_plan, step)
         return
-    following_poles = {inner_step.pole for inner_step in step.steps_from_opening}
-    solved_poles = [pole for pole in step.poles if pole not in following_poles]
-    yield _make_step_facts(pole_plan, step, solved_poles)
+    poles_on_circles = {inner_step.pole for inner_step in step.steps_from_opening}
+    poles_of_equations = [pole for pole in step.poles if pole not in poles_on_circles]
+    yield _make_step_facts(pole_plan, step, poles_of_equations)
     for inner_step in step.steps_from_opening:
         yield _single_pole_facts(pole_plan, inner_step)
 
@@ -226,8 +224,9 @@ def _single_pole_facts(pole_plan: Plan, step: PrimaryPole | LinePole) -> Facts:
 
     The pole of two bodies i and j is the axis of their relative rotation. It may be the
     axis of a pair (joint). Otherwise it lies on the great circle through the poles of (i,
-    k) and (j, k), for each third body k. If a sliding contact joins i and j, it lies on the
-    contact plane, too.
+    k) and (j, k), for each third body k. If a sliding contact joins i and j, the pole also
+    lies in the contact plane. This plane contains the centre of the sphere, and the normal
+    of both curves at the point of contact.
     """
     facts = _make_step_facts(pole_plan, step, [step.pole])
     if isinstance(step, LinePole):
@@ -250,8 +249,10 @@ def _make_step_facts(pole_plan: Plan, step: Step, poles: Sequence[Pole]) -> Fact
     keys:
 
     - ``text``: the step in words.
-    - ``lines``: for each great circle the two poles through which it passes. Empty here.
-    - ``contacts``: names of the sliding contacts with planes that are used. Empty here.
+    - ``lines``: for each great circle the two poles through which it passes. The list is
+      empty here, and the caller may fill it.
+    - ``contacts``: names of sliding contacts. The normal plane of such a contact contains
+      the pole. The list is empty here, and the caller may fill it.
     - ``poles``: the poles that the step gives. A pole is a list of two names of links.
 
     Parameters

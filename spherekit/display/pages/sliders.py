@@ -160,17 +160,19 @@ def _find_format_limits(
 
     Returns
     -------
-    The smallest and the largest angle (deg), infinite if there is no limit. None if no
-    limits are known, and the caller has to try reading the file. Then the variable is not
-    an angle of a link, pair or output, or the mechanism has contacts. These may not exist
-    for all angles.
+    The smallest and the largest angle (deg), infinite if there is no limit. None if the
+    limits are unknown: for other numbers than angles of links, pairs and outputs, and for
+    mechanisms with contacts.
     """
     angle = variable.geometric_angle
     if angle is None or mechanism.has_contacts:
         return None
-    # The owner of a latitude of an output is the output and the index 1.
-    is_output_latitude = angle.kind == POINTED and angle.owner[1] == 1
-    if angle.kind == "latitudes" or is_output_latitude:
+    is_latitude = angle.kind == "latitudes"  # of the axis of a pair
+    if angle.kind == POINTED:
+        # The direction of an output is stated by its longitude (0) and latitude (1).
+        _output, coordinate = angle.owner
+        is_latitude = coordinate == 1
+    if is_latitude:
         return -90.0, 90.0
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry) and angle.kind == "arcs":

@@ -144,10 +144,11 @@ def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) 
     has_grid
         Whether lines are drawn at the ticks.
     """
-    # Points of lines are fractions of the frame, y up. The first line is the box. Words are
-    # placed in units of the chart, y down. The viewer writes a text `LABEL_DROP` below its
-    # place.
+    # Lines have coordinates from 0 to 1 in the frame, and 1 is at the top. The first line
+    # is the box.
     lines = [np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])]
+    # Places of words are in units of the chart: to the right and downwards from the upper
+    # left corner of the frame.
     words: list[tuple[float, float, str]] = []
     for fraction, text in x.ticks:
         if has_grid:
@@ -157,9 +158,10 @@ def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) 
     for fraction, text in y.ticks:
         if has_grid:
             lines.append(np.array([[0.0, fraction], [1.0, fraction]]))
-        # Numbers of the y axis are in the middle of the left margin.
-        height = FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP
-        words.append((-0.5 * LEFT_MARGIN, height, text))
+        # Numbers of the y axis are in the middle of the left margin, beside their ticks.
+        # The viewer writes a text below its place, so the place is above the tick.
+        tick_drop = FRAME_HEIGHT * (1.0 - fraction)
+        words.append((-0.5 * LEFT_MARGIN, tick_drop - LABEL_DROP, text))
     if y.title:
         # The viewer cannot turn a text, so it is above the frame. "up" says that it belongs
         # to the y axis.

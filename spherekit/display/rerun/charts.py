@@ -282,8 +282,9 @@ class Chart:
         for each unit of the chart. The scale of colours is in the same image, to the right.
         """
         (path,) = self.curves  # a map has one series
+        # A series is in blocks of successive samples, with the same unit and resolution.
         first_block = self.curves[path][0]
-        series = first_block.series  # its unit and resolution are those of all blocks
+        series = first_block.series
         # Values on both axes, and the quantity (len(x), len(y)), NaN where there is no
         # sample.
         x, y, cells = grid_values(*self.joined_blocks(path))

@@ -104,9 +104,9 @@ class FileOutput:
     def _lock_part(self) -> None:
         """Create the part file of a recording if necessary, and lock it.
 
-        The lock belongs to a file object of its own, which stays open until the copying has
-        ended. It is opened for appending, which does not empty the file. So a run that gets
-        no lock does not destroy the file of another run.
+        The lock belongs to a file object of its own, which stays open until the recording
+        is complete. It is opened for appending, which does not empty the file. So a run
+        that gets no lock does not destroy the file of another run.
 
         Raises
         ------
