@@ -80,7 +80,7 @@ constant derivatives count as varying, and they are computed again for each desi
 """
 
 
-class _OtherFormError(DesignError):
+class _OtherFormError(SpherekitError):
     """A design has other contacts or kinds of loads, so the kernel does not apply."""
 
 
