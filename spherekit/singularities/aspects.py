@@ -230,12 +230,13 @@ class _AspectNodes(ArrayRows):
     is_regular
         (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two
-        (n,) determinant that vanishes at type II. Its sign separates aspects. If the loop
-        equations are redundant, its sign has no meaning, and the value is 0.
+        (n,) determinant of the rates of the g inputs in g independent motions of the
+        mechanism. It vanishes at type II, and its sign separates aspects. If equations of
+        the loops depend on each other, the sign has no meaning, and the value is 0.
     determinant_one
-        (n,) determinant that vanishes at type I, or 0 if the mechanism has no output. With
-        redundant loop equations it is a Gram determinant, which is never negative but
-        vanishes at type I, too.
+        (n,) the same for the rates M of the output in these motions, which vanishes at type
+        I. If M is not square, or if equations of the loops depend on each other, it is the
+        determinant of M^T M, which is never negative. It is 0 if there is no output.
     slope_one
         (n, g) derivatives of `determinant_one` by the g inputs. They show whether the
         determinant vanishes between two configurations. They are 0 if only type II divides
@@ -326,8 +327,9 @@ class _AspectGraph:
         self.periods = variable_periods(solver.closure)
         self.output = output
         self.divides_by_type_one = divides_by_type_one
-        # Whether the determinant of type I changes its sign at singularities of this type.
-        # `_make_nodes` sets this.
+        # A determinant of the rates of the output is zero at singularities of type I. This
+        # attribute says whether the determinant changes its sign there. `_make_nodes` sets
+        # the attribute.
         self.has_sign_of_type_one = False
         self.nodes = self._make_nodes(
             np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
@@ -411,9 +413,9 @@ class _AspectGraph:
             sample 0:  configurations 4,  7
             sample 1:  configuration  5,  none
 
-        Each configuration of the arguments is compared with those of its sample, from the
-        first column to the last one. If it equals none of them, it is new, and takes the
-        first free place in the row. All samples are treated together, column by column.
+        The columns are treated one after another, with all samples together. A
+        configuration that has a place in the column, or gets a free place there, is done.
+        All others continue with the next column.
 
         Parameters
         ----------
@@ -431,18 +433,35 @@ class _AspectGraph:
         remaining = np.arange(len(values))
         column = 0
         while len(remaining):
-            remaining_values = values[remaining]
-            remaining_samples = samples[remaining]
-            self._fill_free_places(column, remaining_values, remaining_samples)
-            # This also finds the configurations that were just stored.
-            found_numbers = self._find_in_column(
-                column, remaining_values, remaining_samples
+            numbers[remaining] = self._place_in_column(
+                column, values[remaining], samples[remaining]
             )
-            is_found = found_numbers != NO_CONFIGURATION
-            numbers[remaining[is_found]] = found_numbers[is_found]
-            remaining = remaining[~is_found]
+            is_without_place = numbers[remaining] == NO_CONFIGURATION
+            remaining = remaining[is_without_place]
             column += 1
         return numbers
+
+    def _place_in_column(self, column: int, values: Floats, samples: Indices) -> Indices:
+        """Find configurations in a column of `numbers_at_sample`, or add them there.
+
+        The table has a row for each sample. If the place of a sample in the column is free,
+        a configuration at this sample is added there.
+
+        Parameters
+        ----------
+        column
+            The column. The configurations are in none of the columns before.
+        values, samples
+            (n, V) variables (rad) and (n,) samples of the configurations.
+
+        Returns
+        -------
+        (n,) numbers of the configurations. `NO_CONFIGURATION` where another configuration
+        has the place.
+        """
+        self._fill_free_places(column, values, samples)
+        # The configurations that were just added are found like all others.
+        return self._find_in_column(column, values, samples)
 
     def _fill_free_places(self, column: int, values: Floats, samples: Indices) -> None:
         """Store one new configuration at each sample that has a free place in a column.
@@ -561,8 +580,11 @@ class _AspectGraph:
         A path leads from a configuration to a neighbouring sample of the inputs. It is
         followed by steps that cannot pass a singularity of type II (the output can move
         while the inputs rest). A new configuration at its end is added to the graph. Both
-        ends are connected if they are not singular. If type I (inputs can move while the
-        output rests) also divides aspects, its determinant must keep its sign on the path.
+        ends are connected if they are not singular.
+
+        Connected configurations are an aspect (a part without singularities). If type I
+        (inputs can move while the output rests) also divides aspects, there is one more
+        condition. The determinant that vanishes at type I must keep its sign on the path.
 
         Parameters
         ----------
@@ -586,9 +608,9 @@ class _AspectGraph:
         end_nodes = followed.nodes
         arrived = followed.status == Status.OK
         ends = self.add_configurations(end_nodes.values[arrived], goal_samples[arrived])
-        # The path back need not be followed. `^ 1` changes 2 k to 2 k + 1 and back, which
-        # is the opposite direction.
-        self.is_path_known[ends, directions[arrived] ^ 1] = True
+        # The paths back are the same, so `_follow_unknown_paths` leaves them out.
+        ways_back = _opposite_directions(directions[arrived])
+        self.is_path_known[ends, ways_back] = True
         pairs = np.stack([starts[arrived], ends], axis=1)
         is_connected = np.all(self.nodes.is_regular[pairs], axis=1)
         if self.divides_by_type_one:
@@ -665,6 +687,15 @@ class _AspectGraph:
             singular=len(self.nodes) - len(regular_numbers),
             note=self.time_limit.note,
         )
+
+
+def _opposite_directions(directions: Indices) -> Indices:
+    """Return the opposite directions (n,) of directions in a grid of inputs.
+
+    Direction 2 k leads upwards along input k, and 2 k + 1 downwards.
+    """
+    leads_upwards = directions % 2 == 0
+    return np.where(leads_upwards, directions + 1, directions - 1)
 
 
 def _number_by_size(label: Indices) -> Indices:

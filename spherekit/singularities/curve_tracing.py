@@ -112,6 +112,9 @@ def _equations_with_tangent(points: LocusPoints, tangents: Floats) -> Floats:
     along the curve. The last row is the component of a change along the tangent. With this
     row the matrix is regular except where curves cross.
 
+    The unknowns are coordinates of a change of the configuration, and of a change of its
+    singular motion (rates with which the inputs, or the output, rest).
+
     Parameters
     ----------
     points
@@ -119,9 +122,11 @@ def _equations_with_tangent(points: LocusPoints, tangents: Floats) -> Floats:
     tangents
         (n, V) tangents of the curve in the V variables.
     """
-    return append_conditions(
-        points.equations, tangents[:, None], points.bases.configuration
-    )
+    # The tangents are vectors of the V variables. This basis converts them to a row for
+    # the coordinates.
+    configuration_basis = points.bases.configuration
+    tangent_rows = tangents[:, None]
+    return append_conditions(points.equations, tangent_rows, configuration_basis)
 
 
 @dataclass
@@ -285,11 +290,14 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         # (k, V) unit vectors of the singular motions.
         start_motions = starts.points.motions
         cosine = np.vecdot(start_motions, nodes.points.motions)
-        # Two motions are the same, up to the sign, if the cosine between them is near 1 or
-        # -1.
-        is_other_motion = np.abs(cosine) < SAME_LAP_COSINE
-        sense = np.where(is_other_motion, np.nan, np.sign(cosine))
-        moved_values = np.where(np.isnan(sense)[:, None], np.nan, values)
+        # Two unit vectors are the same, up to the sign, if their cosine is near 1 or -1.
+        has_same_motion = np.abs(cosine) >= SAME_LAP_COSINE
+        # The sign of the cosine makes the motion of the start like that of the last node.
+        sense = np.sign(cosine)
+        # NaN marks starts at which the curve does not close.
+        sense[~has_same_motion] = np.nan
+        moved_values = values.copy()
+        moved_values[~has_same_motion] = np.nan
         points = replace(
             starts.points,
             values=moved_values,
@@ -297,7 +305,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             # (k, V, 1) derivatives along the only tangent.
             motion_derivatives=sense[:, None, None] * starts.points.motion_derivatives,
         )
-        # The values are stored twice: the base class reads `values`, this class `points`.
+        # A node and its point both have the variables.
         return replace(starts, values=moved_values, points=points)
 
     def select_steps(

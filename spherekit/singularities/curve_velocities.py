@@ -491,7 +491,8 @@ class CurveMotion:
 
         w is the relative angular velocity of the two links of the pole. Its direction is
         inaccurate near a zero, but that of its derivative dw is not. On both sides of a
-        zero, dw has the direction that w has behind the zero.
+        zero, dw has the direction that w has behind the zero. At each zero w reverses. The
+        sense of w behind the zero makes the result continuous.
 
         Parameters
         ----------
@@ -502,11 +503,12 @@ class CurveMotion:
         """
         links = self.links_at(s)
         _, dw = links.relative(*pole)
-        _, growth = links.speeds(pole)
-        # Zeros are at most about `NEAR_REST_RAD` away, so this point is behind the zero.
+        _, size_of_dw = links.speeds(pole)
+        # A zero is at most about `NEAR_REST_RAD` before or behind s. After twice this
+        # distance, the point is behind the zero in any case.
         s_behind_zero = s + 2.0 * NEAR_REST_RAD
         sense = self._sense_after_reversals(rest_points, s_behind_zero)
-        return dw / (growth * sense)[:, None]
+        return dw / (size_of_dw * sense)[:, None]
 
     def _sense_after_reversals(self, rest_points: RestPoints, s: Floats) -> Floats:
         """Return 1.0 after an even number of reversals of a relative motion, else -1.0.
@@ -559,10 +561,11 @@ class CurveMotion:
     def _bound_zero_errors(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
         """Return bounds (k,) of the errors of zeros of a relative angular velocity (rad).
 
-        Let r be the bound of the rounding error of the velocity.
+        Let r be the bound of the rounding error of the velocity. The slope is the size of
+        the derivative of the velocity by the arc length.
 
-        - A simple zero moves by r over the slope of the velocity at the zero. The rounding
-          error of the arc length is added.
+        - A simple zero moves by r over the slope at the zero. The rounding error of the arc
+          length is added.
         - At a double zero the velocity touches zero like a parabola, c x^2 / 2 at the
           distance x, with the second derivative c. It is below r up to x = sqrt(2 r / c).
 
@@ -579,16 +582,28 @@ class CurveMotion:
         rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * length
         # `EPS` prevents a division by zero.
         errors = links.rounding / np.maximum(slope, EPS) + rounding_of_s
-        # The slope at the distance x from a double zero is c x. So c follows from the slope
-        # at a small distance, towards the middle of the curve. At a thousandth of the
-        # length, the velocity is still nearly a parabola, and the slope is above rounding.
-        step = 1e-3 * length
-        double_s = s[is_double]
-        aside = np.where(double_s > 0.5 * length, -step, step)
-        _, slope_aside = self.links_at(double_s + aside).speeds(pole)
-        curvature = np.maximum(slope_aside / step, EPS)
+        curvature = self._curvature_at_double_zeros(s[is_double], pole)
         errors[is_double] = np.sqrt(2.0 * links.rounding[is_double] / curvature)
         return np.minimum(errors, length)
+
+    def _curvature_at_double_zeros(self, s: Floats, pole: Pole) -> Floats:
+        """Return the second derivative c (k,) of a relative angular velocity at its zeros.
+
+        At a double zero the velocity touches zero like a parabola. Its slope has the size
+        c x at a small distance x to either side. At a thousandth of the length of the
+        curve, the velocity is still nearly a parabola, and the slope is above rounding.
+
+        Parameters
+        ----------
+        s, pole
+            (k,) arc lengths of the double zeros (rad), and the two links.
+        """
+        distance = 1e-3 * self.curve.length
+        # The point aside is on the side of the middle of the curve, so it is on the curve.
+        is_in_second_half = s > 0.5 * self.curve.length
+        s_aside = s + np.where(is_in_second_half, -distance, distance)
+        _, slope_aside = self.links_at(s_aside).speeds(pole)
+        return np.maximum(slope_aside / distance, EPS)
 
     def _is_apart_from_crossings(self, s: Floats, errors: Floats) -> Bools:
         """Return whether zeros of a velocity can be distinguished from crossings of curves.

@@ -266,28 +266,24 @@ class ThirdAxis:
 def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
     """Return the third axis of a relation if input and output have a link in common.
 
-    The input is the rotation of link i relative to its reference r. The output is the
-    rotation of link o relative to its reference s (form "i"), or relative to r (form "ii").
-    With a common link there are three links, which have three pole axes (axes of relative
-    rotation) in one plane: that of the input, that of the output, and a third one.
-
-    The rotation about the third axis is the sum or the difference of output and input. For
-    example, if o and i turn relative to the same reference, the difference is the rotation
-    of o relative to i. The third axis then has the name "io" of a field of `SixPoles`.
+    The input and the output are rotations of one link relative to another. If they share a
+    link, there are three links. Each two of them rotate relative to each other about an
+    axis. So there is a third axis besides those of the input and the output.
 
     Parameters
     ----------
     form
-        The form of the relation, "i" or "ii".
+        The output is the rotation of link o relative to link s in form "i", and relative to
+        r in form "ii".
     links
-        The numbers of the links i, r, o and s. In form i, two of them are the same link.
+        The numbers of the links. The input is the rotation of i relative to r. In form i,
+        two of the four links are the same.
 
     Returns
     -------
-    The axis, with the sign of d in the relation c y' = d q' of the rates. Also the number
-    of the case in R. Di Gregorio's lecture on singularities, such as ".2", or an empty
-    text.
+    The third axis, with its part in the relation of the rates.
     """
+    # In form ii, output and input have the common link r.
     if form == "ii":
         return _third_axis_seen_from_input_reference(links)
     return _third_axis_of_shared_link(links)
@@ -309,6 +305,9 @@ def _third_axis_of_shared_link(links: FourLinks) -> ThirdAxis:
     The output is the rotation of o relative to s, the input that of i relative to r. With a
     shared link there are three links, and a third relative rotation. It is the sum or the
     difference of output and input.
+
+    A condition for a singularity is later printed with a label. For two of the cases the
+    label has an end, ".2" or ".3", as in R. Di Gregorio's lecture on the subject.
     """
     if links.i == links.s:
         # The output is o relative to i, the input is i relative to r. The sum is o relative

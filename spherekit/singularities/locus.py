@@ -29,6 +29,7 @@ from spherekit.singularities.tangent_space import (
     SMALLEST_NORMAL,
     ConfigurationChanges,
     OutputPart,
+    SingularValueDecomposition,
     TangentSpace,
     decompose,
     tangent_space,
@@ -168,7 +169,8 @@ class LocusBases(ArrayRows):
         that keeps the loops closed. The changes are orthonormal.
     motion
         (n, V, k) k sets of rates that close the loops, orthonormal. x and its changes are
-        combinations of them.
+        combinations of them. Usually they are equal to `configuration`. They differ if x is
+        sought only in the part of the mechanism that moves the output.
     """
 
     configuration: Floats
@@ -438,14 +440,16 @@ class SingularityLocus:
         Parameters
         ----------
         space
-            The rates that close the loops at the configurations.
+            All rates that close the loops at the configurations.
         """
+        # The k independent motions in which x is sought: usually all of `space`, or only
+        # those of the part of the mechanism that moves the output.
         motion_space = self.motion_space(space)
         constraint_matrix = self.constraint.equations(space.linearisation)  # E
         constrained_rates = constraint_matrix @ motion_space.basis
         svd = decompose(constrained_rates)
-        # Singular values are in descending order. The smallest one belongs to the last row
-        # of `svd.right`, which has the coordinates of x.
+        # The k singular values are in descending order. The last one is the smallest. The
+        # row of `svd.right` that belongs to it has the coordinates of x.
         last = self.motion_dimension - 1
         smallest = np.where(svd.is_finite, svd.values[:, last], np.nan)
         motion = motion_space.to_rates(svd.right[:, last])
@@ -564,9 +568,12 @@ class SingularityLocus:
 
         The unknowns are the V pair variables and the rates x of a motion. In a singular
         configuration the loops are closed, and x closes the loops with E x = 0. E x are the
-        rates of the inputs or of the output. Each step has two parts. The first part closes
-        the loops. The second part keeps the loops closed and solves E x = 0, |x| = 1 and
-        conditions @ values = targets.
+        rates of the inputs or of the output. Each step is the sum of three parts:
+
+        1. x is replaced by the nearest unit rates that close the loops.
+        2. The variables change so that the loops are closed, and x with them.
+        3. The variables and x change so that E x = 0 and conditions @ values = targets.
+           Loops stay closed, and x keeps its length, to first order.
 
         Parameters
         ----------
@@ -579,16 +586,18 @@ class SingularityLocus:
             of the step are aligned with them. None without neighbours.
         """
         values, motions = np.split(unknowns, 2, axis=1)
+        # Part 1.
         linearised = self._linearise(values, motions, reference)
-        scaling_steps = linearised.unit_motions - motions  # so that |x| = 1
+        replacing_motion_steps = linearised.unit_motions - motions
+        # Part 2.
         closing = self._closing_step(linearised)
-
-        # The residuals that the second part has to remove, after the first part.
-        rates_to_remove = -linearised.constrained_rates - closing.constrained_rate_changes
-        length_errors = np.zeros((len(values), 1))
-        condition_errors = targets - np.matvec(conditions, values + closing.value_changes)
+        # Part 3: the changes that E x and the conditions still need after the other parts.
+        closed_values = values + closing.value_changes
+        rate_changes = -linearised.constrained_rates - closing.constrained_rate_changes
+        length_changes = np.zeros((len(values), 1))
+        condition_changes = targets - np.matvec(conditions, closed_values)
         right_side = np.concatenate(
-            [rates_to_remove, length_errors, condition_errors], axis=1
+            [rate_changes, length_changes, condition_changes], axis=1
         )
         equations = append_conditions(
             linearised.equations, conditions, linearised.space.basis
@@ -599,7 +608,7 @@ class SingularityLocus:
         motion_changes = linearised.motion_changes(coordinates)[:, :, 0]
 
         value_steps = closing.value_changes + value_changes
-        motion_steps = scaling_steps + closing.motion_changes + motion_changes
+        motion_steps = replacing_motion_steps + closing.motion_changes + motion_changes
         return np.concatenate([value_steps, motion_steps], axis=1)
 
     def _linearise(
@@ -609,8 +618,13 @@ class SingularityLocus:
 
         The locus is the set of singular configurations. Each has a singular motion: unit
         rates x that close the loops, with E x = 0. E x are the rates of the inputs (type
-        II) or of the output (type I). The equations are E x = 0 and |x| = 1. Their unknowns
-        are coordinates: u of the change of the configuration, and z of the change of x.
+        II) or of the output (type I). The equations are E x = 0 and |x| = 1.
+
+        The unknowns are coordinates u of the change of the configuration, and coordinates z
+        of the change of x. The matrix of the linearised equations is
+
+            [ d(E x)/du   d(E x)/dz ]
+            [ d|x|/du     d|x|/dz   ]
 
         Parameters
         ----------
@@ -620,25 +634,28 @@ class SingularityLocus:
             Bases at neighbouring points, with which the bases of u and z are aligned. None
             without neighbours.
         """
+        # `space` has all rates that close the loops, the basis of u. `motion_space` has the
+        # rates in which x is sought, the basis of z: the same rates, or those of a part of
+        # the mechanism.
         if reference is None:
             space = self.tangent_space(values)
             motion_space = self.motion_space(space)
         else:
             space = self.tangent_space(values, reference.configuration)
             motion_space = self.motion_space(space, reference.motion)
-        # (n, k) the motions, projected onto the rates that close the loops.
+        # (n, k) the motions, projected onto the rates that close the loops, with length 1.
         motion_coordinates = unit_rows(np.vecmat(motions, motion_space.basis))
         unit_motions = motion_space.to_rates(motion_coordinates)
+        # (n, V, g) the changes of x per unit of u that keep the loops closed.
         motion_slopes = _motion_slopes(space, motion_space, unit_motions)
 
-        # The blocks of the matrix: derivatives of E x and of |x| by u and z. |x| does not
-        # depend on u, because the corrections of x (`motion_slopes`) are perpendicular to
-        # x.
+        # The four blocks of the matrix.
         rates_by_configuration = self._constrained_rate_slopes(
             space, unit_motions, motion_slopes
         )
         constraint_matrix = self.constraint.equations(space.linearisation)
         rates_by_motion = constraint_matrix @ motion_space.basis
+        # The changes `motion_slopes` are perpendicular to x, so u does not change |x|.
         length_by_configuration = np.zeros((len(values), 1, space.dimension))
         length_by_motion = motion_coordinates[:, None]
         return _LinearisedLocus(
@@ -687,14 +704,15 @@ class SingularityLocus:
         or of the output, which are zero in a singular configuration. The step changes both.
         """
         space = linearised.space
-        # Derivatives along the step are the changes to first order. For contacts that close
-        # a loop, they are an approximation.
-        step = ConfigurationChanges(space.linearisation, space.closing_step[:, :, None])
-        rate_corrections = linearised.motion_space.rate_corrections(step)[:, 0]
-        constraint_change = self.constraint.equation_derivatives(step)[:, 0]
-        motion_changes = np.matvec(rate_corrections, linearised.unit_motions)
+        # The changes to first order are derivatives along a direction, here the step.
+        directions = space.closing_step[:, :, None]
+        step = ConfigurationChanges(space.linearisation, directions)
+        # (n, 1, V, V) and (n, 1, m, V), where the second axis is that of the directions.
+        correction_matrices = linearised.motion_space.rate_corrections(step)
+        constraint_changes = self.constraint.equation_derivatives(step)
+        motion_changes = np.matvec(correction_matrices[:, 0], linearised.unit_motions)
         # E x changes because E changes, and because x has to be corrected.
-        from_constraint = np.matvec(constraint_change, linearised.unit_motions)
+        from_constraint = np.matvec(constraint_changes[:, 0], linearised.unit_motions)
         from_motions = np.matvec(linearised.constraint_matrix, motion_changes)
         return _ClosingStep(
             value_changes=space.closing_step,
@@ -716,10 +734,12 @@ class SingularityLocus:
         and the motion has length 1. So the null space has one dimension, and the locus is a
         curve.
         """
-        # At a regular point, k + 1 equations are independent (k is the motion dimension).
-        # So the null space has (g + k) - (k + 1) = g - 1 dimensions.
-        rank = self.motion_dimension + 1
+        # The unknowns minus the dimensions of the locus are the independent equations.
+        unknown_count = linearised.equations.shape[2]
+        locus_dimension = self.degrees_of_freedom - 1
+        rank = unknown_count - locus_dimension
         svd = decompose(linearised.equations)
+        # The last right singular vectors are the null space.
         null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
         configuration_columns = linearised.configuration_coordinates(null_space)
         motion_columns = linearised.motion_changes(null_space)
@@ -728,13 +748,7 @@ class SingularityLocus:
         orthonormalisation = _orthonormalise(configuration_columns)
         configuration_tangents = orthonormalisation.orthonormal
         motion_tangents = orthonormalisation.combine(motion_columns)
-
-        # A point is irregular if an equation depends on the others, or if a tangent does
-        # not change the configuration. In both cases the product below vanishes.
-        greatest_singular_value = np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
-        smallest_singular_value = svd.values[:, rank - 1]
-        smallest_change = orthonormalisation.singular_values[:, -1]
-        condition = smallest_singular_value * smallest_change / greatest_singular_value
+        condition = _measure_regularity(svd, rank, orthonormalisation)
         return _LocusTangents(
             values=linearised.space.basis @ configuration_tangents,
             motion_derivatives=motion_tangents,
@@ -752,9 +766,9 @@ def _motion_slopes(
     Parameters
     ----------
     space
-        The g independent changes of each of n configurations.
+        The g independent changes of each of n configurations of the mechanism.
     motion_space
-        The loops that the motions close.
+        The loops that the motions close: all loops, or those of a part of the mechanism.
     motions
         (n, V) rates of the variables.
 
@@ -762,9 +776,9 @@ def _motion_slopes(
     -------
     (n, V, g) derivatives of the rates along the g changes.
     """
-    # For each configuration n and change g, a matrix with row v and column w: the change of
-    # rate v per unit of rate w.
+    # (n, g, V, V) for each change, the matrix that gives the corrections of rates.
     correction_matrices = motion_space.rate_corrections(space.closed_changes)
+    # The letters are: n configuration, g change, v corrected rate, w rate of the motion.
     return np.einsum("ngvw,nw->nvg", correction_matrices, motions)
 
 
@@ -823,6 +837,27 @@ def _orthonormalise(matrices: Floats) -> _Orthonormalisation:
     """Return orthonormal combinations of the columns of matrices (n, rows, j)."""
     left, singular_values, right_rows = np.linalg.svd(matrices, full_matrices=False)
     return _Orthonormalisation(left, singular_values, right_rows)
+
+
+def _measure_regularity(
+    svd: SingularValueDecomposition, rank: int, orthonormalisation: _Orthonormalisation
+) -> Floats:
+    """Return how regular n points of a locus are: 0 at irregular points, at most 1.
+
+    A point is irregular if an equation of the locus depends on the others, or if a tangent
+    of the locus does not change the configuration.
+
+    Parameters
+    ----------
+    svd, rank
+        The decomposition of the equations, and how many are independent at regular points.
+    orthonormalisation
+        That of the changes of the configuration along the tangents.
+    """
+    greatest_singular_value = np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
+    smallest_singular_value = svd.values[:, rank - 1]
+    smallest_change = orthonormalisation.singular_values[:, -1]
+    return smallest_singular_value * smallest_change / greatest_singular_value
 
 
 def append_conditions(

@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
+from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.minima import find_local_minima
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.singularities.input_output_relation import Type
@@ -128,10 +129,8 @@ def _near_misses_on_curve(
     for s in positions[sines > limits.least]:
         # The configuration, with one row.
         values = sampled.curves[number].at(s).values
-        # The transmission measure is also small if the arcs of links are short. The angle
-        # of a dyad (two links in series) is not. If dyads place the output and none is near
-        # its dead centre, the point is no near miss.
-        if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
+        if kind is Type.II and _has_only_distant_dyads(sampled, values, output, near):
+            # The measure of the distance is only small because the links have short arcs.
             continue
         (distance,) = sampled.angle(kind, number, s[None], output)
         # The tangent of the angle of type I is the velocity coefficient.
@@ -353,6 +352,30 @@ def local_minima(
     return positions, np.sqrt(squares)
 
 
+def _has_only_distant_dyads(
+    sampled: SampledSingularities, values: Floats, output: int, near: float
+) -> bool:
+    """Return whether dyads place an output, and none of them is near its dead centre.
+
+    A dyad is two links in series. At its dead centre it is stretched or folded, which is a
+    singularity of type II. The result is False if other groups of links place the output.
+
+    Parameters
+    ----------
+    sampled
+        The singularities, and the mechanism.
+    values
+        (1, variables) a configuration (rad).
+    output
+        Index of the output.
+    near
+        Largest distance from a dead centre that is near (rad).
+    """
+    (least_angle,) = sampled.least_dyad_angle(values, output)
+    # The angle is NaN, and the comparison False, if other groups place the output.
+    return bool(least_angle > near)
+
+
 def _minima_in_lap(
     function: Callable[[Floats], Floats], curve: ArcCurve, limit: float
 ) -> tuple[Floats, Floats]:
@@ -385,7 +408,7 @@ def _minima_in_lap(
 
 
 @dataclass(frozen=True)
-class _PieceEnds:
+class _PieceEnds(ArrayRows):
     """Some ends of pieces of a curve of configurations.
 
     A piece is a part of the curve that belongs to one assembly mode (way to assemble the
@@ -429,9 +452,7 @@ def _find_ends(sampled: SampledSingularities, number: int) -> _PieceEnds:
     is_at_range_limit = _is_at_range_limit(sampled, number, ends)
     is_at_curve_end = _is_at_curve_end(sampled.curves[number], ends)
     is_included = is_at_range_limit | is_at_curve_end
-    return _PieceEnds(
-        s=ends.s[is_included], inward_s=ends.inward_s[is_included], q=ends.q[is_included]
-    )
+    return ends.rows(is_included)
 
 
 def _is_at_range_limit(

@@ -73,11 +73,17 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
     part = _find_smaller_part(whole, links)
     if part is not None:
         return part
-    all_variables = list(range(len(whole.mechanism.variable_owners)))
-    same_modes: dict[int, tuple[int, ...]] = {
-        mode.number: (mode.number,) for mode in whole.assembly_modes
-    }
-    return PlacingPart(whole, all_variables, same_modes)
+    # The part is the whole mechanism. Its variables keep their numbers, and each assembly
+    # mode (way to assemble the mechanism) of the part is the same mode of the whole.
+    variable_count = len(whole.mechanism.variable_owners)
+    same_modes: dict[int, tuple[int, ...]] = {}
+    for mode in whole.assembly_modes:
+        same_modes[mode.number] = (mode.number,)
+    return PlacingPart(
+        position_analysis=whole,
+        variables=list(range(variable_count)),
+        whole_modes=same_modes,
+    )
 
 
 def _find_smaller_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart | None:

@@ -296,19 +296,36 @@ class SampledSingularities:
         """
         first_curve, _ = places[0]
         inputs = self._find_inputs(first_curve, values[self._driven], margin)
-        if not self._passes_curve(first_curve):
-            # One occurrence is enough to report that the configuration is outside.
+        if not self._has_rows_on(first_curve):
+            # The simulation is never on this curve, so the configuration is outside. One
+            # occurrence is enough to report this.
             inputs = inputs[:1]
-        # `_passes_curve`: the motion has a row on this curve. `_is_passed`: the motion
-        # passes this point of the curve.
-        is_passed = any(self._is_passed(curve, s) for curve, s in places)
+        passes_configuration = self._passes_any(places)
         for q in inputs:
-            # A piece is a part of a curve that is one assembly mode.
-            pieces: list[Piece] = []
-            for curve, s in places:
-                pieces += self._pieces_at(curve, s, q)
             is_in_range = bool(in_range(np.array(q), *self.range))
-            yield Occurrence(q, self.modes_of(pieces), is_in_range and is_passed)
+            yield Occurrence(
+                q,
+                modes=self._modes_at(places, q),
+                is_inside=is_in_range and passes_configuration,
+            )
+
+    def _modes_at(self, places: Sequence[tuple[int, float]], q: float) -> list[int]:
+        """Return the assembly modes that have a configuration at an input q (rad).
+
+        The configuration is given by its places: numbers of curves and arc lengths (rad).
+        """
+        # A piece is a part of a curve that is one assembly mode.
+        pieces: list[Piece] = []
+        for curve, s in places:
+            pieces += self._pieces_at(curve, s, q)
+        return self.modes_of(pieces)
+
+    def _passes_any(self, places: Sequence[tuple[int, float]]) -> bool:
+        """Return whether a simulation passes one of some places; True without a simulation.
+
+        A place is the number of a curve, and an arc length (rad) on this curve.
+        """
+        return any(self._passes_place(curve, s) for curve, s in places)
 
     def _find_inputs(self, curve: int, q: float, margin: float) -> list[float]:
         """Return all inputs in the range that have the same configuration as an input q.
@@ -352,6 +369,8 @@ class SampledSingularities:
         """
         for piece, input_in_piece in self._pieces_with_inputs(curve, s):
             # Both inputs belong to the same configuration, so they differ by whole periods.
+            # They may count as the same input even then, like both ends of a range of whole
+            # periods, or any inputs of a simulation.
             periods_between = round((input_in_piece - q) / self._period(curve))
             if self._is_same_input(curve, periods_between):
                 yield piece
@@ -397,20 +416,22 @@ class SampledSingularities:
             # apart.
             return True
         periods_in_range = self.count_periods_in_range(curve)
-        if periods_in_range > 0:
-            # The two ends of the range are one configuration. They count as the same input.
-            return periods_between % periods_in_range == 0
-        return periods_between == 0
+        if periods_in_range == 0:
+            # The range is not a whole number of periods.
+            return periods_between == 0
+        # The range is a whole number of periods. Both its ends count as the same input, and
+        # `periods_in_range` periods are between them.
+        return periods_between % periods_in_range == 0
 
-    def _passes_curve(self, curve: int) -> bool:
+    def _has_rows_on(self, curve: int) -> bool:
         """Return whether a simulation has rows on a curve; True without a simulation."""
         return self._passed_ranges is None or curve in self._passed_ranges
 
-    def _is_passed(self, curve: int, s: float) -> bool:
+    def _passes_place(self, curve: int, s: float) -> bool:
         """Return whether a simulation passes an arc length; True without a simulation."""
         if self._passed_ranges is None:
             return True
-        if not self._passes_curve(curve):
+        if not self._has_rows_on(curve):
             return False
         low, high = self._passed_ranges[curve]
         arc_curve = self.curves[curve]

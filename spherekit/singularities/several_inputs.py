@@ -107,9 +107,10 @@ class SingularityMeasures:
     Attributes
     ----------
     type_one_sine
-        (n,) measure from 0 to 1, zero at type I. It is the sine of the smallest angle
-        between two linear spaces: the possible rates of inputs and output, and all rates
-        with the output at rest.
+        (n,) measure from 0 to 1, zero at type I. The rates of inputs and output in a motion
+        are scaled to a vector of length 1. The measure is the smallest size that the rates
+        of the output can have in this vector. Motions in which the output rests in every
+        configuration are not counted.
     type_two_transmission
         (n,) transmission measure from 0 to 1, zero at type II. It says how firmly locked
         inputs fix the output.
@@ -458,11 +459,14 @@ def classify_rows(
     single_input_motions = _find_single_input_motions(motion, space, output)
     measures = _measure_singularities(motion, space, output)
     row_type = _decide_types(measures)
+    # A singular configuration is in group 1 if it is also singular with all inputs but one
+    # locked, and in group 2 otherwise.
+    group = _decide_groups(row_type, single_input_motions)
     return RowClassification(
         single_input_motions=single_input_motions,
         measures=measures,
         type=row_type,
-        group=_decide_groups(row_type, single_input_motions),
+        group=group,
     )
 
 
@@ -484,29 +488,56 @@ def _find_single_input_motions(
         output rests.
     """
     input_rates = space.basis[:, _input_variables(motion)]  # N_a
-    output_rates = output.equations(space.linearisation) @ space.basis
-    determinant = np.linalg.det(input_rates)
-    if not space.has_fixed_sense:
-        # The sign of the basis is arbitrary, so the sign of the determinant has no meaning.
-        determinant = np.abs(determinant)
-
-    # Column i has the coefficients of the motion of input i. Its size is that of all rates
-    # in the motion, as N is orthonormal. The motion is not unique if the column is zero.
+    # Column i has the coefficients of the motion of input i.
     coefficients_by_input = adjugate(input_rates)
+    # The size of a column is that of all rates in the motion, as N is orthonormal.
     sizes = np.linalg.norm(coefficients_by_input, axis=1)
-    largest_size = np.max(sizes, axis=1, keepdims=True)
-    is_unique = sizes > SINGULAR_TRANSMISSION * largest_size
-    unique_sizes = np.where(is_unique, sizes, np.nan)
+    unique_sizes = _discard_ambiguous_motions(sizes)
+
+    input_determinant = _determinant_with_sense(input_rates, space)
+    output_rates = output.equations(space.linearisation) @ space.basis
     output_sizes = np.linalg.norm(output_rates @ coefficients_by_input, axis=1)
 
     angular_velocity = output.angular_velocity(space, space.basis @ coefficients_by_input)
     speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
     is_turning = speed > SINGULAR_TRANSMISSION * sizes[..., None]
+    # Division by the sizes scales all rates in a motion to a vector of length 1.
     return SingleInputMotions(
-        input_rate=determinant[:, None] / unique_sizes,
+        input_rate=input_determinant[:, None] / unique_sizes,
         output_rate=output_sizes / unique_sizes,
         output_direction=angular_velocity / np.where(is_turning, speed, np.nan),
     )
+
+
+def _discard_ambiguous_motions(sizes: Floats) -> Floats:
+    """Return the sizes (n, g) of motions with NaN for those that are not unique.
+
+    Each of the g motions moves one input while the others are locked. The size of a motion
+    is zero if the links can move in several ways.
+    """
+    largest_size = np.max(sizes, axis=1, keepdims=True)
+    is_unique = sizes > SINGULAR_TRANSMISSION * largest_size
+    return np.where(is_unique, sizes, np.nan)
+
+
+def _determinant_with_sense(input_rates: Floats, space: TangentSpace) -> Floats:
+    """Return the determinant (n,) of the rates of the inputs in independent motions.
+
+    Its sign depends on the signs of the motions in the basis of `space`. Sometimes these
+    signs are arbitrary, for example if equations of the loops depend on each other. The
+    determinant is then returned without its sign.
+
+    Parameters
+    ----------
+    input_rates
+        (n, g, g) rates of the g inputs in g motions.
+    space
+        The rates that close the loops.
+    """
+    determinant = np.linalg.det(input_rates)
+    if space.has_fixed_sense:
+        return determinant
+    return np.abs(determinant)
 
 
 def _measure_singularities(
@@ -525,18 +556,21 @@ def _measure_singularities(
     """
     input_variables = _input_variables(motion)
     vectors = space.linearisation.vectors
+    # How firmly locked inputs fix the output, zero if the output can move.
     transmission = Transmission(
         space.tree, tuple(input_variables), output.link, output.relative_to, output.pointing
     )
     pointed = transmission.output_directions(space.linearisation.rotations)
     type_two_transmission = transmission.measure(vectors, pointed)
+    # The same for all links. It is zero if any link can move while the inputs are locked.
+    locked_singular_value, _ = input_authority(space.tree, input_variables, vectors)
 
+    # How much the output has to move if the inputs move, zero if the output can rest.
     occurring_rates = _find_occurring_rates(
         input_rates=space.basis[:, input_variables],
         output_rates=output.equations(space.linearisation) @ space.basis,
     )
-    type_one_sine = _smallest_sine_to_rest(occurring_rates)
-    locked_singular_value, _ = input_authority(space.tree, input_variables, vectors)
+    type_one_sine = _smallest_output_part(occurring_rates)
     # Without a configuration, the transmission is NaN, and so is the measure of type I.
     return SingularityMeasures(
         type_one_sine=np.where(np.isfinite(type_two_transmission), type_one_sine, np.nan),
@@ -654,28 +688,27 @@ def _find_occurring_rates(input_rates: Floats, output_rates: Floats) -> _Occurri
     )
 
 
-def _smallest_sine_to_rest(occurring_rates: _OccurringRates) -> Floats:
+def _smallest_output_part(occurring_rates: _OccurringRates) -> Floats:
     """Return the measure (n,) of type I, zero if inputs can move while the output rests.
 
-    It is the sine of the smallest principal angle between two linear spaces of rates of
-    inputs and output: those that can occur, and all those with the output at rest.
+    The rates of inputs and output in a motion are scaled to a vector of length 1. The
+    measure is the smallest size that the m rates of the output can have in this vector.
 
     If there are more independent motions than the m rates of the output, the output rests
-    in some motions in every configuration. Their angles are always zero and say nothing. So
-    only the m largest angles count.
+    in some motions in every configuration. These motions say nothing and are not counted.
     """
-    # The sines of the principal angles are the singular values of the rates of the output
-    # in an orthonormal basis, the largest first.
-    sines = np.linalg.svd(occurring_rates.output_part, compute_uv=False)
-    # Each nonzero column of the basis has an angle, and at most m of them count. The last
-    # of these is the smallest.
-    output_count = occurring_rates.output_part.shape[1]
-    counted_angles = np.minimum(occurring_rates.rank, output_count)
-    # If nothing moves, no angle counts, and the measure is 1.
-    smallest_sine = np.ones(len(sines))
-    (rows,) = np.nonzero(counted_angles > 0)
-    smallest_sine[rows] = sines[rows, counted_angles[rows] - 1]
-    return smallest_sine
+    # The motions form an orthonormal basis. The singular values of the output's part are
+    # therefore its extreme sizes, the largest one first.
+    sizes = np.linalg.svd(occurring_rates.output_part, compute_uv=False)
+    output_rate_count = occurring_rates.output_part.shape[1]
+    # One size for each independent motion, but at most one for each rate of the output.
+    size_count = np.minimum(occurring_rates.rank, output_rate_count)
+    # If nothing moves, no size counts, and the measure is 1.
+    smallest_size = np.ones(len(sizes))
+    (moving_rows,) = np.nonzero(size_count > 0)
+    last_column = size_count[moving_rows] - 1
+    smallest_size[moving_rows] = sizes[moving_rows, last_column]
+    return smallest_size
 
 
 @dataclass(frozen=True)
@@ -774,7 +807,12 @@ def _possible_causes(
 
     If input i moves with the rate q_i' while the others are locked, the output turns about
     the axis u_i with the angular velocity w_i, and c_i w_i = d_i q_i'. A cause is a
-    quantity that vanishes at a singularity.
+    quantity that vanishes at a singularity. The lists of causes are, in this order:
+
+    1. a coefficient c_i or d_i is zero, all axes coincide, three are in one plane, or an
+       axis is along the output direction;
+    2. two axes coincide;
+    3. two axes are in one plane with the output direction.
 
     Parameters
     ----------
@@ -794,19 +832,18 @@ def _possible_causes(
     Lists of causes. At a configuration, only the first list with a cause that applies is
     reported.
     """
-    coefficient_causes = [
-        *[_SingularityCause(f"c_{name}=0", c[:, i]) for i, name in enumerate(inputs)],
-        *[_SingularityCause(f"d_{name}=0", d[:, i]) for i, name in enumerate(inputs)],
-    ]
+    c_causes = [_SingularityCause(f"c_{name}=0", c[:, i]) for i, name in enumerate(inputs)]
+    d_causes = [_SingularityCause(f"d_{name}=0", d[:, i]) for i, name in enumerate(inputs)]
     all_axes_causes = _causes_of_all_axes(inputs, u)
     two_axes_causes = _causes_of_two_axes(inputs, u)
     if direction is None:
-        return [coefficient_causes + all_axes_causes, two_axes_causes]
-    along_direction_causes = _causes_along_direction(inputs, u, direction)
+        return [c_causes + d_causes + all_axes_causes, two_axes_causes]
+    along_causes = _causes_along_direction(inputs, u, direction)
+    coplanar_causes = _causes_coplanar_with_direction(inputs, u, direction)
     return [
-        coefficient_causes + along_direction_causes + all_axes_causes,
+        c_causes + d_causes + along_causes + all_axes_causes,
         two_axes_causes,
-        _causes_coplanar_with_direction(inputs, u, direction),
+        coplanar_causes,
     ]
 
 

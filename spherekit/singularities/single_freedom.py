@@ -162,7 +162,9 @@ class SingleFreedomSingularities:
                 "there is a single degree of freedom; lock the other inputs"
             )
         self.position_analysis = position_analysis
-        # The plan (order of construction) of some poles is the same on all curves.
+        # A pole is the axis about which two links turn relative to each other. Unknown
+        # poles are constructed from known ones in some order, the plan. A plan is the same
+        # on all curves, so each plan is made only once.
         self._plan_poles = cache(self._find_plan)
         self.curve_motions = [
             CurveMotion(position_analysis, curve, self._plan_poles) for curve in curves
@@ -223,7 +225,8 @@ class SingleFreedomSingularities:
         links_by_form: dict[Form, FourLinks] = {"i": links}
         if output_link in self.input:
             return links_by_form
-        # Form "ii" uses the reference link of the output if this is a fourth link.
+        # The auxiliary link is the reference link of the output, unless this is also the
+        # reference link of the input. Then another link is chosen, if there is one.
         auxiliary_link: int | None = output_reference
         if output_reference == input_reference:
             auxiliary_link = self._choose_auxiliary_link(links)
@@ -566,9 +569,10 @@ class SingleFreedomSingularities:
         pole axes, the axes about which links turn relative to each other.
 
         Several curves of configurations meet at a crossing, and each is another motion of
-        the mechanism. The crossing as such is of type III (c = d = 0), because the motion
-        is open. Along one curve, further pole axes are known. If neither c nor d vanishes
-        with these axes, a note says that the relation applies to this curve only.
+        the mechanism. The crossing as such is of type III (c = d = 0), because the
+        mechanism may follow any of these curves. Along one curve, further pole axes are
+        known. If neither c nor d vanishes with these axes, a note says that the relation
+        applies to this curve only.
 
         Parameters
         ----------
@@ -846,9 +850,10 @@ def _note_uncertain_self_motions(
 ) -> None:
     """Write notes for points at which input and output may not rest together.
 
-    A self-motion is a point of a curve of configurations at which both rest. If the error
-    of its position exceeds `MAX_SHARED_ERROR_RAD`, they may rest at two different points
-    instead.
+    A self-motion is a point of a curve of configurations at which both rest. The point
+    where the input rests and the point where the output rests are computed independently.
+    If the error of their positions exceeds `MAX_SHARED_ERROR_RAD`, they may be two
+    different points. The note then has their distance along the curve.
 
     Parameters
     ----------
@@ -858,9 +863,10 @@ def _note_uncertain_self_motions(
         The n points at which input or output rest, and their types of singularity.
     """
     distances = rests.distances.tolist()
-    for k, (kind, error) in enumerate(zip(types, rests.errors.tolist(), strict=True)):
-        if kind == Type.SELF_MOTION and error > MAX_SHARED_ERROR_RAD:
-            notes[k] = _format_undecided(distances[k], error)
+    errors = rests.errors.tolist()
+    for k, kind in enumerate(types):
+        if kind == Type.SELF_MOTION and errors[k] > MAX_SHARED_ERROR_RAD:
+            notes[k] = _format_undecided(distances[k], errors[k])
 
 
 def _note_near_neighbours(
@@ -935,10 +941,17 @@ def _relative_rate(
 def _explain_crossing_doubts(crossing: Crossing | None) -> str:
     """Return why a crossing at the end of curves is not certain, or an empty text.
 
-    At a crossing of curves of configurations, the closure equations lose rank. `crossing`
-    is None if no such configuration was located. Its attribute `miss` (rad) is its distance
-    from an exact crossing. `resolved` says whether terms of second order determine the
-    number of curves through the crossing.
+    At a crossing of curves of configurations, some singular values of the closure equations
+    vanish (a loss of rank).
+
+    Parameters
+    ----------
+    crossing
+        The crossing near the end of the curves. Its attribute `miss` (rad) is its distance
+        from an exact crossing. `resolved` says whether terms of second order determine the
+        number of curves through the crossing, and `freedoms` is the number of independent
+        motions there. None if Newton's method located no crossing. This happens where the
+        singular values vanish faster than in proportion to the distance (of higher order).
     """
     if crossing is None:
         return (

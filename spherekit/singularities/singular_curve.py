@@ -243,12 +243,12 @@ class SingularCurve:
         generally reverse. There the tangent of the curve is parallel to the singular motion
         (the motion in which the inputs, or the output, rest).
 
-        A mechanism with two degrees of freedom has a plane of motions, in which both
-        vectors are compared. Sometimes only a part with one degree of freedom moves in
-        singular motions. Its motions are only a line, and no cusps are searched.
+        Sometimes singular motions are sought only in a part of the mechanism that has fewer
+        degrees of freedom. Cusps are not searched then.
         """
-        motions_are_plane = self.locus.motion_dimension == self.locus.degrees_of_freedom
-        if motions_are_plane:
+        whole_mechanism_moves = self.locus.motion_dimension == self.locus.degrees_of_freedom
+        if whole_mechanism_moves:
+            # The determinant is zero where tangent and singular motion are parallel.
             return self.zeros(cusp_determinants)
         no_points = self.nodes.rows(slice(0))
         return no_points
