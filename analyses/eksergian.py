@@ -312,27 +312,37 @@ class Eksergian(AbstractAnalysis):
         """
         return batch.once("torque", lambda: _solve_torque(batch))
 
+    def _torque_without_rounding_errors(self, batch: Batch) -> Floats:
+        """Return the driving torque (n,) at the only input, 0 where it is a rounding error.
+
+        In a simulation the loads alone cause the motion, so the driving torque is zero up
+        to rounding. The torque is a sum of three terms, B ddq + dB/dq dq^2 / 2 - Q. If the
+        sum is zero, the second term is not larger than the two others together. So the two
+        others show how large the terms are. A torque is a rounding error if it is small
+        compared with the largest terms of all rows.
+        """
+        solution = self._inverse_solution(batch)
+        # In `sure_torques`, rounding errors of the terms in the same row are already 0.
+        torque = solution.sure_torques[:, 0].copy()
+        load_size = np.abs(solution.Q).reshape(len(batch))
+        inertia_size = np.abs(solution.B * batch.ddq)
+        terms = load_size + inertia_size
+        largest_term = np.max(terms, initial=0.0, where=np.isfinite(terms))
+        is_rounding = np.abs(torque) <= ZERO_TORQUE_RATIO * largest_term
+        torque[is_rounding] = 0.0
+        return torque
+
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque and the worst conditioning, and where they occur.
 
-        The conditioning is the condition number of the closure equations with a locked
-        input. The torque is that at the input, or at another pair that the option `at`
-        names.
+        The conditioning is the condition number of the equations that close the loops, with
+        a locked input. The torque is that at the input, or at another pair that the option
+        `at` names.
         """
         # No row has a configuration, so there is nothing to report.
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
-        # Driving torques at the only input (number 0). In `sure_torques`, torques that are
-        # only rounding errors of the terms in their row are 0.
-        solution = self._inverse_solution(batch)
-        input_torque = solution.sure_torques[:, 0].copy()
-        # The driving torque is B ddq + dB/dq dq^2 / 2 - Q (see `compute`). In a simulation
-        # the loads alone cause the motion, so the torque is zero up to rounding. Torques
-        # that are small compared with the largest terms of all rows become 0.
-        terms = np.abs(solution.Q).reshape(len(batch)) + np.abs(solution.B * batch.ddq)
-        largest_term = np.max(terms, initial=0.0, where=np.isfinite(terms))
-        is_rounding = np.abs(input_torque) <= ZERO_TORQUE_RATIO * largest_term
-        input_torque[is_rounding] = 0.0
+        input_torque = self._torque_without_rounding_errors(batch)
         torque = self._torque_at_pair(batch, input_torque)
         worst_row = int(np.nanargmax(batch.closure_conditioning))
         summary: dict[str, Any] = {

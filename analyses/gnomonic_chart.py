@@ -90,13 +90,14 @@ def circle_coordinates(normals: Floats) -> tuple[Floats, Floats]:
         (n, 3) normals of the planes of the circles, in the axes x, y, z of the chart. The
         sign of a normal has no effect, except for the circle x = 0.
     """
-    # The points (x, y, z) of the circle with the normal (a, b, c) satisfy a x + b y + c z =
-    # 0. Division by x gives the line a + b tan xi + c tan zeta = 0. Its direction is (c,
-    # -b).
+    # Of the two normals of a plane, that with c > 0 is used. If c is 0, that with b < 0 is.
     a, b, c = _orient_normals(normals)
+    # The circle has the equation a x + b y + c z = 0. In the chart x is 1, so its line has
+    # the equation a + b y + c z = 0. The direction (y, z) of the line is (c, -b).
     length = np.hypot(b, c)
     epsilon = np.where(length > 0.0, np.arctan2(-b, c), np.nan)
-    # The distance of the origin from the line is a / length.
+    # The distance is tan theta = -a / length. For example, the line y = -1 has a = b = -1
+    # and c = 0. It points upwards, and the origin is to its right at the distance 1.
     theta = np.arctan2(-a, length)
     return epsilon, theta
 

@@ -287,11 +287,12 @@ class Poles(AbstractAnalysis):
 
         A pole is the axis about which one link turns relative to another. The fields are:
 
-        - `directions`, `turns`: the direction of each pole, and its derivative by the
-          input.
-        - `rates`: the velocity coefficient of each pole, which is the relative angular
+        - `directions`: poles whose direction is computed.
+        - `rates`: poles whose velocity coefficient is computed. It is the relative angular
           velocity per unit rate of the input.
-        - `derivatives`: derivatives by the input of directions and velocity coefficients.
+        - `derivatives`: yes, the velocity coefficients are also differentiated by the
+          input.
+        - `turns`: poles whose direction is also differentiated by the input.
         - `planes`: poles for which two great circles through the pole are computed. One
           pole has them in the figures: that of the parameter `circles`, by default the
           first one that is not the axis of a pair. All poles that are not axes of pairs
@@ -347,12 +348,14 @@ class Poles(AbstractAnalysis):
         columns = dict[str, Any]()
         # Names of the links, axes, and coefficients of velocity and acceleration.
         columns |= batch.pole_columns(moving_poles)
-        # The value q of the input that moves.
-        columns["q"] = batch.interleaved(
-            [batch.inputs[:, pole.input_number] for pole in moving_poles]
-        )
+        # The value q of the input that moves with each pole. The column has the values for
+        # all poles at the first row of the batch, then those at the second row, and so on.
+        moving_input_values = [batch.inputs[:, pole.input_number] for pole in moving_poles]
+        columns["q"] = batch.interleaved(moving_input_values)
         columns |= _make_accuracy_columns(batch, moving_poles)
         columns |= _make_direction_derivative_columns(batch, moving_poles)
+        # The user can ask for coordinates in a chart, a projection of the sphere onto a
+        # plane.
         if self.chart != "no":
             columns |= self._make_chart_columns(batch, moving_poles)
         (table,) = self.requested_tables()

@@ -244,9 +244,12 @@ class ReactionAnalysis(AbstractAnalysis):
         pair_names = [pair.name for pair in batch.mechanism.pairs]
         moments = result.moments.reshape(-1, 3)
         forces = result.forces.reshape(-1, 3)
-        # Components in `result` are along axes of the R pair that are fixed in its second
-        # link, with z on the axis. The following are x and y along axes fixed in the first
-        # link.
+        # The components are along axes x, y, z of each pair. Those of an R pair are fixed
+        # in its second link, and z is the axis of the pair. At a contact, x is the tangent,
+        # y the normal, and z points from the centre to the contact.
+        #
+        # For R pairs, x and y are also given along axes fixed in the first link. They are
+        # NaN for contacts.
         moments_in_first = result.in_first(result.moments).reshape(-1, 2)
         forces_in_first = result.in_first(result.forces).reshape(-1, 2)
         columns: dict[str, Any] = {
@@ -435,11 +438,12 @@ def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]
     """
     bearing_loads = []
     for load in _loads_with_bearings(mechanism):
-        # (n, bearings) size of the force (N) that the moment of the pair alone causes. It
-        # can be known if the force of the pair through the centre is not.
+        # A pair transmits a moment about the centre and a force through the centre. The
+        # bearings of the pair support both.
+        #
+        # (n, bearings) size of the force (N) on each bearing due to the moment alone.
         couple_forces = result.couples[load.name]
-        # (n, bearings, 3) force (N) due to moment and force of the pair. The pair axis is
-        # z.
+        # (n, bearings, 3) force (N) due to both. Its z component is along the pair axis.
         forces = result.on_bearings[load.name]
         for number, position in enumerate(load.positions):
             x, y, z = forces[:, number].T
@@ -510,7 +514,7 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
     batch
         n rows, each one sample in one assembly mode (way to assemble the links).
     columns
-        (n,) values by name, NaN if unknown.
+        (n,) values by name. They are not negative, or NaN if unknown.
 
     Returns
     -------
@@ -523,9 +527,10 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
         largest = _largest_or_none(column)
         record[name] = largest
         if largest is not None:
-            # The first row with the maximum. The tolerance makes the choice independent of
-            # rounding.
-            row = np.argmax(column >= largest * (1.0 - EQUAL_MAXIMUM_RATIO))
+            # Values that differ from the maximum only by rounding count as maxima, too. The
+            # first of them is found: `argmax` returns the index of the first True.
+            is_maximum = column >= largest * (1.0 - EQUAL_MAXIMUM_RATIO)
+            row = np.argmax(is_maximum)
             positions[name] = [
                 int(batch.sample[row]),
                 int(batch.assembly_mode[row]),

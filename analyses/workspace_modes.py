@@ -218,6 +218,14 @@ class WorkspaceModes:
             "type_2": judged.type_2,
         }
 
+    def _name_of_limit(self, number: int) -> str:
+        """Return the name of a limit at the border of a workspace.
+
+        Limits are numbered from 0. The number -1 means that no limit is reached, but that
+        the output is not determined. Its text is at the end of `limit_names`.
+        """
+        return self.limit_names[number]
+
     def _border_columns(self, region: Region) -> list[Columns]:
         """Return the border of a set of directions, one part of the table for each arc.
 
@@ -233,9 +241,6 @@ class WorkspaceModes:
         columns = []
         for curve_number, curve in enumerate(region.boundaries):
             for arc_number, arc in enumerate(curve.arcs):
-                # The number of the limit that is reached on the arc. It is -1 where the
-                # output is not determined.
-                limit_number = arc.margin
                 columns.append(
                     {
                         "curve": curve_number,
@@ -246,7 +251,7 @@ class WorkspaceModes:
                         **direction_or_quaternion_columns(
                             arc.points, mid_plane_architecture
                         ),
-                        "constraint": self.limit_names[limit_number],
+                        "constraint": self._name_of_limit(arc.margin),
                     }
                 )
         return columns
@@ -275,27 +280,26 @@ class WorkspaceModes:
             error = region.error
             sizes = [region.area]
             samples = [np.full(3, np.nan)]
-            kinds_and_parts = [("component", region.components)]
+            kinds += ["component"] * len(region.components)
+            numbers += range(len(region.components))
             # A gap is a connected set of directions that the output does not reach. Gap 0,
             # the largest one, is the outside, and the others are holes.
-            kinds_and_parts.append(("outside", region.gaps[:1]))
-            kinds_and_parts.append(("hole", region.gaps[1:]))
-            for kind, parts in kinds_and_parts:
-                first_number = 1 if kind == "hole" else 0  # hole 1 is gap 1
-                for number, part in enumerate(parts, first_number):
-                    kinds.append(kind)
-                    numbers.append(number)
-                    sizes.append(part.area)
-                    curves.append(part.boundaries)
-                    samples.append(part.place)
+            for gap_number in range(len(region.gaps)):
+                kinds.append("outside" if gap_number == 0 else "hole")
+                numbers.append(gap_number)
+            for part in [*region.components, *region.gaps]:
+                sizes.append(part.area)
+                curves.append(part.boundaries)
+                samples.append(part.place)
         else:
             orientations = workspace.orientations
             error = orientations.error
             sizes = [orientations.volume]
             samples = [orientations.place]
         poses = np.array(samples)
-        # Without a sample, `poses` is NaN. The sum is then NaN, too.
-        margin = self.judge(workspace, poses).margin + 0.0 * poses[:, 0]
+        # A part without a sample has no margin either.
+        has_sample = ~np.isnan(poses[:, 0])
+        margin = np.where(has_sample, self.judge(workspace, poses).margin, np.nan)
         return {
             "part": kinds,
             "number": numbers,
@@ -610,14 +614,13 @@ class WorkspaceModes:
         """
         curves: list[Primitive] = []
         for colour, (limit_number, arcs) in enumerate(arcs_by_limit(region).items(), 1):
-            name = self.limit_names[limit_number]
+            name = self._name_of_limit(limit_number)
             longest = max(arcs, key=len)
             middle = longest[len(longest) // 2]
             # A mark has no room for the details of a limit, which follow in parentheses.
             short_name, _, _ = name.partition(" (")
             mark = Mark(short_name, middle, colour)
-            # The number -1 is for arcs at which the output is no longer determined. In the
-            # recording the numbers begin with 0.
+            # Limits are numbered from -1, paths in the recording from 0.
             path = f"workspace/border/{limit_number + 1}"
             curves.append(SphereCurves(path, name, arcs, colour, [mark]))
         return curves

@@ -110,7 +110,14 @@ class RotationResult:
     def scenes(self, text: str) -> tuple[Scene, ...]:
         """Return a page over the angle of rotation and, with a schedule, a page over time.
 
-        A schedule is the rotation in time. A page has drawings, plots and a text.
+        A schedule is the rotation in time. A page has drawings, plots and a text. The plots
+        over the angle theta of the rotation show:
+
+        - the driving angles and their derivatives by theta,
+        - the angle between the actual and the exact orientation of the output link,
+        - `drift`: the angle between the actual and the exact axis of rotation of this link,
+        - `type_2`, a transmission measure: how well locked inputs hold this link, from 0
+          (not at all, a singularity of type II) to 1.
 
         Parameters
         ----------
@@ -118,7 +125,7 @@ class RotationResult:
             The findings in Markdown, which are added to both pages.
         """
         samples = self.samples
-        # (k, 1) angles of singularities of type II: locked inputs do not prevent a motion.
+        # (k, 1) angles theta of the singularities of type II. All plots mark them.
         crossings = np.array(self.rotation.crossings)[:, None]
         title = "error of orientation about the fixed axis"
         parts: list[Primitive] = [

@@ -294,7 +294,7 @@ def _read_window(
         Texts ``NAME:FROM:TO:COUNT``, one for each number of the poses. The grid has all
         combinations of their values.
     angle_unit
-        Unit of angles without a unit.
+        Unit of angles in `window` that state no unit, and of all angles in the result.
     """
     values_of_term: dict[str, Floats] = {}
     for text in window:
@@ -303,14 +303,13 @@ def _read_window(
             *ends, count_text = numbers
             count = float(count_text)
             if is_angle(name, solver.mechanism.input_pairs):
-                # The ends stay in the unit of the file. The caller converts all values of
-                # the grid.
-                ends_in_unit = [
+                # A text can state its own unit. All angles are returned in `angle_unit`.
+                low_and_high = [
                     read_quantity(end, ANGLE, angle_unit, target=angle_unit) for end in ends
                 ]
             else:
-                ends_in_unit = [float(end) for end in ends]
-            low, high = ends_in_unit
+                low_and_high = [float(end) for end in ends]
+            low, high = low_and_high
             is_valid = count.is_integer() and count > 0.0 and np.isfinite(low + high)
         except QuantityError as problem:
             raise AnalysisError(f'{where}: "{text}": {problem}') from None
@@ -345,8 +344,10 @@ def _convert_rows(
     solver
         The inverse kinematics of the output.
     form
-        Names of the numbers in the k columns, such as azimuth and tilt. They decide how the
-        numbers describe a pose.
+        Names of the numbers in the k columns. They decide how the numbers describe a pose:
+        as a direction, as an orientation, or by the mid-plane. The mid-plane is the plane
+        in which the base and the output link are mirror images of each other. Two angles
+        phi and gamma describe its inclination; some values of them fit no plane.
     rows
         (n, k) numbers, angles in rad.
     locations, where
@@ -362,8 +363,7 @@ def _convert_rows(
     AnalysisError
         If some rows do not describe a pose. The message lists these rows.
     """
-    # Rows that do not describe a pose become NaN. The message about them depends on the
-    # form.
+    # Rows that do not describe a pose become NaN. `fault` is the message about them.
     if form == MATRIX_TERMS:
         poses = _read_rotation_matrices(rows)
         fault = "is not a rotation matrix"

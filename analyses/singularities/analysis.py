@@ -131,11 +131,12 @@ class SingularityAnalysis(AbstractAnalysis):
         1. Those of the parameter `output`.
         2. Those that the mechanism declares. If it has one input, the motion of the input
            pair (joint) itself is left out.
-        3. Motions, relative to the ground, of links that a pair joins to the ground.
-        4. Motions, relative to the ground, of all links.
+        3. Motions, relative to the ground, of links that a pair joins to the ground. The
+           input pair does not count.
+        4. Motions, relative to the ground, of all links that the input pair does not join.
 
-        Rules 3 and 4 apply to mechanisms with one input and leave out the links of the
-        input pair. With several inputs the result is empty if no outputs are declared.
+        Rules 3 and 4 apply to mechanisms with one input. With several inputs the result is
+        empty if no outputs are declared.
         """
         if self.output:
             return tuple(ordered_pole(mechanism, text) for text in self.output)
@@ -151,16 +152,18 @@ class SingularityAnalysis(AbstractAnalysis):
         outputs = tuple(links for links in declared if set(links) != input_links)
         if outputs:
             return outputs
-        # The ground is link 0, so the larger number of a pair's links is the other link.
-        ground_neighbours = [
-            max(links)
-            for links in mechanism.ends
-            if 0 in links and not set(links) <= input_links
-        ]
-        other_links = [
-            link for link in range(1, len(mechanism.links)) if link not in input_links
-        ]
-        return tuple((link, 0) for link in dict.fromkeys(ground_neighbours or other_links))
+        ground = 0
+        ground_neighbours: list[int] = []
+        for links in mechanism.ends:
+            if ground in links and set(links) != input_links:
+                # The ground has the smallest number, so the larger one is the other link.
+                ground_neighbours.append(max(links))
+        if ground_neighbours:
+            moving_links = list(dict.fromkeys(ground_neighbours))  # without repetitions
+        else:
+            all_links = range(1, len(mechanism.links))
+            moving_links = [link for link in all_links if link not in input_links]
+        return tuple((link, ground) for link in moving_links)
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return a figure of merit for each dyad: how near it comes to type II.

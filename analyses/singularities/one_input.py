@@ -154,16 +154,19 @@ class OneInput:
         The rows are in this order: singular points on configuration curves, crossings of
         curves, and curves on which the input or an output is at rest everywhere. At a
         singularity, the rate of the input or output is zero. The singularity is double if
-        this rate does not change its sign there. The column `inside` states whether the
-        singularity is in the range of the input. `guarantee` states how completely the
-        curves are known.
+        this rate does not change its sign there. Other columns are:
+
+        - `inside`: whether the singularity is in the range of the input.
+        - `certain`: whether its kind is certain despite rounding errors.
+        - `guarantee`: how completely the curves are known.
         """
         sampled = self.sampled
         report = sampled.report
         rows: list[Columns] = []
         for point in (*report.points, *report.crossings):
             rows += self._rows_of_point(point)
-        # No point is computed on such a curve, so the residual (error of a point) is 0.
+        # A curve on which the input or an output is at rest gives one row. No point is
+        # computed on the curve, so the residual (error of a point) is 0.
         for point in report.resting_curves:
             # A piece is a part of a curve in one assembly mode (way to assemble the links).
             pieces = sampled.configurations.curves[point.curve].pieces
@@ -554,10 +557,14 @@ class OneInput:
     def _gallery(self) -> Scene:
         """Return a page that draws the singularities: sample k shows singularity k.
 
-        A drawing has the links, six pole axes, and two planes through three of these axes
-        each. The two planes coincide at a singularity. A pole axis is the axis of a
-        relative rotation of two links, here of links of input and output. If a whole curve
-        is singular, there is no single configuration to draw, so it is left out.
+        A drawing has the links, six pole axes and two planes. A pole axis is the axis of
+        the relative rotation of two links. The six axes are those of any two of four links:
+        the input link, the output link and their reference links. The three axes of any
+        three of these links are in one plane. The two planes that are drawn coincide at the
+        singularity.
+
+        If a whole curve is singular, there is no single configuration to draw, so it is
+        left out.
         """
         # A singular point has an arc length s on its curve. A whole curve has NaN.
         has_point = np.isfinite(self.points["s"])
@@ -589,8 +596,10 @@ class OneInput:
         """Return the six pole axes of input and output at n singularities.
 
         A pole axis is the axis of the relative rotation of two links. These six appear in
-        the relation c y' = d q' between the rates of output and input. The relation has up
-        to two forms, i and ii. The axes of form ii are used if this form exists.
+        the relation c y' = d q' between the rates of output and input. In form i of this
+        relation, y' is the rate of the output link relative to its own reference link. In
+        form ii, y' is its rate relative to the reference link of the input. The axes of
+        form ii are drawn if this form exists, otherwise those of form i.
 
         Parameters
         ----------
@@ -606,8 +615,11 @@ class OneInput:
             relation_by_form = {
                 relation.form: relation for relation in curve_relations.relations
             }
-            # Form ii does not exist if the output link is also a link of the input.
-            relation = relation_by_form.get("ii", relation_by_form["i"])
+            if "ii" in relation_by_form:
+                relation = relation_by_form["ii"]
+            else:
+                # The output link is also a link of the input.
+                relation = relation_by_form["i"]
             poles_of_each.append(relation.poles)
         axes_by_name = {
             name: np.concatenate([getattr(poles, name) for poles in poles_of_each])

@@ -434,11 +434,12 @@ class SeveralInputs:
             # The smallest singular value of the loop equations with all inputs locked. It
             # is 0 if a link can move although the inputs are locked.
             "sigma": rows.hold,
+            # The ratio of the smallest to the largest singular value of the same equations.
             "reciprocal_condition": rows.reciprocal_condition,
             "status": batch.status,
             "type": [RowType(code).label for code in rows.type],
-            # 0: regular. 1: singular whichever input moves alone. 2: singular only if
-            # several inputs move.
+            # 0: regular. 1: the motion of a single input is singular while the others are
+            # locked. 2: only a motion of several inputs is singular.
             "group": rows.group,
             "moving": batch.moving_inputs[input_number],
             "c": rows.c[:, input_number],
@@ -910,9 +911,14 @@ def _certainty_columns(claim: Completeness) -> Columns:
 def _summarize_locus(locus: Locus) -> dict[str, Any]:
     """Return numbers about a locus (all singularities of one kind), for the summary.
 
-    They are numbers of curves inside and outside of the ranges of the inputs, or of
-    vertices of surfaces. The entry ``claim`` says in words how complete the search was. For
-    a surface it also states the length of edges of the mesh.
+    The singularities are on curves or on surfaces. The entries for curves are the numbers
+    of curves inside and outside of the ranges of the inputs. The entries for surfaces are:
+
+    - ``vertices``: the number of vertices of the meshes that cover the surfaces.
+    - ``irregular``: the number of singular configurations at which no mesh could be made,
+      for example because surfaces cross.
+
+    The entry ``claim`` says in words how complete the search was.
     """
     if isinstance(locus, SingularSurface):
         return {

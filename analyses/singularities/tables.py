@@ -370,9 +370,8 @@ def _format_signs(
         (n, groups) signs 1 or -1 of the groups of `position_analysis`, 0 for a singular
         group.
     """
-    # A part has other numbers of links and pairs (joints), but the same names. The names of
-    # the pairs that close a group identify the group.
-    # the same in the part and in the whole mechanism, and identify the group.
+    # The names of its pairs (joints) identify a group. They are the same in a part and in
+    # the whole mechanism.
     groups = [
         set(position_analysis.mechanism.names_of(group.pairs))
         for group in position_analysis.solver.assembly.groups
@@ -387,8 +386,11 @@ def _format_signs(
     for row in signs.tolist():
         text = ""
         for group in groups_of_whole:
-            is_in_part = group in groups
-            text += text_of_sign[row[groups.index(group)]] if is_in_part else "*"
+            if group in groups:
+                sign = row[groups.index(group)]
+                text += text_of_sign[sign]
+            else:
+                text += "*"
         texts.append(text)
     return texts
 
@@ -407,10 +409,12 @@ def _format_modes(batch: Batch, signs: NDArray[np.int8]) -> list[str]:
         (n, groups) 1, -1 or 0.
     """
     modes = batch.motion.assembly_modes
-    # Array axes: row, mode, group.
-    mode_signs = np.reshape([mode.signs for mode in modes], (len(modes), signs.shape[1]))
-    # Axes: row, mode, group.
-    agrees = (signs[:, None] == mode_signs) | (signs[:, None] == 0)
-    belongs = np.all(agrees, axis=2)
+    group_count = signs.shape[1]
+    # (modes, groups)
+    mode_signs = np.reshape([mode.signs for mode in modes], (len(modes), group_count))
+    # (rows, modes, groups) whether the sign of a group is that of the mode. 0 fits both.
+    row_signs = signs[:, None]
+    agrees = (row_signs == mode_signs) | (row_signs == 0)
+    belongs = np.all(agrees, axis=2)  # (rows, modes) whether all groups agree
     numbers = np.array([str(mode.number) for mode in modes])
-    return ["+".join(numbers[row]) for row in belongs]
+    return ["+".join(numbers[modes_of_row]) for modes_of_row in belongs]

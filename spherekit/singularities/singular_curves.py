@@ -302,11 +302,9 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
     def measure_other_type(points: LocusPoints) -> Floats:
         """Return a number (n,) for each point, zero at singularities of the other type.
 
-        If the report is on type II, the other type is I, and the output should rest. If it
-        is on type I, the inputs should rest. Their rates are linear functions of the
-        possible motions of the mechanism. The number is the determinant of the matrix of
-        these functions. If the determinant is 0, a motion exists in which these rates are
-        0.
+        At a singularity of type I the mechanism can move while the output rests. At one of
+        type II it can move while the inputs rest. The number is a determinant of the
+        velocity equations. It is 0 if there is such a motion.
         """
         space = other_locus.tangent_space(points.values)
         return other_locus.measure(space).value

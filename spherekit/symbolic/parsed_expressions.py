@@ -93,8 +93,8 @@ def convert_to_graph(
         """Return an operation of a parsed expression as a node of the graph, in two forms.
 
         The full form is the value. In the reduced form, whole revolutions are subtracted
-        from angles. Sines and the like are computed from it, because small angles are more
-        exact.
+        from angles. Sines and the like are computed from the reduced form, because small
+        angles are more exact.
 
         Parameters
         ----------
@@ -112,7 +112,9 @@ def convert_to_graph(
             result = operation(*reduced_operands)
         else:
             result = operation(*full_operands)
-        # The result is reduced if whole revolutions of its operands stay whole revolutions.
+        # A sum of reduced angles is the sum of the angles, less whole revolutions. So the
+        # sum has a reduced form. Half of a reduced angle may lack half a revolution, so it
+        # is no reduced form.
         if _keeps_whole_revolutions(name, full_operands):
             return AngleForms(full=result, reduced=operation(*reduced_operands))
         return AngleForms(full=result, reduced=result)

@@ -254,9 +254,9 @@ class Integrator:
     def step(self, max_length: float) -> tuple[StepEnd, float]:
         """Take one step, and return why it ended and its length (s).
 
-        A step also ends at a switch, where the equations change abruptly. The integration
-        can then continue ("switch") or must end ("event"). If it must end, the last element
-        of `seen_events` is the event that ends it.
+        A step also ends at some events. After a "switch", where the equations change
+        abruptly, the integration can continue. After an "event" the integration must end.
+        This event is then the last element of `seen_events`.
 
         Parameters
         ----------
@@ -268,11 +268,14 @@ class Integrator:
         code = int(outcome)
         if code in self._step_end_of_outcome:
             return self._step_end_of_outcome[code], length
-        # Other codes are events that end a step, numbered n. The code is n if the
-        # integration can continue, and -n - 1 if it must end.
+        # Other codes stand for an event. heyoka numbers the events that can end a step: 0,
+        # 1, and so on. The code is this number if the integration can continue. Otherwise
+        # the code is -1 for event 0, -2 for event 1, and so on.
         if code >= 0:
             return "switch", length
-        self._note_ending_event(self._terminal_indices[-code - 1])
+        heyoka_number = -code - 1
+        # `_terminal_indices` has the index in `events` for each of heyoka's numbers.
+        self._note_ending_event(self._terminal_indices[heyoka_number])
         return "event", length
 
     def _note_ending_event(self, index: int) -> None:

@@ -71,24 +71,32 @@ def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
     times are formed once.
     """
     # The minor of k columns is the determinant of these columns in the last k rows.
-    minors: dict[tuple[int, ...], Expr] = {(): 1.0}
+    minors: dict[tuple[int, ...], Expr] = {}
 
     def form_minor(columns: tuple[int, ...]) -> Expr:
-        """Return the determinant of some columns in the last rows, by expansion.
+        """Return the determinant of k columns in the last k rows of the matrix.
 
-        It uses as many rows as columns, and is expanded along the first of these rows.
+        It is expanded along the first of these rows. The sum has a term for each column:
+        the entry of the row times the determinant of the other columns in the rows below.
+        The signs of the terms alternate.
         """
-        if columns not in minors:
-            row = rows[len(rows) - len(columns)]
-            total: Expr = 0.0
-            for position, column in enumerate(columns):
-                if row[column] == 0.0:
-                    continue
-                other_columns = columns[:position] + columns[position + 1 :]
-                term = row[column] * form_minor(other_columns)
-                total = total + term if position % 2 == 0 else total - term
-            minors[columns] = total
-        return minors[columns]
+        if not columns:
+            return 1.0  # the determinant of an empty matrix
+        if columns in minors:
+            return minors[columns]
+        row = rows[len(rows) - len(columns)]
+        total: Expr = 0.0
+        for position, column in enumerate(columns):
+            if row[column] == 0.0:
+                continue
+            other_columns = columns[:position] + columns[position + 1 :]
+            term = row[column] * form_minor(other_columns)
+            if position % 2 == 0:
+                total = total + term
+            else:
+                total = total - term
+        minors[columns] = total
+        return total
 
     return form_minor(tuple(range(len(rows))))
 
