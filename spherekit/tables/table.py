@@ -145,9 +145,11 @@ class Table:
         - With several inputs, a column with `per_input` becomes one column for each input.
           The name of the driven pair (joint) is appended to the name of the column.
         - A column with `per_passive` becomes one column for each variable of the pairs that
-          are not driven. The name of the column is the name of the variable.
+          are not driven. The name of the column is the name of the variable. The variable
+          of an R pair (revolute joint) is an angle. Those of a contact are arc lengths.
 
-        The meaning (the text for users) of such a column names its pair.
+        The meaning (the text for users) of such a column names its pair. For arc lengths it
+        is `contact_meaning`.
         """
         driven_pairs = mechanism.input_pairs
         pair_of_variable = dict(
@@ -172,9 +174,8 @@ class Table:
             elif column.per_input and len(driven_pairs) > 1:
                 pair_by_name = {f"{column.name}_{pair}": pair for pair in driven_pairs}
             for name, pair in pair_by_name.items():
-                meaning = column.meaning
-                if column.per_passive and name not in angle_names:
-                    meaning = column.contact_meaning
+                is_arc_length = column.per_passive and name not in angle_names
+                meaning = column.contact_meaning if is_arc_length else column.meaning
                 columns.append(
                     replace(
                         column,

@@ -62,7 +62,7 @@ class CarriedVector:
     The vector is the relative angular velocity of the two links of the pair (joint), per
     unit rate of the variable. The axis of an R pair (revolute joint) is fixed in its links.
     The vector of a contact turns with a link, too, and slides on it as the contact moves
-    along a profile.
+    along a profile (a curve of the link).
 
     Attributes
     ----------
@@ -71,15 +71,15 @@ class CarriedVector:
     link
         Number of the link that carries the vector.
     length
-        Exact length of `vector`.
+        Length of `vector`.
     slide
         (3,) derivative of the vector with respect to the variable, as seen from the link,
         in ground axes. None if the vector is fixed in the link.
     slide_length
-        Exact length of `slide`.
+        Length of `slide`.
     slide_change_bound
-        Bound of the length of the derivative of `slide` by the variable. It bounds the
-        error of `slide` at a computed configuration.
+        Upper bound of the length of the derivative of `slide` by the variable. It bounds
+        the error of `slide` at a computed configuration.
     """
 
     vector: Exprs
@@ -230,8 +230,10 @@ def _contact_line(
 ) -> CarriedVector:
     """Return the direction p to a contact point, which slides along a profile of a link.
 
-    A profile is a curve on the unit sphere, fixed in the link. The derivative of p by the
-    arc length of the profile is its unit tangent.
+    A profile is a curve on the unit sphere, fixed in the link. Seen from the link, p
+    changes as the contact moves along the profile. Its derivative by the arc length, called
+    the slide, is the unit tangent. The length of the tangent's derivative bounds how much
+    the slide changes. Error bounds need this number.
 
     Parameters
     ----------
@@ -243,12 +245,13 @@ def _contact_line(
         Expressions of all pair variables.
     """
     tangent, _, point = _contact_frame(side, placed, variables)
+    tangent_change = _tangent_change(side.curvature)
     return CarriedVector(
-        point,
-        link,
+        vector=point,
+        link=link,
         slide=tangent,
         slide_length=1.0,
-        slide_change_bound=SlideChangeBound(_tangent_change(side.curvature)),
+        slide_change_bound=SlideChangeBound(tangent_change),
     )
 
 
@@ -285,7 +288,8 @@ def _rolling_vector(
 
     The first derivative is the slide of the vector, which is needed for accelerations. The
     length of the second derivative is at most the sum of the lengths of its terms. This
-    bound is needed for error bounds.
+    bound is needed for error bounds. There is no expression of the last term. Its length is
+    at most ``|k1''| + |k2''|``, of which each profile knows the largest value.
 
     Parameters
     ----------
@@ -299,21 +303,26 @@ def _rolling_vector(
     first, second = sides
     curvature_difference = first.curvature - second.curvature  # k1 - k2
     slope_difference = first.slope - second.slope  # (k1 - k2)'
+    point = contact_line.vector  # p
+    tangent = contact_line.slide  # t
+    vector = point * curvature_difference
+    length = absolute(curvature_difference)
+    slide = tangent * curvature_difference + point * slope_difference
+    # The point and the tangent are perpendicular unit vectors.
+    slide_length = root(
+        curvature_difference * curvature_difference + slope_difference * slope_difference
+    )
+    # The lengths of the first two terms of the second derivative.
+    first_two_terms = 2.0 * absolute(slope_difference) + absolute(
+        curvature_difference
+    ) * _tangent_change(carrier_curvature)
     return CarriedVector(
-        vector=contact_line.vector * curvature_difference,
+        vector=vector,
         link=contact_line.link,
-        length=absolute(curvature_difference),
-        slide=contact_line.slide * curvature_difference
-        + contact_line.vector * slope_difference,
-        slide_length=root(
-            curvature_difference * curvature_difference
-            + slope_difference * slope_difference
-        ),
-        slide_change_bound=SlideChangeBound(
-            other_terms=2.0 * absolute(slope_difference)
-            + absolute(curvature_difference) * _tangent_change(carrier_curvature),
-            profiles=sides,
-        ),
+        length=length,
+        slide=slide,
+        slide_length=slide_length,
+        slide_change_bound=SlideChangeBound(other_terms=first_two_terms, profiles=sides),
     )
 
 
@@ -355,14 +364,17 @@ def _vector_along_circle(
 ) -> CarriedVector:
     """Return the vector of a contact that moves along a circle, per unit of arc length.
 
-    The vector is the angular velocity of the second link relative to the first. The contact
-    turns about the centre of the circle, an axis that is fixed in the link. The length of
-    the vector is the angle about this axis per unit of arc length.
+    The vector is the angular velocity of the second link relative to the first. Only the
+    arc length along this circle changes. The other link then always touches the circle at
+    the same point of its own profile, so this link turns about the centre of the circle.
+    The length of the vector is the angle about the centre per unit of arc length.
 
     Parameters
     ----------
     sign
-        1.0 if the first link of the contact carries the circle, -1.0 if the second does.
+        1.0 if the first link of the contact carries the circle: the second link turns.
+        -1.0 if the second link carries the circle: the first link turns, so the velocity of
+        the second link relative to the first has the opposite sign.
     circle
         The profile.
     link, placed

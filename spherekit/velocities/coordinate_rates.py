@@ -135,9 +135,12 @@ class CoordinateRates(VelocityEquations):
     ) -> list[Exprs]:
         """Return the known part (3,) of the relative angular velocity of each pair (joint).
 
-        Groups of links are solved one after another. The known part is the sum over the
-        variables with known rates, minus the offset of the pair. Variables of later groups
-        count as zero.
+        Groups of links are solved one after another. The known part comes from the
+        variables whose rates are already known. Variables of later groups count as zero.
+
+        The loop equations can have a known vector for each pair, its offset, on the
+        right-hand side. For accelerations, for example, this vector has the terms that do
+        not depend on the unknowns. Each offset is subtracted from the known part.
 
         Parameters
         ----------
@@ -184,11 +187,14 @@ class CoordinateRates(VelocityEquations):
     def closure_residual_rates(self, size: ExpressionNode) -> dict[int, Exprs]:
         """Return the derivatives (3,) of the opening of each loop by a size.
 
-        Each loop is cut at one pair (joint), the key of the result. The opening (closure
-        residual) is the rotation vector between two frames at the cut, which coincide in a
-        closed loop. One frame follows from the pair, the other from its second link. The
-        derivative of the opening is the difference of the angular velocities of both
-        frames. Here the size grows while the variables stay constant.
+        Each loop is cut at one pair (joint), the key of the result. The frame of this pair
+        is computed in two ways: from the first link of the pair and its variable, and from
+        the second link. Both frames coincide in a closed loop. The opening (closure
+        residual) is the rotation vector from the former frame to the latter.
+
+        The size of the mechanism grows at the rate 1, while the variables stay constant.
+        The derivative of the opening is then the difference of the angular velocities of
+        both frames.
         """
         residual_rates: dict[int, Exprs] = {}
         for pair, frames in self._closing_frames.items():

@@ -672,8 +672,9 @@ class DesignExpressions:
         The computed relative velocity of resting links is a rounding error, which also has
         a direction. The product of this direction and the result is NaN. Links rest if
         their relative velocity is less than `NO_MOTION` times a reference. The reference is
-        1 or the velocity of the link with the larger number, if that is larger. Runs use
-        the same rule, so both give NaN in the same rows.
+        the velocity of one of the links, but at least 1. Runs of an analysis take the link
+        with the larger number. So does this method, such that both give NaN in the same
+        configurations.
 
         Parameters
         ----------
@@ -869,10 +870,12 @@ class DesignExpressions:
     def _refuse_reaction_friction(self, moving: int) -> None:
         """Raise `ModelError` if friction of loads follows from reactions of pairs (joints).
 
-        Reactions are not computed here, but in runs of designs. The message therefore names
-        the column of a run that has the torque at the input with the index `moving`. For
-        example: "... its friction depends on the reaction of pair 3, which a kernel of
-        designs does not solve for; runs do: --reduce ...".
+        The expressions of this class become a kernel, a compiled function that evaluates
+        many designs at once. It does not solve for reactions, but runs of the designs do.
+        The message names the option `--reduce` for such runs. It also names the column with
+        the torque at the input with the index `moving`. For example: "... its friction
+        depends on the reaction of pair 3, which a kernel of designs does not solve for;
+        runs do: --reduce ...".
         """
         if len(self.inputs) == 1:
             column = "eksergian.eksergian: abs(tau)"
@@ -929,6 +932,7 @@ class DesignExpressions:
             self.coordinate_rates.vectors[self._variable_of_pair(pair_of_dyad)]
             for pair_of_dyad in group.dyad_pairs
         )
+        # `COMPONENTS` has the operations on vectors whose components are expressions.
         return transmission_angle(COMPONENTS, *dyad_axes)
 
     def _variable_of_pair(self, pair_number: int) -> int:

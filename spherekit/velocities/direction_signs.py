@@ -76,11 +76,12 @@ class VelocityPath:
         (k,) coordinate along the path: the input (rad) or, if there are several inputs, the
         number of the sample.
     sense
-        (k,) sense in which the input moves, 1 or -1.
+        (k,) 1 where the input increases along the path, -1 where it decreases.
     v
-        (3, k) relative angular velocity, times the sense.
+        (3, k) relative angular velocity per unit rate of the input, times the sense.
     dv
-        (3, k) derivative of v by the coordinate, times the sense.
+        (3, k) derivative of this velocity by the coordinate, times the sense. Like `v`, it
+        contains the sense once.
     """
 
     coordinate: Floats
@@ -117,7 +118,9 @@ class LastSample:
     Attributes
     ----------
     path
-        The relative angular velocity at this sample, as a path of one sample.
+        The relative angular velocity v at this sample, as a path of one sample. Its fields
+        are the `coordinate` along the path of the inputs, the `sense` in which the input
+        moves (1 or -1), `v`, and the derivative `dv` of v by the coordinate.
     sign
         The sign of the direction at this sample, +1.0 or -1.0.
     """
@@ -126,9 +129,13 @@ class LastSample:
     sign: float
 
     def numbers(self) -> list[Any]:
-        """Return eight numbers (coordinate, sense, v, dv), and the sign, for a file."""
+        """Return eight numbers of the path (v and dv have three each) and the sign.
+
+        They are written to a file.
+        """
         path = self.path
         columns = [path.coordinate, path.sense, *path.v, *path.dv]
+        # The path has a single sample, so each column has one number.
         return [[float(column[0]) for column in columns], self.sign]
 
     @staticmethod
@@ -307,21 +314,21 @@ def signs_by_first_axis_sums(
     Parameters
     ----------
     motion
-        Rows of all assembly modes.
+        Rows of all assembly modes, mode after mode.
     has_configuration
-        (modes, samples) whether a row has a configuration. Others failed.
+        (modes, samples) whether a row has a configuration. Others failed. If the motion
+        consists of selected rows of another motion, they all count as rows of the first
+        mode: (1, samples).
     sign_continuation
         The vectors of modes from earlier blocks of rows. Vectors of new modes are added in
         place.
     """
     axis_sums = np.zeros((len(motion.assembly_modes), 3))
-    # A motion that is a selection of rows lists all modes, but has only one row of
-    # `has_configuration`. `strict=False` allows this.
-    for mode_index, (mode, is_valid) in enumerate(
-        zip(motion.assembly_modes, has_configuration, strict=False)
-    ):
+    for mode_index, is_valid in enumerate(has_configuration):
         if np.any(is_valid):
-            first_row = mode_index * motion.samples + int(np.argmax(is_valid))
+            mode = motion.assembly_modes[mode_index]
+            first_valid_sample = int(np.argmax(is_valid))
+            first_row = mode_index * motion.samples + first_valid_sample
             axis_sums[mode_index] = _first_axis_sum(
                 motion, mode.number, first_row, sign_continuation
             )

@@ -62,7 +62,7 @@ class BodyAxis:
     Attributes
     ----------
     orientation
-        Orientation of the link.
+        Orientation of the link relative to a body, such as the ground.
     axis
         (3,) unit vector of the axis in link axes.
     """
@@ -72,7 +72,7 @@ class BodyAxis:
 
     @property
     def direction(self) -> Exprs:
-        """(3,) direction of the axis, in the axes in which all links are placed."""
+        """(3,) direction of the axis, in the axes of the body."""
         return self.orientation.direction(self.axis)
 
 

@@ -121,20 +121,21 @@ class EquivalentLinkage:
 
         The linkage has R pairs (revolute joints) only. It replaces a mechanism with
         contacts of circles. A sliding contact becomes a link between the centres of the
-        circles, with an R pair at each centre. Rolling contacts are left out. The pairs
-        that wheels drive (followers) have angles that are linear functions of the input
-        angles.
+        circles, with an R pair at each centre. A rolling contact of wheels is replaced by
+        its effect: some pairs (followers) turn by angles that are linear functions of the
+        input angles.
 
         All numbers of the linkage are in the property `numbers`. They are the Euler angles
         of all constant rotations, from link axes to the frames of pairs, then the factors
-        of the followers. Results for other sizes follow from symbols in place of some
-        numbers.
+        of the linear functions. Results for other sizes follow from symbols in place of
+        some numbers.
 
         Parameters
         ----------
         symbol_by_index
             Symbols that replace some of the `numbers`, by the index of the number.
         """
+        # A symbol where there is one, otherwise the number.
         numbers = [symbol_by_index.get(k, x) for k, x in enumerate(self.numbers)]
         rotation_count = sum(len(rotations) for rotations in self.constant_rotations)
         euler_angle_count = 3 * rotation_count
@@ -147,13 +148,20 @@ class EquivalentLinkage:
         """Return the rotation from the first to the second link of each R pair (hinge).
 
         Each such rotation is a constant rotation, the rotation by the variable of the pair,
-        and another constant rotation.
+        and another constant rotation. The constant rotations depend on the sizes of the
+        mechanism. They are computed from angles, which can be symbols that stand for other
+        sizes.
 
         Parameters
         ----------
         euler_angles
-            Three angles (rad), numbers or symbols, for each of the constant rotations.
+            Three Euler angles (rad), numbers or symbols, for each constant rotation.
         """
+        all_rotations: list[Exprs] = []
+        for start in range(0, len(euler_angles), 3):
+            three_angles = euler_angles[start : start + 3]
+            all_rotations.append(_rotation_from_euler(*three_angles))
+
         transforms: list[JointTransform] = []
 
         def add_r_pair(before_turn: Entries, after_turn: Entries) -> None:
@@ -163,21 +171,20 @@ class EquivalentLinkage:
                 JointTransform((before_turn, after_turn), (AxisRotation(variable),))
             )
 
-        start = 0
-        # Two constant rotations for an R pair, three for a sliding contact.
-        for index, constant_rotations in enumerate(self.constant_rotations):
-            rotations: list[Exprs] = []
-            for _ in constant_rotations:
-                rotations.append(_rotation_from_euler(*euler_angles[start : start + 3]))
-                start += 3
+        remaining_rotations = iter(all_rotations)
+        # The pairs of the mechanism, without rolling contacts.
+        for index in range(len(self.constant_rotations)):
             if index in self.sliding:
                 # A sliding contact becomes two R pairs at the centres of the circles, with
                 # a link between them. The axes of this link are those of the first pair.
-                first_link_to_centre, between_centres, centre_to_second_link = rotations
+                first_link_to_centre = next(remaining_rotations)
+                between_centres = next(remaining_rotations)
+                centre_to_second_link = next(remaining_rotations)
                 add_r_pair(first_link_to_centre, np.eye(3))
                 add_r_pair(between_centres, centre_to_second_link)
             else:
-                first_link_to_pair, pair_to_second_link = rotations
+                first_link_to_pair = next(remaining_rotations)
+                pair_to_second_link = next(remaining_rotations)
                 add_r_pair(first_link_to_pair, pair_to_second_link)
         return transforms
 

@@ -307,8 +307,10 @@ class GroupEquations:
         The equation is a sum of vectors times rates. If two variables of the loop occur in
         no other loop (private variables), there is one direction, perpendicular to their
         vectors. The component along it does not contain them. Otherwise there is one
-        direction along the vector of each variable. Unlike ground axes, these directions
-        turn with the mechanism.
+        direction along the vector of each variable. These are candidates, from which the
+        caller chooses independent components. Unlike ground axes, they turn with the
+        mechanism. So components that are independent in one configuration usually remain so
+        in others.
 
         Parameters
         ----------
@@ -392,16 +394,17 @@ class GroupEquations:
             column = [row[k] for row in matrix_cofactors]
             rates[variable] = -1.0 * dot(known_terms, column)
         # Each loop can have two private variables, which occur in no other loop. They were
-        # eliminated, and follow from the other rates. A dyad (two links joined by a pair)
-        # has one loop with three unknowns, of which two are private.
+        # eliminated from the `unknowns`, and follow from the other rates. A dyad (two links
+        # joined by a pair) has one loop with three variables. One of them is left in the
+        # `unknowns`. For a dyad there are formulas with smaller rounding errors.
         is_dyad = len(loops) == 1 and len(self.unknowns) == 1
         for loop in loops:
-            if loop.private:
-                rates |= (
-                    _solve_private_rates_of_dyad(loop, self.unknowns[0])
-                    if is_dyad
-                    else _solve_private_rates(loop, scale, rates)
-                )
+            if not loop.private:
+                continue
+            if is_dyad:
+                rates |= _solve_private_rates_of_dyad(loop, self.unknowns[0])
+            else:
+                rates |= _solve_private_rates(loop, scale, rates)
         return rates, scale
 
     def _loop_equations(
@@ -469,7 +472,12 @@ def _is_rounding_error(coefficients: Floats, direction: Floats) -> bool:
     """Return whether all coefficients of a scalar velocity equation are rounding errors.
 
     Such an equation determines nothing. An example is a component along the normal of a
-    plane in which all axes of the loop lie.
+    plane in which all axes of the loop lie. The coefficients are judged relative to the
+    length of the direction.
+
+    The direction itself can be a rounding error: the cross product of two parallel axes.
+    Both numbers are then about 1e-16, and their ratio means nothing. So shorter directions
+    count as `MIN_DIRECTION_SIZE` long.
 
     Parameters
     ----------
@@ -481,6 +489,7 @@ def _is_rounding_error(coefficients: Floats, direction: Floats) -> bool:
     row_size = float(np.linalg.norm(coefficients))
     direction_size = float(np.linalg.norm(direction))
     smallest_size = MIN_INDEPENDENCE * max(direction_size, MIN_DIRECTION_SIZE)
+    # NaN also counts as a rounding error.
     return not row_size > smallest_size
 
 

@@ -84,25 +84,29 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     """Return the leaves of a group, each with its two pairs (joints).
 
     A group is a set of bodies that are closed together. A leaf is a body with two pairs,
-    which join it to two different bodies. If only one loop passes through a leaf, the rates
-    of its two pairs can be eliminated from the equations of this loop. The group then has
-    fewer equations.
+    which join it to two different bodies, its neighbours.
 
-    This loop leads from one neighbour of the leaf to the other, through bodies that are no
-    leaves. So two neighbours must not both be leaves, and the other bodies must stay
-    connected. Bodies and pairs are numbered by their indices in the group.
+    The loops of the group are chosen such that each leaf is in one loop only. Then the
+    rates of its two pairs can be eliminated from the equations of this loop. The loop
+    consists of the leaf and a path between its neighbours that meets no other leaf. Such a
+    path exists under two conditions, which are checked here:
+
+    - The neighbours of a leaf are no leaves.
+    - The bodies that are no leaves stay connected if all leaves are taken away.
+
+    Bodies and pairs are numbered by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}
     body_count = len(group.bodies)
-    # Bodies are tried from the last to the first. The first of two neighbours that
-    # qualifies becomes a leaf, and the other does not.
+    # Of two neighbours, the one that is tried first becomes a leaf.
     for body in reversed(range(body_count)):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         neighbours = {end for k in body_pairs for end in group.ends[k]} - {body}
         joins_two_bodies = len(body_pairs) == len(neighbours) == 2
         if not joins_two_bodies or neighbours & leaves.keys():
             continue
-        # A spanning tree that reaches all other bodies has one pair less than bodies.
+        # The other bodies are connected if a tree of pairs reaches all of them. Such a tree
+        # has one pair less than bodies.
         left_out = {*leaves, body}
         inner_pairs = [k for k, ends in enumerate(group.ends) if not left_out & set(ends)]
         inner_bodies = [k for k in range(body_count) if k not in left_out]

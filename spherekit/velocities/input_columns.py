@@ -12,7 +12,6 @@ derivative. They use norms only, as `row_expressions.py` explains.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -363,7 +362,9 @@ class InputColumns:
         for (name, key), items in shared_parts.items():
             self.column_indices[name][key] = columns.add_shared(items)
 
-        # The distinct components of the angular velocities of all links.
+        # A second, smaller list has only the angular velocities of all links. With the list
+        # alone, the method `relative_velocities` computes the relative velocities of poles.
+        # Equal components share one entry.
         components = ColumnList()
         # (links, 3) indices into `velocity_components`.
         self._component_indices = np.array([components.add_shared(w) for w in self._w])
@@ -430,19 +431,26 @@ class InputColumns:
         """
         first = len(columns.expressions)
         pole_count = len(parts)
-        for item in chain.from_iterable(zip(*parts.values(), strict=True)):
-            columns.add_unshared(item)
+        # `zip` gives the first component of all poles, then the second, and so on.
+        for component_of_poles in zip(*parts.values(), strict=True):
+            for item in component_of_poles:
+                columns.add_unshared(item)
         self.reversible_poles = tuple(parts)
         self._reversible_slice = slice(first, len(columns.expressions))
         # (2, poles) numbers of the first and of the second link of each of these poles.
         self._pole_ends = np.array(self.reversible_poles, dtype=np.intp).reshape(-1, 2).T
-        # Successive components of one pole are `pole_count` columns apart.
-        for k, pole in enumerate(parts):
-            index = first + k
-            for name, size in SIGNED_COMPONENTS.items():
-                stop = index + size * pole_count
-                self.column_indices[name][pole] = list(range(index, stop, pole_count))
-                index = stop
+        # (components, poles) index of the column of each component of each pole.
+        component_count = sum(SIGNED_COMPONENTS.values())
+        column_numbers = np.arange(first, first + component_count * pole_count)
+        table = column_numbers.reshape(component_count, pole_count)
+        # The components of a quantity, such as the three of a direction, follow each other.
+        start = 0
+        for name, size in SIGNED_COMPONENTS.items():
+            indices_of_quantity = table[start : start + size]
+            for pole_index, pole in enumerate(parts):
+                indices = indices_of_quantity[:, pole_index]
+                self.column_indices[name][pole] = indices.tolist()
+            start += size
 
     def relative_velocities(
         self, components: Floats, first_components: Floats | None = None

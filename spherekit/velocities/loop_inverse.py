@@ -48,9 +48,11 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
         # The columns of these variables are not needed any more. With zeros, the products
         # below are shorter.
         rows[loop][:, variables] = 0.0
-        # The product with `_axes_inverse` (m, 3) solves the equations: one row for the rate
-        # of each variable of the pivot.
-        rows[loop] = _axes_inverse(axes) @ rows[loop]
+        # The three equations of the loop are solved for the m variables. The m new rows
+        # replace the three equations. Each row gives the rate of one variable. The matrix
+        # `axes_inverse` (m, 3) turns a vector into its components along the axes.
+        axes_inverse = _axes_inverse(axes)
+        rows[loop] = axes_inverse @ rows[loop]
         # The solution is inserted into the equations of the other loops.
         for other_loop in range(loops):
             if other_loop != loop:

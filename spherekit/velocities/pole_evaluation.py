@@ -87,8 +87,8 @@ def evaluate(
         apply_continuous_signs(
             field, motion, request, sign_continuation or SignContinuation()
         )
-    # A run reports how many rows have this flag. On the route "best" these are the rows in
-    # quad precision. On the route "equations" the count is of all rows.
+    # A run reports how many rows the equations gave, and counts the rows with this flag. On
+    # the route "equations" these are all rows, although none is in quad precision.
     if route == "equations":
         field.is_quad_precision[:] = True
     return field

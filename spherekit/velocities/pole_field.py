@@ -47,9 +47,8 @@ class PoleQuantity:
     changes_sign
         Whether it changes its sign if the direction of the pole is reversed.
     sufficient_needs
-        Names of lists of poles. Each analysis states in its `Needs` several lists of the
-        poles that it reads. The quantity is computed for a pole in at least one of the
-        lists named here.
+        Names of fields of `Needs`, such as "rates". Each field is a set of poles that an
+        analysis needs. The quantity is computed for the poles in these sets.
     is_derivative
         Whether it is a derivative by the input. Then `Needs` must have
         ``derivatives=True``.

@@ -106,6 +106,9 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
         (variables, n) nearly closed configurations (rad).
     """
     x, is_closed = _close_loops(kernel, values)
+    # Points on the profiles (contact curves of links) are further arguments. The curves can
+    # only be evaluated in float64, so this is done at `values`. From there the points are
+    # extrapolated to x, which is very near.
     extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
     columns = kernel.all_columns.function(extended).astype(float)
     # Among these numbers is the inverse of the loop equations: the movement of each passive
@@ -115,7 +118,8 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
         len(kernel.passive_variables), 3 * kernel.loop_count, values.shape[1]
     )
     # Because sizes are rounded to float64, the loops of the exact mechanism are open by
-    # tiny angles. These angles times the changes bound the errors of the columns.
+    # tiny angles. `opening_changes` says by how much each column changes per unit of these
+    # angles. The product with the angles bounds the error of the column.
     opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
     return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
 

@@ -288,10 +288,12 @@ def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
 
     Two profiles (contact curves) of equal curvature fit into each other, and then do not
     determine their relative motion. The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the
-    curvatures k1 and k2 of the first and the second profile. If the number exceeds 1, the
-    row (configuration) is examined by a more exact computation. It counts as undetermined
-    if k1 - k2 is below `EQUAL_CURVATURE`; the factor 2 is a margin. The number is NaN if k2
-    exceeds k1, because the profiles then overlap.
+    curvatures k1 and k2 of the first and the second profile. Both are positive if the
+    profile is curved towards the side of the first link. The number is NaN if k2 exceeds
+    k1, because the links then overlap.
+
+    If the number exceeds 1, the row (configuration) is computed again more exactly. The row
+    counts as undetermined if k1 - k2 is below `EQUAL_CURVATURE`; the factor 2 is a margin.
 
     Contacts of two circles are left out, because their curvatures are constant.
     """

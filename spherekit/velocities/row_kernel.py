@@ -65,10 +65,12 @@ KernelEngine = Literal["numpy", "compiled"]
 class ColumnFunction:
     """A compiled or NumPy function of n configurations, with outputs grouped by name.
 
-    The input is an array (variables, n) of pair variables. Contact curves of links
-    (profiles) add arguments, the profile columns: tangent, point and curvature at the
-    contact. A call first computes them from the variables by stored series. Then it
-    evaluates the expressions. The output is an array (width, n).
+    The input is an array (variables, n) of pair variables. The output is an array
+    (width, n). A call has two parts:
+
+    1. The contact curves of links (profiles) are evaluated at the variables, which are arc
+       lengths. This gives the profile columns: tangent, point and curvature at the contact.
+    2. The function evaluates expressions in the variables and the profile columns.
 
     Attributes
     ----------
@@ -510,8 +512,10 @@ class RowKernel:
 
         - ``"condition_number"`` of the loop equations.
         - ``"kantorovich_number"``: if it is at most 1/2, exactly one solution is near.
-        - ``"curvature_uncertainty"``: exceeds 1 if two profiles in contact have nearly the
-          same curvature.
+        - ``"curvature_uncertainty"``: exceeds 1 if two profiles (contact curves) that
+          touch each other have nearly the same curvature. They then hardly determine their
+          motion. It is the sum of a positive number for each contact. If the sum is at most
+          1, so is each number.
         - ``"inverse"``: movement of each passive variable (not an input) per unit opening
           of each loop about each ground axis, (passive variables, loops, 3), flattened.
         - ``"dw_error"``: error bound of dw, the derivatives of the angular velocities of

@@ -286,8 +286,11 @@ def _add_output_quantities(
     this link (a pointing output). Its Jacobian has a column (3,) for each input. The column
     is the angular velocity of the link, or with two inputs and a pointing output, the rate
     of the direction. With one input there is no condition number, because a single column
-    always has 1. The determinant exists for three inputs, or two inputs and a pointing
-    output.
+    always has 1.
+
+    The determinant exists for three inputs. With two inputs and a pointing output, it is
+    the determinant of the two columns and the direction. Its size is the area that the two
+    columns span.
 
     Parameters
     ----------

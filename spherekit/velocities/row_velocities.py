@@ -192,8 +192,8 @@ class RowVelocities:
         """Return a quantity (components, n) of a pole or link, at n rows (configurations).
 
         A pole is the axis about which two links rotate relative to each other. The quantity
-        is NaN in rows that failed. Directions are also returned where only the rates
-        failed, because the axis of a pair (joint) is known without the rates.
+        is NaN in rows without a configuration, and usually also in rows without rates.
+        Directions are an exception: the axis of a pair (joint) is known without the rates.
 
         Parameters
         ----------
@@ -205,6 +205,7 @@ class RowVelocities:
             The pole as numbers of its links, or the number of one link.
         """
         if not self._has_rates:
+            # The velocity equations are singular in all rows, so nothing was computed.
             return nans((COMPONENT_COUNTS.get(name, 1), len(self.status)))
         values = self._columns[self._column_indices[name][key]]
         if name == "w":
@@ -245,7 +246,7 @@ class RowVelocities:
 
         - No row counts as certified or as computed in quad precision any more.
         - The difference between both methods is added to the error of the velocity
-          coefficient of each pole.
+          coefficient of each pole, which is the relative angular velocity along the pole.
         - Rows in which the plan gives a direction with an error above `USABLE_DIRECTION`
           (rad) become ILL_CONDITIONED.
 
@@ -649,6 +650,8 @@ class RowVelocities:
             if plan.pole(*links) not in plan.rounded_common_axes:
                 continue
             errors_of_axis = self._errors_of_common_axis(links)
+            # The direction error is the angle by which the rounded axes can differ. It is
+            # kept, because it is also an error of directions that are computed otherwise.
             self.axis_separations[links] = errors_of_axis["direction_error"]
             for name, error in errors_of_axis.items():
                 errors[name] += error
@@ -710,8 +713,9 @@ def _is_direction_accurate(errors: Mapping[str, Floats], v_size: Floats) -> Bool
         (n,) length of v.
     """
     # The acceleration coefficient dv . u has the error error(dv) + error(u) |dv|. The error
-    # of du is at most (error(dv) + 2 error(u) |dv|) / |v|. This is at most twice the first
-    # error, divided by |v|.
+    # of du is at most (error(dv) + 2 error(u) |dv|) / |v|. One error(u) is for u, and the
+    # other for |v|, because error(u) is error(v) / |v|. The error of du is thus at most
+    # twice the first error, divided by |v|.
     direction_dq_error = 2.0 * errors["acceleration_coefficient_error"] / v_size
     # If the errors as fractions of their limits add up to at most 1, both are within
     # limits. If v is zero, the sum is infinite or NaN, and the result is False.
@@ -742,5 +746,6 @@ def _is_certainly_at_rest(
     v_error = errors["velocity_coefficient_error"]
     dv_error = errors["acceleration_coefficient_error"]
     is_zero = (v_size <= v_error) & (dv_size <= dv_error)
-    # Links with a large error bound could still move.
+    # Links with large error bounds could still move. `v_error` is a part of `dv_error`, so
+    # both are small if `dv_error` is.
     return np.asarray(is_zero & (dv_error <= NO_MOTION))

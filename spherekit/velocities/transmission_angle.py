@@ -164,4 +164,5 @@ def transmission_angle_of_group(group: Group | None, axes: Floats) -> Floats:
     if group is None or not group.is_dyad:
         return np.full(len(axes), np.nan)
     first, middle, last = group.dyad_pairs
+    # `ARRAYS` has the operations on arrays of vectors (n, 3).
     return transmission_angle(ARRAYS, axes[:, first], axes[:, middle], axes[:, last])

@@ -214,18 +214,22 @@ class PassiveEquations:
 
     Passive pairs (joints) are those that no input locks. The relative velocities that a
     pair allows are described along orthonormal vectors, one for each of its variables. x
-    are the rates along these vectors. The loops are combined so that they are orthonormal,
-    too. The singular values of J are then between 0 and 1. They do not depend on the units
-    of the variables or on the choice of the loops.
+    are the rates along these vectors.
+
+    A loop has a coefficient for each pair: 1 or -1 if the loop passes the pair, otherwise
+    0. The equations are linear combinations of those of the loops. They are chosen such
+    that their rows of coefficients are orthonormal, too. The singular values of J are then
+    between 0 and 1. They do not depend on the units of the variables or on the choice of
+    the loops.
 
     Attributes
     ----------
     unit_vectors
         (n, 3, passive) the orthonormal vectors, one for each passive variable.
     matrix
-        (n, 3 loops, passive) the matrix J. Its rows are the three components of the
-        equation of the first loop, then those of the second, and so on. J x are the sums of
-        the angular velocities around the loops. Where a sum is not 0, the loop opens.
+        (n, 3 loops, passive) the matrix J. Its rows are the three components of the first
+        equation, then those of the second, and so on. J x are sums of angular velocities
+        around loops. If a sum is not 0, loops open.
     """
 
     unit_vectors: Floats
@@ -237,8 +241,15 @@ def passive_equations(
 ) -> PassiveEquations:
     """Return the velocity equations of loops for the variables that no input locks.
 
-    In the vector equation of a loop, each variable has its unit vector times a coefficient.
-    The coefficient says how the loop passes the pair (joint) of the variable.
+    In the vector equation of a loop, each variable has its vector times a coefficient. The
+    coefficient is 1 or -1 if the loop passes the pair (joint) of the variable, otherwise 0.
+    Two changes make the result independent of the units of the variables and of the choice
+    of the loops:
+
+    - The vectors of each pair are replaced by orthonormal ones along the same directions.
+    - The loops are replaced by linear combinations. The coefficients of each combination
+      are a unit vector with an entry for each pair. These vectors are orthogonal to each
+      other.
 
     Parameters
     ----------
@@ -249,10 +260,12 @@ def passive_equations(
         velocity of the links of a pair per unit rate of the variable.
     """
     passive = passive_variables(tree, driven)
-    unit_vectors = np.swapaxes(_orthonormal_vectors(tree, vectors)[:, passive], 1, 2)
-    # (loops, passive) coefficients. `tree.cycles` (loops, pairs) are linear combinations of
-    # the loops with orthonormal rows.
-    coefficients = tree.cycles[:, [tree.pair_of_variable[v] for v in passive]]
+    orthonormal_vectors = _orthonormal_vectors(tree, vectors)[:, passive]
+    unit_vectors = np.swapaxes(orthonormal_vectors, 1, 2)  # (n, 3, passive)
+    # (loops, passive) coefficients of the linear combinations. `tree.cycles` has them for
+    # all pairs.
+    pair_of_each = [tree.pair_of_variable[v] for v in passive]
+    coefficients = tree.cycles[:, pair_of_each]
     equations = np.zeros((len(vectors), len(coefficients), 3, len(passive)))
     for loop, loop_coefficients in enumerate(coefficients):
         equations[:, loop] = loop_coefficients * unit_vectors

@@ -119,9 +119,9 @@ class VelocityEquations(ABC):
         # and its derivative relative to this link. The vector of an R pair is fixed in the
         # link. The vector of a contact moves in the link.
         #
-        # The contact line of a rolling contact is the direction to the contact point. The
-        # vector is a multiple of it, but can be 0, so the line is stored separately.
-        # Circles with vectors about their centres have no contact line here.
+        # `contact_lines` has the direction to the contact point of each rolling contact. It
+        # is the axis of the relative rotation of both links, also if the vector is 0. Only
+        # contacts that are computed about centres are left out.
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
