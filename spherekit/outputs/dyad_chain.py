@@ -254,9 +254,10 @@ class DyadChain:
             near_support=sum(self.ends[near_pair]) - near_link,
             far_support=sum(self.ends[far_pair]) - far_link,
             # A dyad has two positions, with the middle axis on one or the other side of the
-            # plane of the outer axes. This is the side, 1 or -1, of the mode with sign 1:
-            # the sign of middle axis . (near axis x far axis). The mode itself is defined
-            # with the axes in the order of the pair numbers.
+            # plane of the outer axes. The side, 1 or -1, is the sign of middle axis . (near
+            # axis x far axis). This is the side of the mode with the sign 1. (The sign of a
+            # mode is defined in the same way, but with the axes in the order of the pairs
+            # of the group, which can be another order.)
             positive_mode_side=group.dyad_parity,
             # The angles between the axes at both ends of the near link, and at both ends of
             # the far link.

@@ -197,11 +197,13 @@ class FollowedRotation(RotationPath):
         before = padded[:-2]
         after = padded[2:]
         (lowest,) = np.nonzero((measure <= before) & (measure < after))
-        low, high = grid[np.clip([lowest - 1, lowest + 1], 0, CROSSING_GRID_SIZE - 1)]
+        low = grid[np.maximum(lowest - 1, 0)]
+        high = grid[np.minimum(lowest + 1, CROSSING_GRID_SIZE - 1)]
         minima = minimize_in_brackets(self._measure_transmission, low, high)
-        # The measure can be NaN exactly at a singular configuration. The negated comparison
-        # includes NaN.
-        singular = minima[~(self._measure_transmission(minima) > SINGULAR_RATIO)]
+        # The measure can be NaN exactly at a singular configuration.
+        least_measures = self._measure_transmission(minima)
+        is_singular = (least_measures <= SINGULAR_RATIO) | np.isnan(least_measures)
+        singular = minima[is_singular]
         # A minimum near a leap is the singular configuration of this leap, which is listed
         # already. Near means: at most the length of the longest leap away.
         longest_leap = LEAP_LENGTHS_RAD[-1]
@@ -209,7 +211,8 @@ class FollowedRotation(RotationPath):
         is_apart = np.all(distances > longest_leap, axis=1)
         crossings = np.concatenate([self.leaps, singular[is_apart]])
         # Adding 0.0 turns -0.0 into 0.0.
-        return tuple(np.sort(np.clip(crossings, 0.0, self.reached) + 0.0).tolist())
+        angles_in_range = np.clip(crossings, 0.0, self.reached) + 0.0
+        return tuple(np.sort(angles_in_range).tolist())
 
     def _measure_transmission(self, theta: Floats) -> Floats:
         """Return the transmission measure (n,) at angles (n,) rad up to `reached`.

@@ -488,6 +488,8 @@ class NearestPoseSearch:
         longest_step = INWARD_STEPS[-1]
         has_gradient = np.linalg.norm(margin_gradients, axis=1) > 0.0
         is_active = (margins < 1e3 * longest_step) & has_gradient
+        # The shortest vector whose component along each of these unit vectors is at least
+        # 1.
         normals = unit_rows(margin_gradients[is_active])
         inward_direction, _multipliers = _solve_least_distance(
             normals, np.ones(len(normals))

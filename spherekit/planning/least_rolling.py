@@ -123,10 +123,11 @@ def _find_changes_by_turns(
             change = slope_change
         change *= circumferences[contact, side]
         no_change = np.zeros_like(change)
-        if not any(
-            _are_equal_up_to_sign(change, earlier_change)
-            for earlier_change in (*changes.values(), no_change)
-        ):
+        known_changes = [no_change, *changes.values()]
+        is_known = any(
+            _are_equal_up_to_sign(change, known_change) for known_change in known_changes
+        )
+        if not is_known:
             changes[contact, side] = change
     return changes
 

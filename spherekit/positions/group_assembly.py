@@ -85,7 +85,8 @@ class AssemblyState:
         variables = tuple(map(mechanism.variables_of, range(len(joints))))
         values = nans((n, len(mechanism.variable_owners)))
         for input_pair, input_values in zip(assembly.inputs, q.T, strict=True):
-            values[:, variables[input_pair][0]] = input_values
+            input_variable = variables[input_pair][0]
+            values[:, input_variable] = input_values
         rotations_of_inputs = {
             pair: rotation_in_pair(joints[pair], values[:, list(variables[pair])])
             for pair in assembly.inputs
