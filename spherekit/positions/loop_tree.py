@@ -214,7 +214,9 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     Parameters
     ----------
     tree
-        The bodies, the pairs, and the loops that they form.
+        The bodies, the pairs, and the loops that they form. Its signs (loops, variables)
+        state in which sense a loop passes the pair of a variable: +1 or -1. The sign is 0
+        if the pair is not in the loop.
     vectors
         (variables, 3) velocity vector of each variable in one configuration: the angular
         velocity of the second body of its pair relative to the first one at unit rate.
@@ -226,17 +228,22 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     pairs
         Numbers of the pairs in the loops whose equations depend on each other.
     """
-    if not tree.chords:
+    if tree.loop_count == 0:
         return 0, ()
-    # The matrix of the velocity equations: three rows for each loop.
-    jacobian = tree.jacobian(vectors[None])[0]
+    # The matrix of the velocity equations: three rows for each loop, one column for each
+    # variable. The function takes several configurations; here it gets one.
+    (jacobian,) = tree.jacobian(vectors[None])
+    equation_count = len(jacobian)
     left_vectors, singular_values, _ = np.linalg.svd(jacobian)
     rank = int(np.sum(singular_values > RANK_TOLERANCE * singular_values[0]))
     # The remaining left singular vectors are the linear dependencies between the equations.
     # Axes: loop, component of its vector equation, dependency.
-    dependencies = left_vectors[:, rank:].reshape(len(tree.chords), 3, -1)
+    dependencies = left_vectors[:, rank:].reshape(tree.loop_count, 3, -1)
+    # A loop is dependent if one of its equations has a weight in a dependency.
     loop_weights = np.linalg.norm(dependencies, axis=(1, 2))
-    # A loop takes part if one of its equations has a weight in a dependency.
-    takes_part = np.any(tree.signs[loop_weights > RANK_TOLERANCE] != 0.0, axis=0)
-    pairs = {tree.pair_of_variable[variable] for variable in np.flatnonzero(takes_part)}
-    return len(jacobian) - rank, tuple(sorted(pairs))
+    is_dependent_loop = loop_weights > RANK_TOLERANCE
+    signs_in_dependent_loops = tree.signs[is_dependent_loop]
+    is_in_dependent_loop = np.any(signs_in_dependent_loops != 0.0, axis=0)
+    variables = np.flatnonzero(is_in_dependent_loop)
+    pairs = {tree.pair_of_variable[variable] for variable in variables}
+    return equation_count - rank, tuple(sorted(pairs))

@@ -74,6 +74,8 @@ def make_mode_coalescence(
     """
     if len(solver.driven) != 1:
         return None
+    # An elimination order states how the equations of a group are solved. All orders of a
+    # group give the same number of solutions (roots), so one order of each is enough here.
     orders = find_first_orders(solver)
     if orders is None:
         return None
@@ -82,9 +84,11 @@ def make_mode_coalescence(
     if mode_count > MAX_COMPLEX_MODES:
         return None
     # An elimination order removes one link for each loop of its group.
-    max_loops = max((len(order.removed_links) for order in orders), default=0)
+    loop_counts = [len(order.removed_links) for order in orders]
+    max_loops = max(loop_counts, default=0)
+    # A group of three loops is slow. Beside other groups, it would have to be solved in
+    # each of their modes, which takes too long.
     if max_loops > MAX_LOOPS_BESIDE_OTHERS:
-        # A group with many loops is slow, so other groups must not multiply its modes.
         is_only_group = len(solver.assembly.groups) == 1
         if not is_only_group or COSTS_S[max_loops] > max_cost_s:
             return None
@@ -100,13 +104,14 @@ def find_first_orders(solver: PositionSolver) -> list[EliminationOrder] | None:
 
     Returns
     -------
-    The orders. None if a group cannot be solved by elimination: if it has contacts, has
-    more loops than `COSTS_S` has, or has no order.
+    The orders. None if a group cannot be solved by elimination. This has three reasons: it
+    has contacts, it does not have one to three loops, or it has no elimination order.
     """
     first_orders = []
     for position, group in enumerate(solver.assembly.groups):
         if position in solver.wheel_trains:
             continue
+        # `COSTS_S` lists the computing time for one, two and three loops.
         if not group.revolute or group.loops not in COSTS_S:
             return None
         orders = find_elimination_orders(group)
@@ -120,8 +125,9 @@ def find_first_orders(solver: PositionSolver) -> list[EliminationOrder] | None:
 class OrderTrial:
     """An elimination order of a group, with the determinants that it gives at test inputs.
 
-    A group consists of links that are placed together by equations for unknown angles. The
-    determinants show whether the order works, and on which other groups they depend.
+    A group consists of links that are placed together by equations for unknown angles. An
+    order works if all determinants are finite. If they differ between the solutions of an
+    earlier group, the group depends on that one.
 
     Attributes
     ----------
@@ -165,9 +171,9 @@ class ModeCoalescence:
         A group is a set of bodies that are placed together. An elimination order states in
         which order the unknown angles of the group are eliminated from its equations.
 
-        A group can have several modes (solutions). The determinants of a group can depend
-        on the modes of groups that are placed before. Only those modes have to be combined
-        later.
+        A group can have several modes (solutions). Its determinants (of the derivatives of
+        its equations) can depend on the modes of groups that are placed before. Only the
+        modes of such groups have to be combined later.
         """
         self.solver = solver
         self.groups = solver.assembly.groups
@@ -176,9 +182,13 @@ class ModeCoalescence:
         # For each group the numbers of the earlier groups on which its determinants depend.
         self._dependences: list[frozenset[int]] = []
         for position in range(len(self.groups)):
+            # A trial solves the group at a few test inputs. It states the order that was
+            # used, and the determinants at these inputs.
             trial = self._choose_order(position)
             self._orders.append(trial.order)
-            self._dependences.append(self._find_dependence(position, trial.determinants))
+            dependence = self._find_dependence(position, trial.determinants)
+            self._dependences.append(dependence)
+        # Computing time (s) of the functions of all groups at one input.
         self.cost = sum(map(self._estimate_cost, range(len(self.groups))))
 
     def _choose_order(self, position: int) -> OrderTrial:
@@ -282,19 +292,20 @@ class ModeCoalescence:
         (modes, pairs) complex angles (rad). NaN for modes that were not found, for example
         if there are infinitely many.
         """
+        # A group is a set of links that are placed together. A mode of the mechanism
+        # combines one mode of each group. All modes of all groups are needed here.
+        group_count = len(self.groups)
+        all_groups = frozenset(range(group_count))
         with np.errstate(all="ignore"):
-            # The links are placed group by group, in all modes of all groups.
-            body_from_link = self._place_links(
-                group_count=len(self.groups),
-                q=q[None],
-                combined_groups=frozenset(range(len(self.groups))),
-            )
-            # All orientations are now in common axes, so the two frames of a pair differ
-            # only by its angle. The index 0 selects the single value of the inputs: (pairs,
-            # modes, 3, 3) remains.
+            body_from_link = self._place_links(group_count, q[None], all_groups)
+            # All links now belong to one body, so both frames of a pair are in the same
+            # axes. They differ only by the angle of the pair.
             pairs = range(len(self.solver.joints))
-            first_frames, second_frames = self._pair_frames(pairs, body_from_link)[:, :, 0]
-            return measure_complex_angles(first_frames, second_frames).T
+            # Axes: value of the inputs (only one here), mode, rows and columns of a frame.
+            # Before them comes the pair.
+            first_frames, second_frames = self._pair_frames(pairs, body_from_link)
+            angles = measure_complex_angles(first_frames[:, 0], second_frames[:, 0])
+            return angles.T
 
     def _compute_determinants(
         self,
@@ -335,12 +346,16 @@ class ModeCoalescence:
         group = self.groups[position]
         # Modes that could not be computed are NaN; NumPy must not warn of them.
         with np.errstate(all="ignore"):
+            # (n, earlier combinations, 3, 3) rotation of each link. An earlier combination
+            # has one mode of each earlier group.
             body_from_link = self._place_links(position, q, combined_groups)
             if order is None:
-                mode_count = body_from_link[0].shape[1]
-                return np.ones((len(q), mode_count), dtype=complex)
+                combination_count = body_from_link[0].shape[1]
+                return np.ones((len(q), combination_count), dtype=complex)
+            # The group is solved at each input and in each earlier combination. The
+            # determinants (n * earlier combinations, modes) get an axis for the inputs.
             geometry = self._form_geometry(group, body_from_link)
-            _, determinants = geometry.solve_equations(order)
+            _angles, determinants = geometry.solve_equations(order)
             return separate_inputs(determinants, input_count=len(q))
 
     def _place_links(

@@ -188,12 +188,13 @@ class ModeMeeting:
             (option "pass"). With "end", a mode keeps the signs of its dyads (groups of two
             links), and no mode with other signs continues it.
         """
-        # Modes with the same configuration at the meeting, as text such as "0 and 1".
-        meeting_modes = [
-            " and ".join(map(str, numbers))
-            for numbers in dict.fromkeys(self.modes)
-            if len(numbers) > 1
-        ]
+        # `modes` has one tuple for each configuration at which curves cross: the numbers of
+        # the modes that meet there. A tuple of two or more numbers becomes a text such as
+        # "0 and 1". `dict.fromkeys` drops repeated tuples and keeps the order.
+        meeting_modes = []
+        for numbers in dict.fromkeys(self.modes):
+            if len(numbers) > 1:
+                meeting_modes.append(" and ".join(map(str, numbers)))
         event = "curves cross"
         if meeting_modes:
             event = f"modes {', '.join(meeting_modes)} meet"
@@ -439,14 +440,13 @@ def follow_smooth_curves(
         # the interval of `start`, and is extended upwards, then downwards. At each meeting,
         # `successors` and `predecessors` map the modes that change to their new numbers.
         numbers = [mode.number]
-        # Whether, at a meeting, the curve of another mode continues in the mode on this
-        # curve, while this curve keeps its number.
+        # Whether, at a meeting, this curve keeps its number, and another curve takes it.
         is_claimed = False
         for meeting in meetings[first:]:
-            is_claimed |= _continues_another_curve(numbers[-1], meeting.successors)
+            is_claimed |= _is_taken_by_another(numbers[-1], meeting.successors)
             numbers.append(meeting.successors.get(numbers[-1], numbers[-1]))
         for meeting in reversed(meetings[:first]):
-            is_claimed |= _continues_another_curve(numbers[0], meeting.predecessors)
+            is_claimed |= _is_taken_by_another(numbers[0], meeting.predecessors)
             numbers.insert(0, meeting.predecessors.get(numbers[0], numbers[0]))
         if is_claimed and not _exists_between(mode, starts[first], ends[first]):
             continue
@@ -459,25 +459,24 @@ def follow_smooth_curves(
     return tuple(smooth_modes)
 
 
-def _continues_another_curve(number: int, successors: Mapping[int, int]) -> bool:
-    """Return whether another curve takes the number of a mode behind a meeting.
+def _is_taken_by_another(number: int, successors: Mapping[int, int]) -> bool:
+    """Return whether a curve keeps its mode number, and another curve takes it, too.
 
-    At a meeting, curves of assembly modes cross. A curve can continue in a mode with
-    another number. If one curve keeps its number and another curve takes the same number,
-    both would have it. The caller then drops one of them.
+    At a meeting, curves of assembly modes cross. Each curve has the number of its mode. A
+    curve can continue in a mode with another number.
 
     Parameters
     ----------
     number
-        The number of an assembly mode.
+        The number of the curve before the meeting.
     successors
         For each mode whose curve continues in a mode with another number: its number, and
         that of the other mode. Modes that are not listed keep their numbers. If the input
         falls, these are the `predecessors` of the meeting.
     """
     keeps_number = number not in successors
-    is_successor_of_another = number in successors.values()
-    return keeps_number and is_successor_of_another
+    another_takes_number = number in successors.values()
+    return keeps_number and another_takes_number
 
 
 def _exists_between(mode: AssemblyMode, low: float, high: float) -> bool:

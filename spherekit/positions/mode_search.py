@@ -325,14 +325,18 @@ class ModeSearch:
             How complete the modes found at these inputs are, with the reason in words.
         """
         grid = self.input_grid
-        # A train of wheels is placed by gear ratios, so it has one mode at any input. If
-        # all groups are trains, one input is enough. Reports read "complete: wheels in mesh
-        # have one" (mode).
-        wheel_trains = self.solver.wheel_trains
-        if len(wheel_trains) == len(self.groups):
-            reason = "wheels in mesh have one" if wheel_trains else "no loop has to close"
-            return grid.q[:1], Completeness(Guarantee.COMPLETE, reason)
-        if grid.q.shape[1] > 1:
+        first_sample = grid.q[:1]
+        # Without groups, the inputs place all links, so there is one mode at any input.
+        if not self.groups:
+            return first_sample, Completeness(Guarantee.COMPLETE, "no loop has to close")
+        # Gear ratios place a train of wheels, so it has one mode at any input. Reports read
+        # "complete: wheels in mesh have one" (mode).
+        train_count = len(self.solver.wheel_trains)
+        if train_count == len(self.groups):
+            return first_sample, Completeness(Guarantee.COMPLETE, "wheels in mesh have one")
+        # With several inputs, a limited number of samples is searched.
+        input_count = grid.q.shape[1]
+        if input_count > 1:
             q = grid.q[spread_rows(len(grid), MAX_PROBED_SAMPLES)]
             reason = f"modes at {len(q)} of the {len(grid)} samples"
             sentence = f"All assembly modes were found at {len(q)} of the samples."

@@ -180,11 +180,13 @@ class ModesOverRange:
         self._add_reference()
         if search or not self.assembly_modes:
             self.claim = self._search_all_modes()
-        # Without any mode, the mechanism may have the wrong number of degrees of freedom.
-        # The error then says so. The least number counts, since singular configurations
-        # have more. If none was computed, the number is 1 by counting links and pairs.
+        # If no mode was found, the mobility (number of degrees of freedom) may not be 1.
+        # `check_mobility` then raises an error. If the mobility is 1, the mechanism just
+        # has no mode in the range. Singular configurations have a larger mobility than
+        # others, so the least one counts. If none was computed, links and pairs give 1.
         if not self.assembly_modes:
-            check_mobility(solver, min(self._mobilities, default=1))
+            mobility = min(self._mobilities, default=1)
+            check_mobility(solver, mobility)
         # The search has stopped at the limit of modes, or of steps along them.
         if self._has_enough_modes:
             reason = (
@@ -427,6 +429,8 @@ class ModesOverRange:
         self.crossings = turning_points.crossings
         # Where turning points may have been missed, inputs at this distance are examined.
         step = (high - low) / PROBED_INTERVALS
+        # This sets `methods`: how each group was solved, and whether solutions can be
+        # missing.
         self._compute_modes_at(turning_points.probes(step)[:, None])
         if not all_complete(self.methods):
             return None
@@ -538,11 +542,15 @@ class ModesOverRange:
             (n,) number of the component of each configuration, -1 if it is not known. This
             function changes the array.
         new_component
-            Number of the component of the new mode; None if it is not known.
+            Number of the component of the new mode. None if it is not known; the mode then
+            gets the number of a new component.
         """
         first_new_mode = len(self.assembly_modes)
-        if not self._add_mode(curve, new_component):  # not in the range
+        is_in_range = self._add_mode(curve, new_component)
+        if not is_in_range:
             return
+        # `_components` has the number of the component of each mode. The next call adds the
+        # other modes of the component.
         self._follow_modes_beyond_their_ends()
         components[row] = self._components[first_new_mode]
         # Other configurations may be on the modes that were just added.

@@ -167,8 +167,9 @@ class SampledModes:
             Whether to search for modes other than that of the reference pose.
         shares_numbers
             Whether modes on separate parts of a path of samples count as one mode if all
-            their groups of links have equal signs (signs of determinants). This gives fewer
-            modes.
+            their groups of links have equal signs. The sign is that of a determinant: of
+            the three axes of a dyad (two links), or of the velocity equations of another
+            group. Sharing gives fewer modes.
         """
         self.solver = solver
         self.input_grid = input_grid
@@ -186,24 +187,36 @@ class SampledModes:
         self._solutions = SolutionNumbers()
         self._progress = ProgressReporter("searching assembly modes")
 
-        # 1. Without a search, only the sheet of the reference pose is followed.
-        reference_node = None
-        if not search:
+        # A node of the graph that belongs to the mode of the reference pose (configuration
+        # in the file). None if this pose reaches no sample.
+        if search:
+            reference_node = self._search_all()
+        else:
             reference_node = self._reach_reference(is_enumerated=False)
-        # 2. Search other modes, also if the reference pose reaches no sample.
-        # - If possible, all configurations at all samples are computed. The reference pose
-        # is then one of them.
-        # - Otherwise sheets are followed, first from the reference pose, then from random
-        # starts.
-        if search or reference_node is None:
-            is_enumerated = self._can_enumerate
-            if is_enumerated:
-                self._enumerate()  # sets `claim`
-            if search:
-                reference_node = self._reach_reference(is_enumerated)
-            if not is_enumerated:
-                self.claim = self._search_modes()
+            if reference_node is None:
+                # Without a mode of the reference pose, any other mode is wanted.
+                self._search_other_modes()
         self.assembly_modes = self._collect_modes(reference_node, shares_numbers)
+
+    def _search_all(self) -> int | None:
+        """Search all modes, and return a node of the mode of the reference pose or None.
+
+        If possible, all configurations at all samples are computed (enumerated). Otherwise
+        modes are searched, first from the reference pose, then from random starts.
+        """
+        if self._can_enumerate:
+            self._enumerate()  # sets `claim`
+            return self._reach_reference(is_enumerated=True)
+        reference_node = self._reach_reference(is_enumerated=False)
+        self.claim = self._search_modes()
+        return reference_node
+
+    def _search_other_modes(self) -> None:
+        """Search modes after the reference pose has reached no sample."""
+        if self._can_enumerate:
+            self._enumerate()  # sets `claim`
+        else:
+            self.claim = self._search_modes()
 
     @property
     def _can_enumerate(self) -> bool:
@@ -307,12 +320,14 @@ class SampledModes:
         The number of the node. None if there is no reference pose, if it reaches no node,
         or if its mobility is not the number of inputs.
         """
-        solver = self.solver
-        if solver.reference is None:
+        reference_pose = self.solver.reference
+        if reference_pose is None:
             return None
-        start = solver.shift_near_samples(solver.reference, self.input_grid.q)
+        # After a period of an input, all orientations repeat. The inputs of the pose are
+        # shifted by whole periods, as near to the samples as possible.
+        start = self.solver.shift_near_samples(reference_pose, self.input_grid.q)
         sheet = self._follow_sheet(start)
-        if sheet is None:
+        if sheet is None:  # no sample is reached, or the mobility is wrong
             return None
         if not is_enumerated:
             self._add_sheet(sheet)
@@ -451,13 +466,17 @@ class SampledModes:
         closes gives a sheet: all configurations that verified steps reach from it, at most
         one at each sample of the inputs.
         """
+        # `gear_phases` has the lengths that wheels have rolled on each other, as functions
+        # of the inputs. None without wheels.
         gear_phases = self.solver.gear_phases
+        has_wheels = gear_phases is not None
         if gear_phases is not None and not gear_phases.all_known:
             # Free wheels: the inputs do not determine how far they have rolled.
             return self._search_free_wheels()
-        if gear_phases is not None and not self._solutions.count:
-            # Without a mode of the reference pose, wheels need a start. All groups of links
-            # are solved at the first sample, where gear ratios place the wheels.
+        # Up to here, only the reference pose can have given a solution.
+        has_reference_mode = self._solutions.count > 0
+        if has_wheels and not has_reference_mode:
+            # All groups of links are solved at the first sample, besides random starts.
             self._search_sample(0)
         self.methods = [
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
@@ -487,6 +506,7 @@ class SampledModes:
         -------
         How complete the modes are.
         """
+        # Up to here, only the reference pose can have given a solution.
         has_reference_mode = self._solutions.count > 0
         if has_reference_mode:
             as_assembled = "other ways to mesh the wheels were not searched"

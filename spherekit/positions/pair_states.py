@@ -209,11 +209,14 @@ def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairState
 def has_penetration(joints: Sequence[Joint], states: PairStates) -> Bools:
     """Return (n,) whether the two profiles of any contact enter each other.
 
-    Two profiles touch at a point with a common tangent, the first body on its left, the
-    second on its right. A geodesic curvature is positive if the profile turns to the left.
-    The bodies enter each other if the first profile turns less to the left than the second.
-    Equal curvatures (up to `EQUAL_CURVATURE`) also give True, because such profiles do not
-    determine the motion.
+    Two profiles touch at a point with a common tangent. The first body is on the left of
+    its profile, the second body on the right of its own. The curvature of a profile is
+    positive if the profile turns to the left.
+
+    Suppose the second profile turns more to the left. Then it lies on the left of the first
+    profile, and the strip between the profiles belongs to both bodies. They enter each
+    other. Equal curvatures (up to `EQUAL_CURVATURE`) also give True, because such profiles
+    do not determine the motion.
 
     Parameters
     ----------
@@ -224,5 +227,7 @@ def has_penetration(joints: Sequence[Joint], states: PairStates) -> Bools:
     """
     is_contact = [bool(joint.contact_profiles) for joint in joints]
     curvatures = states.curvatures[:, is_contact]
-    relative_curvature = curvatures[..., 0] - curvatures[..., 1]
-    return np.any(relative_curvature < EQUAL_CURVATURE, axis=1)
+    first_curvature = curvatures[..., 0]
+    second_curvature = curvatures[..., 1]
+    is_entering = first_curvature - second_curvature < EQUAL_CURVATURE
+    return np.any(is_entering, axis=1)

@@ -249,14 +249,15 @@ class PositionAnalysis:
     def _pass_crossings(self) -> None:
         """Replace the assembly modes by those that follow smooth curves through crossings.
 
-        The configurations of a mode form a curve over the input. At a crossing of two
-        curves, the former modes keep the signs of their dyads (groups of two links), but
-        change to the other smooth curve. The new modes stay on the smooth curve, and their
-        signs change. The former modes are stored as `_modes_with_constant_signs`.
+        The configurations of a mode form a curve over the input. At some inputs, called
+        meetings, curves cross. Two kinds of modes are possible there:
 
-        A new mode gets the number of the former mode on the same curve at one input, the
-        `numbering_input`. It is the input of the reference pose, if this is in the range
-        and not at a crossing. Otherwise it is the low end of the range.
+        - The modes known so far (`_modes_with_constant_signs`) keep the signs of their
+          dyads (groups of two links). They change to the other smooth curve.
+        - The new modes stay on their smooth curve, and their signs change.
+
+        The new modes need numbers. A new mode gets the number of the known mode that is on
+        its curve at one input, the `numbering_input`.
 
         Raises
         ------
@@ -278,17 +279,19 @@ class PositionAnalysis:
                     f"{name}: {sentence}; narrow the range "
                     'to one side of that input, or leave crossings at "end"'
                 )
-        # At a crossing modes coincide, so their numbers would be ambiguous. The low end of
-        # the range can be one, so an input just above it is used. The input of the
-        # reference pose (anchor) is preferred.
+        # The numbering input is that of the reference pose (anchor), if the anchor is in
+        # the range and not at a meeting. At a meeting modes coincide, so their numbers
+        # would be ambiguous. Otherwise an input just above the low end of the range is
+        # used, since there can be a meeting at the low end itself.
         low, high = self.input_grid.range
         self.numbering_input = low + MIN_CROSSING_DISTANCE_RAD
         anchor = float(self.solver.anchor_inputs[0])
         distances = [abs(meeting.input - anchor) for meeting in self.mode_meetings]
+        least_distance = min(distances, default=np.inf)
         if (
             self.solver.reference is not None
             and low <= anchor <= high
-            and min(distances, default=np.inf) > MIN_CROSSING_DISTANCE_RAD
+            and least_distance > MIN_CROSSING_DISTANCE_RAD
         ):
             self.numbering_input = anchor
         self.assembly_modes = follow_smooth_curves(

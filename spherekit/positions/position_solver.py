@@ -243,9 +243,12 @@ class PositionSolver:
     def wheel_trains(self) -> frozenset[int]:
         """Positions, in solving order, of the groups of bodies that are trains of wheels.
 
-        A group is a set of bodies that are placed together. In a train of wheels, gear
-        ratios give the angles of enough revolute pairs to place all bodies. No equations
-        have to be solved. All other pairs are rolling contacts between wheels.
+        A group is a set of bodies that are placed together. It is a train of wheels if two
+        conditions are met:
+
+        - Gear ratios give the angles of enough revolute pairs to place all bodies. So no
+          equations have to be solved.
+        - It has contacts, and all of them are rolling contacts of the gear train.
         """
         gear_train = self._gear_train
         # The mechanism has no gear ratios.
@@ -253,6 +256,7 @@ class PositionSolver:
             return frozenset()
         positions = set()
         for position, group in enumerate(self.assembly.groups):
+            # Contacts are the pairs without an axis.
             contacts = {pair for pair in group.pairs if not self.joints[pair].has_axis}
             # The first body is placed already. Each revolute pair with a known angle
             # (`followers`) places one more.

@@ -287,20 +287,22 @@ class QuadAssembly:
         """
         mechanism = self.mechanism
         identity = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
-        # All links begin with the axes of their body.
+        # The links whose axes are those of a body keep the identity. The number of such a
+        # link is also the number of its body.
         body_from_link = dict.fromkeys(range(len(mechanism.links)), identity)
-        # Each input pair leads from an oriented link (parent) to the next one (child).
+        links_with_body_axes = self.assembly.body_of_link
+        # From there, each input pair leads from an oriented link (parent) to the next one
+        # (child).
         branches = find_spanning_tree(
-            mechanism.ends, start=self.assembly.body_of_link, pairs=self.assembly.inputs
+            mechanism.ends, start=links_with_body_axes, pairs=self.assembly.inputs
         )
         for pair, parent, child in branches:
             first_from_second = self._rotation_in_pair(pair, values)
-            is_parent_first = mechanism.ends[pair][0] == parent
-            parent_from_child = (
-                first_from_second
-                if is_parent_first
-                else transpose_matrices(first_from_second)
-            )
+            first_link, _second_link = mechanism.ends[pair]
+            if parent == first_link:
+                parent_from_child = first_from_second
+            else:
+                parent_from_child = transpose_matrices(first_from_second)
             body_from_link[child] = multiply_matrices(
                 body_from_link[parent], parent_from_child
             )

@@ -165,7 +165,10 @@ class SearchStatistics:
         if not self.closed_starts:
             return f"A search from {starts} found no assembly mode."
         modes = counted(mode_count, "mode")
-        one_in = round(1.0 / self.missed_share)
+        # A mode to which this share of all starts leads is missed with the probability
+        # `MISS_PROBABILITY`. The sentence writes the share as 1 in so many starts.
+        share_of_starts = self.missed_share
+        one_in = round(1.0 / share_of_starts)
         return (
             f"{starts} of Newton's method found {modes}. A mode that at least 1 in "
             f"{one_in} such starts reach has been found with a probability of "
@@ -400,9 +403,8 @@ class DistinctConfigurations:
         self.closure = closure
         self.is_truncated = False
         self._configurations: list[ClosedConfiguration] = []
-        # Lengths by which wheels have rolled on each other, and the number of joints of
-        # each body (below). They show which configurations differ only by whole revolutions
-        # of wheels.
+        # Lengths by which wheels have rolled on each other. They show which configurations
+        # differ only by whole revolutions of wheels.
         ends = closure.tree.ends
         self._rolled_lengths = [
             RolledLength(
@@ -412,7 +414,8 @@ class DistinctConfigurations:
             )
             for variable, joint in list_rolling_variables(closure.joints)
         ]
-        # The number of joints at each body, by number of the body.
+        # The number of joints at each body, by number of the body. A wheel that has only
+        # its bearing and one contact can turn without moving other bodies.
         self._joint_counts = Counter(chain.from_iterable(ends))
 
     @property
@@ -516,29 +519,30 @@ class DistinctConfigurations:
         """Return whether two configurations differ only by whole revolutions of wheels.
 
         Such configurations count as one, because whole revolutions of the inputs lead from
-        one to the other. Two wheels have rolled on until one of them touches at the same
-        point of its profile again. The other wheel (turned wheel) may touch at another
-        point. If it has only two joints, the contact and its bearing, the loops close
-        again. Only its own orientation differs.
+        one to the other. Two wheels that touch have then rolled on in this way:
+
+        - One wheel, the repeated wheel, touches at the same point of its profile again.
+        - The other one may touch at another point of its profile. In this case it is called
+          the turned wheel.
         """
         repetitions = self._find_repetitions(configuration.values - stored.values)
         if not repetitions:
             return False
-        turned_wheels = {
-            repetition.turned_wheel
-            for repetition in repetitions
-            if repetition.turned_wheel is not None
-        }
-        # With further joints, the turned wheel would have moved other bodies. The rolled
-        # lengths are then equal to whole circumferences by chance.
+        turned_wheels = set()
+        for repetition in repetitions:
+            if repetition.turned_wheel is not None:
+                turned_wheels.add(repetition.turned_wheel)
+        # A turned wheel may have two joints only: the contact and its bearing. With further
+        # joints, it would have moved other bodies.
         if any(self._joint_counts[wheel] > 2 for wheel in turned_wheels):
             return False
-        # All other bodies must have the same orientations relative to each other. A
-        # repeated wheel is one of them, and is the reference.
+        # All other bodies must have the same orientations relative to each other. They are
+        # compared relative to the repeated wheel of any contact, here the last one.
+        last_repetition = repetitions[-1]
         return _have_equal_orientations(
             configuration.rotations,
             stored.rotations,
-            reference_body=repetitions[-1].repeated_wheel,
+            reference_body=last_repetition.repeated_wheel,
             ignored_bodies=turned_wheels,
         )
 

@@ -588,10 +588,15 @@ def _solve_real_roots(
     """Return the real solutions of the equations of a group, by real roots only.
 
     This is faster than computing all complex roots. A group is a set of bodies that are
-    placed together. Without t of its links it is a tree, and the angles of t pairs are the
-    unknowns. Each of these links gives an equation: the arc between its axes is known. All
-    unknowns but one are eliminated. A root of the remaining polynomial is exp(i angle), so
-    real angles belong to roots on the unit circle.
+    placed together. Its pairs (joints) form t closed loops, where t is 2 or 3. The
+    equations are formed in three steps:
+
+    1. Remove t links that have two pairs each. The other bodies form a tree without loops.
+    2. The angles of the t pairs of the tree are the unknowns.
+    3. Each removed link gives an equation: the arc between its two axes is known.
+
+    All unknowns but one are eliminated. A root of the remaining polynomial is exp(i angle),
+    so real angles belong to roots on the unit circle.
 
     Parameters
     ----------

@@ -429,7 +429,8 @@ class ArcEquations:
 
         Reason: f = U . W - cos(arc), with two axes U and W and the constant arc of a link.
         Each axis is a unit vector, multiplied by the orientations of the links along a
-        path. C is the product of the bounds of these matrices (`_orientation_norms`).
+        path. C is the product of the bounds of all these matrices. A derivative by variable
+        j is at most d_j times as large as the bound (`_orientation_norms`).
         """
         norms = self._orientation_norms
         bounds = []
@@ -452,8 +453,9 @@ class ArcEquations:
         # A link placed by one pair rotates about the axis of the pair. The rotation and its
         # derivatives by the angle have the norm 1.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
-        # A closing link is oriented by two axes U and W, which two paths of earlier links
-        # carry. The norms of these links are known.
+        # A closing link is oriented by two axes U and W of earlier links. Each axis is a
+        # unit vector, multiplied by the orientations of the links on a path. The norms of
+        # these links are known.
         for step in self.construction.equation_steps:
             paths = self.construction.parent_paths(step)
             norms[step.link] = _bound_closing_link_norm(
@@ -506,8 +508,8 @@ def _follower_offsets(
     """Return the constant parts of the angles that the input drives through wheels.
 
     A follower is a pair (joint) that the only input drives through toothed wheels. Its
-    angle is a multiple of the input angle plus a constant, the offset. The multiple is the
-    variable of the equations, so the offset must be added to the constant rotation.
+    angle is a multiple of the input angle plus a constant, the offset. The equations rotate
+    the link of the pair by the multiple, and by the offset as a constant angle.
 
     There are no offsets without wheels. There are also none if the angles of the followers
     are variables of their own.
@@ -551,7 +553,7 @@ def _bound_closing_link_norm(
     Parameters
     ----------
     first_norm, second_norm
-        Upper bounds of the lengths of U and W, or of their derivatives.
+        Upper bounds of the lengths of U and W.
     arc_sine
         Lower bound of the sine of the arc.
 

@@ -141,6 +141,9 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
         The arc length (rad) from which a reversed curve starts: the length of an open
         curve, 0 for a closed one.
     """
+    # `_by_arc_length` turns a path with any parameter into a curve by arc length. It also
+    # returns `reverse_start`. It needs values of the parameter between which the path is
+    # smooth: all knots of a spline, or just both ends.
     if profile.kind == "points":
         spline, _table = spline_through(np.array(profile.points), profile.closed)
         spline_path = _SphericalSpline(spline).evaluate
@@ -152,8 +155,8 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
             axes, exact_balls(profile.cosines), exact_balls(profile.sines)
         )
         # The parameter is the azimuth, over one turn from 0 to 2 pi.
-        one_turn = exact_balls([0.0, 2.0]) * pi_ball()
-        return _by_arc_length(fourier_path, one_turn, closed=True)
+        azimuth_ends = exact_balls([0.0, 2.0]) * pi_ball()
+        return _by_arc_length(fourier_path, azimuth_ends, closed=True)
     if profile.kind == "circle":
         assert profile.radius is not None  # every circle has a radius
         sine, cosine = exact_ball(profile.radius).sin_cos()
@@ -500,12 +503,12 @@ def _evaluate_de_boor(
     points = list(control_points)
     u = parameter[:, None]
     # Each level replaces the points by interpolations between neighbours, so one point less
-    # remains. The last level comes below, because its slope is the derivative.
+    # remains. The last two points are interpolated below.
     for level in range(degree - 1):
         interpolated_points = []
         for k in range(degree - level):
-            # Interpolate between point k (at the knot `low`) and point k + 1 (at the knot
-            # `high`).
+            # The algorithm states the knots between which points k and k + 1 are
+            # interpolated.
             low = knots[k + level][:, None]
             high = knots[k + degree][:, None]
             slope = (points[k + 1] - points[k]) / (high - low)
@@ -517,7 +520,9 @@ def _evaluate_de_boor(
     high = knots[degree][:, None]
     slope = (last_point - first_point) / (high - low)
     spline_point = first_point + (u - low) * slope
-    return spline_point, degree * slope
+    # The derivative of a spline is the last slope, times the degree.
+    derivative = degree * slope
+    return spline_point, derivative
 
 
 def _project_to_sphere(space_point: Array, space_rate: Array) -> Array:

@@ -95,11 +95,11 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
     t
         (n,) balls of times (s).
     time_inside
-        Listed times (s) and torques (N m).
+        A time (s) between two neighbouring kinks. It selects the line.
 
     Returns
     -------
-    A time (s) between two neighbouring kinks, which selects the line.
+    (n,) balls of torques (N m).
     """
     times = exact_balls(table.times)
     torques = exact_balls(table.torques)
@@ -111,8 +111,10 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
     else:
         periods_passed = 0
     time_in_first_period = time_inside - periods_passed * float(period)
-    # The line ends at this number of the listed times.
-    end = 1 + np.searchsorted(table.times[1:-1], time_in_first_period)
-    slope = (torques[end] - torques[end - 1]) / (times[end] - times[end - 1])
-    time_on_line = t - periods_passed * period - times[end - 1]
-    return torques[end - 1] + slope * time_on_line
+    # The line leads from one listed time to the next. These are their numbers. The line of
+    # the first two times also holds before them, and the last line after all times.
+    start = np.searchsorted(table.times[1:-1], time_in_first_period)
+    end = start + 1
+    slope = (torques[end] - torques[start]) / (times[end] - times[start])
+    time_on_line = t - periods_passed * period - times[start]
+    return torques[start] + slope * time_on_line

@@ -121,8 +121,7 @@ def frames_from_sizes(
         The mechanism, for its pairs.
     geometry
         The same sizes in float64. They decide which axes of a link coincide up to rounding,
-        since such axes cannot give a zero direction. The frames of the mechanism itself
-        follow from the same decision.
+        since such axes cannot give a zero direction.
     sizes
         By link: its list of arcs and its list of angles (rad), in balls.
     zeros
@@ -146,16 +145,17 @@ def frames_from_sizes(
             for name, axis in axes_from_sizes(link_sizes).items()
         }
 
-    # 2. Frames of all R pairs.
+    # 2. Frames of all revolute pairs, in both their links.
     frames = {}
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
-            first, second = (
+            unrotated_frames = [
                 _reference_frame(axes[link], float_axes[link], pair.name)
                 for link in pair.links
-            )
-            zero = zeros.get(pair.name, exact_ball(0.0))
-            frames[pair.name] = rotate_frame(first, zero), second
+            ]
+            first_frame, second_frame = unrotated_frames
+            zero_angle = zeros.get(pair.name, exact_ball(0.0))
+            frames[pair.name] = rotate_frame(first_frame, zero_angle), second_frame
     return frames
 
 
@@ -174,9 +174,8 @@ def frames_from_pose(
     Parameters
     ----------
     geometry
-        The axes in float64. They decide for each pair which coordinate axis is farthest
-        from its axis; balls that overlap could not be compared. The zero direction is
-        across both.
+        The axes in float64. For each pair they show which coordinate axis is farthest from
+        the pair axis. The zero direction is perpendicular to these two axes.
     axes
         By pair: its unit axis in the reference pose, as balls.
     values
@@ -190,8 +189,10 @@ def frames_from_pose(
     """
     frames = {}
     for name, float_axis in geometry.axes.items():
-        first = _frame_across(axes[name], np.array(float_axis))
-        frames[name] = first, rotate_frame(first, values.get(name, exact_ball(0.0)))
+        first_frame = _frame_across(axes[name], np.array(float_axis))
+        angle = values.get(name, exact_ball(0.0))
+        second_frame = rotate_frame(first_frame, angle)
+        frames[name] = first_frame, second_frame
     return frames
 
 

@@ -172,8 +172,9 @@ def enclose_both(first: Array, second: Array) -> Array:
 def ball_ends(balls: Array) -> tuple[Floats, Floats]:
     """Return float64 bounds (...) below and above all numbers of real balls (...).
 
-    A ball is a centre and a radius, that is an interval. If the radius is 0, or an end is
-    not finite, both results are the centre.
+    A ball is a centre and a radius, that is an interval. There are two exceptions, for
+    which both results are the centre, rounded to float64: exact numbers (radius 0), and
+    balls with an end that is not finite.
     """
     lows = centre_floats(balls)
     highs = lows.copy()
@@ -181,7 +182,9 @@ def ball_ends(balls: Array) -> tuple[Floats, Floats]:
         # The conversion to float64 can round towards the centre; `nextafter` corrects this.
         low = np.nextafter(float(ball.lower()), -np.inf)
         high = np.nextafter(float(ball.upper()), np.inf)
-        if ball.rad() != 0 and np.isfinite(low) and np.isfinite(high):
+        is_exact = ball.rad() == 0
+        is_finite = np.isfinite(low) and np.isfinite(high)
+        if is_finite and not is_exact:
             lows[index] = low
             highs[index] = high
     return lows, highs

@@ -33,8 +33,8 @@ class CertifiedSingularity:
     output
         Name of the output, a relative rotation of two links.
     type
-        "I" if the output is stationary, "II" if the input is. "I or III" and "II or III" if
-        both may be stationary.
+        "I" if the output is stationary, "II" if the input is. Type III means that both are.
+        This is never proven. If it is possible, the type is "I or III" or "II or III".
     q
         The input (rad).
     curve

@@ -594,13 +594,17 @@ class Crossings:
         variable
             Number of the variable.
         """
-        piece = pieces[len(pieces) // 2]
+        middle_piece = pieces[len(pieces) // 2]
         for loop in self.loops:
             if variable not in loop.variables:
                 continue
-            balls = self._find_on_constant_curve(loop, variable, piece.centre)
-            if balls is not None:
-                return _is_inside_box(balls, piece)
+            configuration = self._find_on_constant_curve(
+                loop, variable, middle_piece.centre
+            )
+            # The first loop with such a configuration near the arc decides. False only
+            # means that nothing is proven.
+            if configuration is not None:
+                return _is_inside_box(configuration, middle_piece)
         return False
 
     def _find_on_constant_curve(
@@ -614,7 +618,7 @@ class Crossings:
         Parameters
         ----------
         loop
-            The loop. It has two variables.
+            The loop. Its equation contains two variables, the angles of two of its pairs.
         variable
             Number of the variable that is constant along the curve.
         position
@@ -627,9 +631,11 @@ class Crossings:
         there is no such curve near the position, or if no configuration is proven.
         """
         other_variable = loop.other_variable(variable)
-        # There are at most two angles, half a turn apart, so only one can be near.
+        other_angle = exact_ball(position[other_variable])
         for angle in loop.angles_that_free_other_variable(variable):
-            given = {variable: angle, other_variable: exact_ball(position[other_variable])}
+            # The equation of the loop is satisfied. The others determine the remaining
+            # variables. The result is None if this angle is not near the position.
+            given = {variable: angle, other_variable: other_angle}
             balls = complete_configuration(self.equations, loop.equation, given, position)
             if balls is not None:
                 return balls
@@ -638,16 +644,17 @@ class Crossings:
     def _contains_proven_crossing(self, box: OrientedBox) -> bool:
         """Return whether configuration curves are proven to cross in a box.
 
-        `find_saddle` has proven that the box contains one saddle point. Curves cross there
-        if it is a configuration in which a loop of four pairs has all its axes in one
+        The equations F = 0 are reduced to one equation g(u, v) = 0 near the box: F = g l on
+        a surface with the coordinates u and v. l is a constant vector. `find_saddle` has
+        proven that both slopes of g are 0 at exactly one point of the box, the saddle
+        point. Curves cross there if a loop of four pairs (joints) has all its axes in one
         plane:
 
         1. The reflection in this plane reverses small changes of the angles, and does not
            change the equation of the loop. So its derivatives by the angles are 0.
-        2. `find_saddle` has reduced all equations to one equation g(u, v) = 0. Where the
-           derivatives of one equation are 0, both slopes of g are 0.
-        3. Only the saddle point of g has both slopes 0 in the box. So the planar loop is
-           this point, with g = 0, and two curves g = 0 cross there.
+        2. On the surface, this equation is g times its number in l. So both slopes of g are
+           0, and the planar loop is the saddle point.
+        3. The planar loop is closed, so g = 0. Two curves g = 0 cross at a saddle point.
         """
         return any(
             _is_near_centre(configuration, box)

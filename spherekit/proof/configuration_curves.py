@@ -218,13 +218,13 @@ class CertifiedCurves:
         Assembly modes cannot be counted in these parts. Overlapping parts are joined.
         """
         ranges = []
-        # Centres and half widths have all variables; `input_angle` computes the input from
-        # them.
-        for centre, radius in zip(
+        # Centres and half widths of boxes have all variables. `input_angle` selects the
+        # variable of the input, and multiplies it by a positive number.
+        for centre, half_widths in zip(
             self.undecided_boxes.centres, self.undecided_boxes.radii, strict=True
         ):
-            low = self.input_angle(centre - radius)
-            high = self.input_angle(centre + radius)
+            low = self.input_angle(centre - half_widths)
+            high = self.input_angle(centre + half_widths)
             ranges.append((low, high))
         saddle_doubts = self.bound_saddle_doubts(self.input_variable)
         for saddle, variable_error in zip(self.saddles, saddle_doubts, strict=True):
@@ -240,9 +240,10 @@ class CertifiedCurves:
     ) -> list[tuple[float, float]]:
         """Return the inputs near a position as parts (low, high) rad of the range.
 
-        All links return to the same place after a cycle of the input. So a part is also
-        shifted by whole cycles, to where it overlaps the range. The result is empty if it
-        never does. It may list the same part several times.
+        The inputs near the position are an interval. All links return to the same place
+        after a cycle of the input. So the interval is shifted by whole cycles, to where it
+        overlaps the range. The result is empty if it never does. It may list the same
+        interval several times.
 
         Parameters
         ----------
@@ -254,13 +255,14 @@ class CertifiedCurves:
         ranges = []
         # With wheels, the input is `cycle_turns` times its variable.
         half_width = variable_error * self.cycle_turns
-        # Shift the start, the middle and the end of the part into the range one after
-        # another. One of them can be inside although the middle is not.
-        for offset in (-half_width, 0.0, half_width):
-            moved_input = self.wrap_into_range(self.input_angle(position) + offset)
-            if moved_input is not None:
-                middle = moved_input - offset
-                ranges.append((middle - half_width, middle + half_width))
+        middle = self.input_angle(position)
+        # Only an end of the interval may be in the range. So the start, the middle and the
+        # end are shifted into the range one after another, and the interval with them.
+        for offset_from_middle in (-half_width, 0.0, half_width):
+            shifted_input = self.wrap_into_range(middle + offset_from_middle)
+            if shifted_input is not None:
+                shifted_middle = shifted_input - offset_from_middle
+                ranges.append((shifted_middle - half_width, shifted_middle + half_width))
         return ranges
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:
@@ -281,14 +283,15 @@ class CertifiedCurves:
         For each saddle the largest change (rad) of the variable from its centre. It is 0 if
         the variable can only be stationary at the crossing itself.
         """
-        arms = self._arms_of_moving_chains(variable)
-        distances = []
-        for number, saddle in enumerate(self.saddles):
-            quadrants = [
-                quadrant for saddle_number, quadrant in arms if saddle_number == number
-            ]
-            distances.append(_bound_saddle_doubt(saddle, quadrants, variable))
-        return distances
+        # An arm is named by its saddle and its quadrant: the signs of the two coordinates u
+        # and v of the saddle on this arm. Here the quadrants of each saddle are listed.
+        quadrants_of_saddles: list[list[Quadrant]] = [[] for _ in self.saddles]
+        for saddle_number, quadrant in self._arms_of_moving_chains(variable):
+            quadrants_of_saddles[saddle_number].append(quadrant)
+        return [
+            _bound_saddle_doubt(saddle, quadrants, variable)
+            for saddle, quadrants in zip(self.saddles, quadrants_of_saddles, strict=True)
+        ]
 
     def _arms_of_moving_chains(self, variable: int) -> list[Arm]:
         """Return the arms of saddles that belong to curves along which a variable moves.
@@ -502,9 +505,6 @@ class CertifiedCurves:
         - `COMPONENT`: no part is undecided, but the search reported a problem, which is
           stated. Whole curves may be missing.
         - `CERTIFIED`: nothing is missing.
-
-        If one curve may have been found twice (problem `OVERLAPPING`), assembly modes are
-        not counted. The first two levels mention this.
         """
         # `saddles` are places where curves cross or nearly do.
         piece_count = sum(len(chain.pieces) for chain in self.chains)
@@ -512,6 +512,8 @@ class CertifiedCurves:
             f"{counted(len(self.chains), 'curve')} of {piece_count} pieces with one arc "
             f"each, {self.box_count} boxes{_describe_saddles(self.saddles)}"
         )
+        # This problem means that one curve may have been found twice. Assembly modes are
+        # then not counted, and the text begins with it.
         if OVERLAPPING in self.problems:
             facts = f"{OVERLAPPING}; {facts}"
         undecided_ranges = self.undecided_ranges
@@ -570,10 +572,13 @@ def _bound_saddle_doubt(
     Parameters
     ----------
     saddle
-        A place where two curves of configurations cross or narrowly miss each other.
+        A place where two curves of configurations cross or narrowly miss each other. In the
+        latter case, the curves bend in its central zone. `central_zone` has the largest
+        distance (rad) of each variable from the centre in this zone.
     quadrants
         The arms on which the variable is not constant. The four arms of a saddle are the
-        branches of curves that leave it.
+        branches of curves that leave it. Each arm is in another quadrant, given by the
+        signs of two coordinates.
     variable
         Number of the variable.
 
@@ -766,6 +771,8 @@ def _search_curves(
     )
 
     input_range = _InputVariableRange(centre_float(low), centre_float(high), is_full_cycle)
+    # The function `side` states whether a value of the input is above, below or in the
+    # range. Curves are followed until they leave the range.
     search = CurveSearch(equations, input_range.side)
     # `pave` divides the box. It calls `covers` to find out which boxes known curves cover,
     # and `add_configuration` for each new configuration, whose curve is then followed.

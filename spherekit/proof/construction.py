@@ -118,10 +118,11 @@ class LinkPlacement:
 class ParentPaths:
     """The two paths of links that form a loop together with a closing link.
 
-    A closing link is put on the axes of two pairs (joints). These belong to two links
-    placed before, its parents. Its equation needs both axes in the axes of one link. The
-    orientation of each link is known relative to its reference link. So a path leads from
-    each parent to its reference link, then to the reference of that, until both paths meet.
+    A closing link is joined by two pairs (joints) to two links placed before, its parents.
+    Its equation contains the axes of both pairs, as vectors in the coordinates of one link.
+    The orientation of each link is known relative to its reference link. So a path leads
+    from each parent to its reference link, then to the reference of that, until both paths
+    meet.
 
     Attributes
     ----------
@@ -291,10 +292,11 @@ def _place_on_two_axes(
 ) -> LinkPlacement:
     """Return the degrees of the orientation of a link that is put on two axes U and W.
 
-    The degrees limit the number of solutions of the equations. U and W are the axes of two
-    pairs (joints) in links placed before, the parents. The orientation of the link is U a^T
-    + W b^T + (U x W) n^T, with constant vectors a, b and n. Degrees of products add up. So
-    U x W has the degrees of U plus those of W, and no other term has more.
+    The orientation is a polynomial in the cosines and sines of the variables. It has one
+    degree for each variable. U and W are the axes of two pairs (joints) in links placed
+    before, the parents. The orientation of the link is U a^T + W b^T + (U x W) n^T, with
+    constant vectors a, b and n. Degrees of products add up. So U x W has the degrees of U
+    plus those of W, and no other term has more.
 
     Parameters
     ----------

@@ -358,10 +358,11 @@ class CurveSearch:
         for number, chain in enumerate(self.chains):
             is_other = chain_of_piece != number
             for piece in self._pieces_in_range(chain):
-                # A negative reach also accepts positions outside a box by the error of the
-                # centre.
-                reach = -piece.centre_error - COORDINATE_ROUNDING_RAD
-                if np.any(self._are_inside(is_other, piece.centre, reach)):
+                # The exact centre may differ from the computed one by this distance. So a
+                # computed centre that is outside a box by less counts as inside, too.
+                allowed_outside = piece.centre_error + COORDINATE_ROUNDING_RAD
+                is_inside = self._are_inside(is_other, piece.centre, reach=-allowed_outside)
+                if np.any(is_inside):
                     return True
         return False
 
@@ -438,8 +439,12 @@ class CurveSearch:
         piece = self._find_piece_on_arm(use)
         if piece is None:
             return None
-        # 1 if the arc is above the range of the input, -1 below, 0 within.
-        side_of_range = self.side(piece.centre[-1], 0.0)
+        # The last variable is that of the input.
+        input_variable = piece.centre[-1]
+        # 1 if the arc is above the range of the input, -1 below, 0 within. With a margin, a
+        # value a little outside would count as within; here there is none.
+        no_margin = 0.0
+        side_of_range = self.side(input_variable, no_margin)
         if not use.leads_out(side_of_range):
             return None
         return Chain((piece,), closed=False)
@@ -448,8 +453,9 @@ class CurveSearch:
         """Return a certified arc on an arm, near the border of the box of its saddle.
 
         A saddle is a place where configuration curves cross or nearly do. An arm is one of
-        the four branches that leave it. The result is None if no arc is proven there, or if
-        it may not be on this arm.
+        the four branches that leave it. Each arm is in another quadrant, named by the signs
+        of two coordinates u and v. The result is None if no arc is proven there, or if the
+        arc may be on another arm.
         """
         saddle = use.saddle
         position = correct_configuration(
@@ -463,7 +469,9 @@ class CurveSearch:
         if piece is None:
             return None
         quadrant = saddle.find_quadrant(piece.centre, piece.centre_error)
-        return piece if quadrant == use.quadrant else None
+        if quadrant != use.quadrant:
+            return None
+        return piece
 
     def _touches_saddle_inside(self, chain: Chain) -> bool:
         """Return whether a curve may touch a saddle other than on the arms at its ends.
