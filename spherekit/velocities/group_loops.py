@@ -97,24 +97,33 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
     Bodies and pairs are numbered by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}
-    body_count = len(group.bodies)
     # Of two neighbours, the one that is tried first becomes a leaf.
-    for body in reversed(range(body_count)):
+    for body in reversed(range(len(group.bodies))):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
-        neighbours = {end for k in body_pairs for end in group.ends[k]} - {body}
-        joins_two_bodies = len(body_pairs) == len(neighbours) == 2
-        if not joins_two_bodies or neighbours & leaves.keys():
+        neighbours: set[int] = set()
+        for k in body_pairs:
+            neighbours.update(group.ends[k])
+        neighbours.discard(body)
+        has_two_neighbours = len(body_pairs) == 2 and len(neighbours) == 2
+        has_leaf_as_neighbour = bool(neighbours & leaves.keys())
+        if not has_two_neighbours or has_leaf_as_neighbour:
             continue
-        # The other bodies are connected if a tree of pairs reaches all of them. Such a tree
-        # has one pair less than bodies.
-        left_out = {*leaves, body}
-        inner_pairs = [k for k, ends in enumerate(group.ends) if not left_out & set(ends)]
-        inner_bodies = [k for k in range(body_count) if k not in left_out]
-        root = inner_bodies[:1]  # where the tree starts; empty without inner bodies
-        tree = find_spanning_tree(group.ends, root, inner_pairs)
-        if len(tree) == len(inner_bodies) - 1:
+        if _is_connected_without(group, {*leaves, body}):
             leaves[body] = body_pairs
     return leaves
+
+
+def _is_connected_without(group: Group, left_out: set[int]) -> bool:
+    """Return whether the bodies of a group stay connected if some are taken away.
+
+    The other bodies are connected if a tree of pairs (joints) reaches all of them. Such a
+    tree has one pair less than bodies. If no body is left, the result is False.
+    """
+    inner_pairs = [k for k, ends in enumerate(group.ends) if not left_out & set(ends)]
+    inner_bodies = [k for k in range(len(group.bodies)) if k not in left_out]
+    root = inner_bodies[:1]  # where the tree starts; empty if no body is left
+    tree = find_spanning_tree(group.ends, root, inner_pairs)
+    return len(tree) == len(inner_bodies) - 1
 
 
 def _find_path(
