@@ -360,20 +360,23 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
     # Each of the two entries has the number of rows for each status that occurs.
     statuses = {*summary["status"], *summary["pole_status"]}
     problems = [
-        statuses - {"OK"},
+        bool(statuses - {"OK"}),
         any(analysis["failed_rows"] for analysis in summary["analyses"]),
-        exceeded_bounds,
-        summary.get("verified", {}).get("beyond"),  # columns with more than rounding errors
-        not summary.get("accuracy", {"met": True})["met"],  # the tolerance of --tol
+        exceeded_bounds > 0,
     ]
+    if "verified" in summary:
+        # Columns with more than rounding errors, if there are any.
+        problems.append(bool(summary["verified"].get("beyond")))
+    if "accuracy" in summary:
+        is_tolerance_met = summary["accuracy"]["met"]  # that of --tol
+        problems.append(not is_tolerance_met)
     if simulation := summary.get("simulation"):
         # "too_fast": no step was short enough, so the solver stopped. Other ends, such as a
         # joint limit or a singularity, are proper results.
         problems += [
-            simulation["missed"],  # the error of the simulation exceeds its tolerance
+            bool(simulation["missed"]),  # the error exceeds the tolerance
             simulation["end"]["kind"] == "too_fast",
         ]
-    # An item of `problems` that is true, not empty or not zero is a failure.
     return FAILED_SAMPLES if any(problems) else 0
 
 

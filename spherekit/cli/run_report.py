@@ -661,10 +661,11 @@ def _table_warnings(summary: Any) -> Lines:
             for status, count in count_by_status.items():
                 if status in summary["status"]:
                     continue
+                verb = "has" if count == 1 else "have"
+                meaning = summary["status_meaning"][status]
                 warnings.append(
-                    f"{counted(count, 'row')} of {source} "
-                    f"{'has' if count == 1 else 'have'} no result, {status}: "
-                    f"{summary['status_meaning'][status]}."
+                    f"{counted(count, 'row')} of {source} {verb} no result, {status}: "
+                    f"{meaning}."
                 )
     return warnings
 
@@ -762,8 +763,9 @@ def _table_accuracy(overview: Any) -> str:
         return f"the table has the extremes of the samples{apart}"
     exceptions = []
     for key, excess in _largest_excesses(overview).items():
-        number = f"{float(_round_up(excess)):.12f}".rstrip("0").rstrip(".")
-        exceptions.append(TABLE_QUANTITIES[key].format(number))
+        number = f"{float(_round_up(excess)):.12f}"
+        number_without_zeros = number.rstrip("0").rstrip(".")
+        exceptions.append(TABLE_QUANTITIES[key].format(number_without_zeros))
     line = "the table is accurate to the digits shown"
     if exceptions:
         line += f", but {', '.join(exceptions)}"

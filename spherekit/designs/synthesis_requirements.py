@@ -177,7 +177,8 @@ class Specification:
         status = rows["status"]
         reasons = []
         design_count = designs.shape[1]
-        if never_count := np.sum(status == NEVER_CLOSES):
+        never_count = np.sum(status == NEVER_CLOSES)
+        if never_count:
             reasons.append(f"{never_count} of {design_count} close at no sample")
         is_impossible = (status != OK) & (status != NEVER_CLOSES)
         causes = rows["reason"][is_impossible]
@@ -186,13 +187,17 @@ class Specification:
                 f"{len(causes)} of {design_count} are not valid mechanisms ({causes[0]})"
             )
         closing = {name: values[status == OK] for name, values in rows.items()}
-        if row_count := len(closing["status"]):
-            reasons += [
-                f"{condition.text} holds in {np.sum(condition.find_met(closing))} of "
-                f"{counted(row_count, 'row')}"
-                for condition in self.sweep.conditions
-            ]
-            if not np.any(all_finite(self._evaluate_objectives(closing), 1)):
+        row_count = len(closing["status"])
+        if row_count:
+            for condition in self.sweep.conditions:
+                met_count = np.sum(condition.find_met(closing))
+                reasons.append(
+                    f"{condition.text} holds in {met_count} of {counted(row_count, 'row')}"
+                )
+            # (rows, objectives)
+            objectives = self._evaluate_objectives(closing)
+            has_all_objectives = all_finite(objectives, axis=1)
+            if not np.any(has_all_objectives):
                 reasons.append("objectives have no value")
         return ", ".join(reasons)
 

@@ -450,7 +450,9 @@ class VariedMechanism:
                     reasons[k] = OTHER_FORM
                 except SpherekitError as problem:
                     reasons[k] = reason_of(problem)
-        variable_sizes = (values * self.unit_scales[:, None])[self.size_variables]
+        scaled_values = values * self.unit_scales[:, None]  # in rad and SI units
+        # The design variables that are sizes themselves.
+        variable_sizes = scaled_values[self.size_variables]
         return np.concatenate([variable_sizes, numbers]), reasons
 
     def evaluate_design(

@@ -295,7 +295,8 @@ class Chart:
         # Each pixel shows the nearest sample. The top row of the picture is the highest y.
         column_samples = _nearest_sample(x, x_axis.extent, round(self.width))
         row_samples = _nearest_sample(y, y_axis.extent, round(FRAME_HEIGHT))[::-1]
-        pixel_values = cells.T[np.ix_(row_samples, column_samples)]
+        # The picture has rows and columns, so y comes before x.
+        pixel_values = cells.T[row_samples][:, column_samples]
         # Values of the first and the last colour. If values differ by rounding only, the
         # range is so wide that the map has one colour.
         magnitude = quantity_scale(cells, series.unit)
