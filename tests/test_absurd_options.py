@@ -203,8 +203,6 @@ def test_absurd_options_are_refused_in_a_sentence(
     It is refused in a sentence that begins with "spherekit", unless `allowed_statuses` says
     that the value may be accepted. `words_of_option` puts option and value together.
     """
-    if option == "--traceback" and command in ("view", "synthesize"):
-        pytest.skip("shows the trace of an error, as it says")
     # Two of the values name a folder, and a file that no command can read. Both exist.
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()

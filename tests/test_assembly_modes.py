@@ -230,16 +230,18 @@ def test_a_double_root_is_one_mode():
 def test_a_platform_that_can_move_with_locked_inputs_is_searched(monkeypatch):
     """If configurations form a curve, a random search replaces elimination.
 
-    Two legs of the platform have common axes, so together they are one condition only.
-    Elimination reports infinitely many roots, and the configurations are searched from
-    random starts. Here the search is replaced by a function that makes no start. The
-    description of the method names the search, and the doubt is large: configurations may
-    be missing.
+    A leg of two links holds the platform: its elbow joins a driven link to a coupler. Here
+    two legs have a common elbow axis and a common axis on the platform. So they state the
+    same condition twice, and the platform can move with locked inputs. Elimination reports
+    infinitely many roots, and the configurations are searched from random starts. Here the
+    search is replaced by a function that makes no start. The description of the method
+    names the search, and the doubt is large: configurations may be missing.
     """
     # Axes 0 to 2 are those on the base, 3 to 5 the elbows, 6 to 8 those on the platform.
     axes = random_axes(np.random.default_rng(11), 9)
     axes[4] = axes[3]
     axes[7] = axes[6]
+    # The group are the links that are closed together when the inputs are locked.
     group, closure = only_group_and_closure(linkage_with_inputs(*PLATFORM, axes))
     result = solve_by_elimination(group, closure)
     assert "infinitely many" in result.problem

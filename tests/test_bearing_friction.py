@@ -11,10 +11,12 @@ import spherekit as sk
 def unbalanced_wheel(friction_per_moment, positions=(0.2, 0.7)):
     """Return a wheel out of balance that turns about z on two bearings, or on one.
 
-    A moment M (N m) perpendicular to the axis loads two bearings at the distance d with M /
-    d each. Their friction torque is coefficient times radius times the sum of both forces.
-    Here it is g M, with the stated factor g. A single bearing at 0.25 m is supported by the
-    centre of the sphere too and carries M / 0.25, which is the same sum.
+    The axis is loaded by a moment M (N m) perpendicular to it. Two bearings 0.5 m apart
+    carry M / 0.5 each, together 4 M. A single bearing, 0.25 m from the centre of the
+    sphere, carries M / 0.25 = 4 M too, because the centre supports the wheel as well.
+
+    The friction torque is coefficient times radius times the sum of forces. The radius is
+    chosen so that this is g M, with the stated factor g.
 
     Parameters
     ----------
@@ -24,11 +26,13 @@ def unbalanced_wheel(friction_per_moment, positions=(0.2, 0.7)):
         Positions of the bearings on the axis, m.
     """
     tensor = (2.0, 0.0, 0.3), (0.0, 2.0, 0.4), (0.3, 0.4, 1.0)
+    # coefficient * radius * 4 M = g M
+    radius = 0.25 * friction_per_moment
     bearings = sk.Bearings(
         "rub",
         "12",
         positions,
-        radius=0.25 * friction_per_moment,
+        radius=radius,
         coefficient=1.0,
         speed=1e-3,  # rad/s below which the jump of Coulomb's law is smoothed
     )

@@ -266,9 +266,11 @@ def test_bearing_friction_equals_a_load_of_the_same_torque():
     )
     rubbing = replace(bearings, radius=0.02, coefficient=0.3, speed=0.01)
     loads = [rubbing if load is bearings else load for load in mechanism.loads]
-    start = (0.4,)
+    # The input starts at 0.4 rad, and the motion is evaluated at the time 0.1 s only.
+    input_at_start = (0.4,)
+    times = [0.1]
     with_friction = reactions(
-        motion_by_polynomial_laws(mechanism.with_loads(*loads), start, [0.1])
+        motion_by_polynomial_laws(mechanism.with_loads(*loads), input_at_start, times)
     )
 
     torques = with_friction.torques
@@ -280,13 +282,13 @@ def test_bearing_friction_equals_a_load_of_the_same_torque():
 
     as_load = sk.PairTorque("rub_", pair, repr(float(friction_torque)))
     with_load = mechanism.with_loads(*mechanism.loads, as_load)
-    same = reactions(motion_by_polynomial_laws(with_load, start, [0.1]))
+    same = reactions(motion_by_polynomial_laws(with_load, input_at_start, times))
     assert same.forces == pytest.approx(with_friction.forces, rel=1e-11, abs=1e-11)
     assert same.torques.tau == pytest.approx(torques.tau, rel=1e-12)
     without_friction = reactions(
-        motion_by_polynomial_laws(mechanism, start, [0.1])
-    ).torques.tau
-    assert abs(without_friction[0] - torques.tau[0]) > 1e-3
+        motion_by_polynomial_laws(mechanism, input_at_start, times)
+    )
+    assert abs(without_friction.torques.tau[0] - torques.tau[0]) > 1e-3
 
 
 def test_reactions_name_what_is_missing_to_determine_forces():

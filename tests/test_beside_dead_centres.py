@@ -91,22 +91,29 @@ FOLDING = [60.0, 50.0, 30.0, 40.0]
 def _rocker_rates(crank_angle):
     """Return the rates of the rocker per unit rate of the crank, in both modes.
 
-    This is an independent formula in many digits (mpmath). The rocker angle follows from
-    spherical triangles on the diagonal between the end of the crank and the rocker's axis.
-    Its derivative is numerical.
+    This is an independent formula in many digits (mpmath). The diagonal is the arc between
+    the end of the crank and the axis of the rocker. It divides the four-bar into two
+    spherical triangles: one with frame and crank, the other with coupler and rocker. The
+    rocker angle is the sum or difference of their angles at the axis of the rocker. Its
+    derivative is numerical.
     """
     frame, crank, coupler, rocker = (mp.radians(mp.mpf(arc)) for arc in FOLDING)
 
     def rocker_angle(theta, sign):
-        cosine = mp.cos(frame) * mp.cos(crank)
-        cosine += mp.sin(frame) * mp.sin(crank) * mp.cos(theta)
-        diagonal = mp.acos(cosine)
-        adjacent = mp.cos(crank) * mp.sin(frame)
-        adjacent -= mp.sin(crank) * mp.cos(frame) * mp.cos(theta)
-        diagonal_angle = mp.atan2(mp.sin(crank) * mp.sin(theta), adjacent)
-        corner = mp.cos(coupler) - mp.cos(rocker) * mp.cos(diagonal)
-        corner /= mp.sin(rocker) * mp.sin(diagonal)
-        return diagonal_angle + sign * mp.acos(corner)
+        cos_diagonal = mp.cos(frame) * mp.cos(crank)
+        cos_diagonal += mp.sin(frame) * mp.sin(crank) * mp.cos(theta)
+        diagonal = mp.acos(cos_diagonal)
+        # The angle from the frame to the diagonal: its sine and cosine, both times
+        # sin(diagonal).
+        scaled_sine = mp.sin(crank) * mp.sin(theta)
+        scaled_cosine = mp.cos(crank) * mp.sin(frame)
+        scaled_cosine -= mp.sin(crank) * mp.cos(frame) * mp.cos(theta)
+        frame_to_diagonal = mp.atan2(scaled_sine, scaled_cosine)
+        # The angle between diagonal and rocker, opposite the coupler.
+        cosine = mp.cos(coupler) - mp.cos(rocker) * mp.cos(diagonal)
+        cosine /= mp.sin(rocker) * mp.sin(diagonal)
+        diagonal_to_rocker = mp.acos(cosine)
+        return frame_to_diagonal + sign * diagonal_to_rocker
 
     step = mp.mpf(10) ** -40
     return [

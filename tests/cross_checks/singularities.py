@@ -70,9 +70,7 @@ def _check_on_curves(evidence, points, notes):
     position_analysis = evidence.position_analysis
     input_variable = position_analysis.solver.input_variable
     points = points[points["s"].notna() & (points["certain"] == "yes")]
-    # NaN variables belong to links that the analysis left out. Its arc lengths then do not
-    # fit to the curves of all links.
-    points = points[points.filter(like="theta_").notna().all(axis=1)]
+    points = _with_all_angles(points)
     row: Any
     # A few singularities of each mechanism are enough.
     for row in points.head(MAX_CHECKED).itertuples():
@@ -88,13 +86,25 @@ def _check_on_curves(evidence, points, notes):
             # Two curves may cross in a type III; they are followed only up to a small
             # distance from it.
             continue
-        gap = abs(values[0, input_variable] - row.q)
-        gap = abs(gap - 2.0 * np.pi * round(gap / (2.0 * np.pi)))
+        input_difference = abs(values[0, input_variable] - row.q)
+        # Inputs that differ by whole turns are the same.
+        whole_turns = round(input_difference / (2.0 * np.pi))
+        gap = abs(input_difference - 2.0 * np.pi * whole_turns)
         notes.add_contradiction_if(
             not gap < SAME_INPUT_RAD,
             f"{row.kind} of {row.output}: the curve is at {gap:.2e} rad from q = "
             f"{row.q:.9g}",
         )
+
+
+def _with_all_angles(points):
+    """Return the rows of a table of singularities in which no pair angle is NaN.
+
+    The analysis leaves out links that only follow the others. Their pair angles are NaN,
+    and the arc length `s` of such a row does not count their motion.
+    """
+    has_angles = points.filter(like="theta_").notna()
+    return points[has_angles.all(axis=1)]
 
 
 def _check_beside_listed_inputs(evidence, points, notes):

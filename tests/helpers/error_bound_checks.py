@@ -176,9 +176,9 @@ def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
         Whether rows are also compared with the mechanism whose sizes are the decimal
         numbers of the file, without rounding to float64.
     every
-        The reference has few digits at first, and 50 digits in rows in which these might
-        not decide. With a number k, one of k rows has 50 digits even if it is not needed; 0
-        for none.
+        The reference first has few digits. A row is compared again in 50 digits if its
+        error is near its bound or beyond. With a number k, also one of k other rows is
+        compared again; with 0, none is.
 
     Returns
     -------
@@ -207,18 +207,15 @@ def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
             continue
         comparison.rows += int(np.sum(is_ok))
         comparison.pole_rows += int(np.sum(is_ok)) * len(poles)
-        for is_decimal in (False, True):
-            # A row computed from the decimal numbers of the file is not a row of the
-            # float64 numbers, so it is compared with the decimal reference only.
-            if not is_decimal:
-                rows = is_ok & ~field.is_decimal
-            elif as_written:
-                rows = is_ok
-            else:
-                rows = is_ok & field.is_decimal
-            if np.any(rows):
-                evaluated_poles = EvaluatedPoles(motion, field, pole_request, moving_input)
-                _compare_rows(comparison, evaluated_poles, rows, is_decimal, every)
+        evaluated_poles = EvaluatedPoles(motion, field, pole_request, moving_input)
+        # spherekit evaluates some rows from the decimal numbers of the file. They are not
+        # compared with the float64 reference, whose mechanism is slightly different.
+        float64_rows = is_ok & ~field.is_decimal
+        if np.any(float64_rows):
+            _compare_rows(comparison, evaluated_poles, float64_rows, False, every)
+        decimal_rows = is_ok if as_written else is_ok & field.is_decimal
+        if np.any(decimal_rows):
+            _compare_rows(comparison, evaluated_poles, decimal_rows, True, every)
     return comparison
 
 

@@ -123,6 +123,8 @@ def _check_seed(seed, tally):
             poles = all_poles(len(mechanism.links))
             for pair in motion.assembly.inputs:
                 # Directions (`poles`) and velocity coefficients (`rates`) of all poles.
+                # `by_rank` is true if the degrees of freedom follow from the rank of the
+                # velocity equations, because their count gives another number.
                 pole_request = request(
                     position_analysis.mechanism,
                     mechanism.pairs[pair].name,
@@ -411,13 +413,15 @@ def _find_wrong_directions(field, row, free_matrix, tally):
     stands still, so only directions are evaluated. The reference is the motion with the
     input free: the last right singular vector of the velocity equations without this input.
 
-    A direction may deviate by the largest of four limits:
+    The deviation is the length of the cross product of the direction with the relative
+    angular velocity of the reference. It may be as large as the largest of four limits:
 
     - `TOLERANCE`;
     - `ROUNDING_FACTOR` times the rounding error, which grows if a second motion is nearly
       possible;
     - `MISFIT_FACTOR` times the misfit of the reference motion;
-    - `BOUND_FACTOR` times the error bound that spherekit states for the direction.
+    - `BOUND_FACTOR` times the error bound that spherekit states for the direction, times
+      the length of the relative angular velocity.
 
     Parameters
     ----------
@@ -444,13 +448,14 @@ def _find_wrong_directions(field, row, free_matrix, tally):
             continue
         relative_w = w[pole[1]] - w[pole[0]]
         tally.poles["direction alone"] += 1
-        # The cross product with the relative angular velocity is zero for parallel vectors.
+        error_bound = field.direction_error[pole][row]
         limit = max(
-            TOLERANCE, ROUNDING_FACTOR * EPS / max(gap, EPS), MISFIT_FACTOR * motion_misfit
+            TOLERANCE,
+            ROUNDING_FACTOR * EPS / max(gap, EPS),
+            MISFIT_FACTOR * motion_misfit,
         )
-        limit = max(
-            limit, BOUND_FACTOR * field.direction_error[pole][row] * _length(relative_w)
-        )
+        limit = max(limit, BOUND_FACTOR * error_bound * _length(relative_w))
+        # The cross product of parallel vectors is zero.
         deviation = _length(np.cross(direction, relative_w))
         if not deviation <= limit:
             faults.append(

@@ -201,6 +201,7 @@ def platform_with_unlike_legs():
         "coupler3": ("c3 b3", [66.0], []),
         "platform": ("c2 c1 c3", [60.0, 75.0], [110.0]),
     }
+    # The two links of each pair.
     pairs = {
         "a1": "base crank1",
         "b1": "coupler1 crank1",
@@ -215,12 +216,15 @@ def platform_with_unlike_legs():
         "b3": "crank3 coupler3",
         "c3": "coupler3 platform",
     }
+    # The angle (rad) between the first arcs of both links at which the variable of a pair
+    # is 0. Any numbers other than 0 will do, for two inputs and a passive pair.
+    zeros = {"a1": 0.4, "b3": -0.7, "c2": 0.3}
     return mechanism_from_sizes(
         links,
         pairs,
         inputs=["b3", "a1", "d2"],
         output=Output("pose", "platform", "base"),
-        zeros={"a1": 0.4, "b3": -0.7, "c2": 0.3},
+        zeros=zeros,
     )
 
 

@@ -320,7 +320,8 @@ def moments(mechanism, orientations, w, angle, t, joint):
     """Return the moments (links, 3) of the loads of `with_masses_and_loads`, in N m.
 
     They are about the centre of the sphere, in ground axes, and written by hand, load by
-    load.
+    load. Numbers are those of the loads there: 0.7 N m/rad is the stiffness of the spring,
+    for example.
 
     Parameters
     ----------
@@ -339,10 +340,11 @@ def moments(mechanism, orientations, w, angle, t, joint):
     last = number[mechanism.links[-1]]
     first = number[mechanism.links[1]]
     total = np.zeros((len(mechanism.links), 3))
-    for mass in mechanism.masses:  # weight
+    for mass in mechanism.masses:
         link = number[mass.link]
         centre = orientations[link] @ np.array(mass.centre)
-        total[link] += np.cross(centre, mass.mass * np.array([1.0, -2.0, -9.0]))
+        weight = mass.mass * np.array([1.0, -2.0, -9.0])
+        total[link] += np.cross(centre, weight)
     arm = orientations[last] @ np.array([0.3, -0.2, 0.9])
     total[last] += np.cross(arm, [1.0, 2.0 * t, -1.0])  # push
     pull_in_link = np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
@@ -351,7 +353,9 @@ def moments(mechanism, orientations, w, angle, t, joint):
 
     pair = mechanism.pair_number[joint]
     a, b = mechanism.ends[pair]
-    axis = orientations[a] @ make_joints(mechanism)[pair].first[:, 2]
+    # The z column of this frame is the axis of the pair, in the axes of its first link.
+    frame_in_first_link = make_joints(mechanism)[pair].first
+    axis = orientations[a] @ frame_in_first_link[:, 2]
     rate = (w[b] - w[a]) @ axis
     motor = 2.0 * np.cos(angle) - rate
     spring = -0.7 * (angle - 0.2)

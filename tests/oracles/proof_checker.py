@@ -119,28 +119,33 @@ class Sizes:
         # A ball is an interval. A size + `slack` contains all sizes within the tolerance.
         self.slack = arb(0, tolerance) if tolerance else arb(0)
         pairs = self.data["pairs"]
+        # R pairs are revolute. P pairs (arc prismatic) slide along an arc, which is a
+        # rotation about its pole. So both are hinges.
         hinges = [name for name, pair in pairs.items() if pair["type"] in ("R", "P")]
         self.ends = {name: tuple(pairs[name]["links"]) for name in hinges}
         self.links = list(self.data["links"])
         # By the name of a pair at the end of a coupler: the contact, and the number (0 or
         # 1) of the circle at this end.
         self.couplers = {}
-        for contact, coupler in (couplers or {}).items():
+        couplers = couplers or {}
+        for contact, coupler in couplers.items():
             need(
                 pairs[contact]["type"] == "Cs",
                 "a coupler for a pair that is not a sliding contact",
             )
             need(coupler["link"] not in self.links, "a coupler with the name of a link")
             self.links.append(coupler["link"])
-            sides = zip(coupler["pairs"], pairs[contact]["links"], strict=True)
-            for side, (name, link) in enumerate(sides):
+            ends = zip(coupler["pairs"], pairs[contact]["links"], strict=True)
+            for circle_number, (name, link_of_circle) in enumerate(ends):
                 need(name not in self.ends, "a coupler whose pair has the name of a pair")
-                self.ends[name] = (link, coupler["link"])
-                self.couplers[name] = (contact, side)
+                self.ends[name] = (link_of_circle, coupler["link"])
+                self.couplers[name] = (contact, circle_number)
         # Every pair of the file must be a hinge, or be replaced, or be a wheel if allowed.
-        rolling = [name for name, pair in pairs.items() if pair["type"] == "Cr"]
-        count = len(hinges) + len(couplers or {}) + (len(rolling) if wheels else 0)
-        need(len(pairs) == count, "a pair that is not replaced or not supported")
+        supported_count = len(hinges) + len(couplers)
+        if wheels:
+            rolling = [name for name, pair in pairs.items() if pair["type"] == "Cr"]
+            supported_count += len(rolling)
+        need(len(pairs) == supported_count, "a pair that is not replaced or not supported")
 
     def circle(self, contact, link):
         """Return the centre (3,) and the radius (rad) of the circle of a contact on a link.
@@ -192,25 +197,29 @@ class Sizes:
             # A unit vector perpendicular to the axis, the direction of azimuth 0.
             x = across(axis)
         else:
-            # The link is the coupler. In its coordinates, the first centre is (0, 0, 1) and
-            # the second one (0, sin(arc), cos(arc)).
+            # The link is the coupler. In its coordinates, the first centre is (0, 0, 1). On
+            # the great circle from there towards (0, 1, 0), the contact is at the arc
+            # `first_radius`.
             _, first_radius = self.circle(contact, first_link)
             _, second_radius = self.circle(contact, second_link)
+            # The second centre is on this great circle too: behind an external contact, or
+            # before an internal one. Before the first centre, its arc is negative.
             is_internal = item.get("contact", "external") == "internal"
             if is_internal:
                 arc = first_radius - second_radius
             else:
                 arc = first_radius + second_radius
             s, c = arc.sin_cos()
-            # The x axis at a centre points along the great circle of both centres to the
-            # contact. An external contact is between the centres, an internal one beyond
-            # the second centre.
+            # The x axis at a centre points along the great circle to the contact.
             if circle_number == 0:
                 axis = ball([0, 0, 1])
                 x = ball([0, 1, 0])
             else:
                 axis = ball([0, s, c])
-                x = ball([0, c, -s] if is_internal else [0, -c, s])
+                if is_internal:
+                    x = ball([0, c, -s])
+                else:
+                    x = ball([0, -c, s])
         return np.stack([x, np.cross(axis, x), axis], axis=1)
 
     def angle(self, text):
@@ -474,8 +483,10 @@ class System:
         from the last link that both paths share. Each rotation by an angle on a path adds 2
         to the degree in this angle.
 
-        An angle can occur several times, because a link that has closed a loop depends on
-        all angles of this loop.
+        A `TurnedLink` is a link on a path with the names of all angles on which its
+        orientation relative to the link before it depends. A link on one pair depends on
+        one angle. A link that closes a loop depends on all angles of this loop. An angle
+        can therefore occur several times on a path.
         """
         path_by_link = {self.root: []}
         degrees_of_equations = []
@@ -488,9 +499,12 @@ class System:
                 continue
             (second_path,) = further_paths
             common, first_rest, second_rest = split_common_start(first_path, second_path)
-            angles = [angle for item in first_rest + second_rest for angle in item.angles]
-            degrees_of_equations.append([2 * angles.count(name) for name in self.unknowns])
-            path_by_link[link] = [*common, TurnedLink(link, tuple(angles))]
+            angles_of_loop = []
+            for turned_link in first_rest + second_rest:
+                angles_of_loop.extend(turned_link.angles)
+            degrees = [2 * angles_of_loop.count(unknown) for unknown in self.unknowns]
+            degrees_of_equations.append(degrees)
+            path_by_link[link] = [*common, TurnedLink(link, tuple(angles_of_loop))]
         return degrees_of_equations
 
     def values(self, unknown, driven):
@@ -615,8 +629,9 @@ class PolynomialEquations:
     def _turn_by_known_angle(self, pair, sense):
         """Return a rotation about the z axis by a known angle, as a dual array.
 
-        A dual array (1 + n, 3, 3) has its value at index 0, then n derivatives. The angle
-        follows from a variable in `driven`.
+        A dual array (1 + n, 3, 3) has its value at index 0, then n derivatives: first those
+        by the unknowns, then those by the angles listed in `moving`. The angle follows from
+        a variable in `driven`, whose value is known.
 
         Parameters
         ----------
@@ -629,11 +644,15 @@ class PolynomialEquations:
         # Every other angle is a variable of its own.
         own_angle = LinearAngle(pair, arb(1), arb(0))
         angle = self.system.driven_angles.get(pair, own_angle)
-        s, c = (self.driven[angle.variable] * angle.rate + angle.offset).sin_cos()
-        turn = constant(spin(c, sense * s, 1), self.count)
+        value = self.driven[angle.variable] * angle.rate + angle.offset
+        sine, cosine = value.sin_cos()
+        turn = constant(spin(cosine, sense * sine, 1), self.count)
         if angle.variable in self.moving:
-            column = 1 + len(self.unknowns) + self.moving.index(angle.variable)
-            turn[column] = angle.rate * spin(-s, sense * c, 0)
+            first_of_moving = 1 + len(self.unknowns)
+            index = first_of_moving + self.moving.index(angle.variable)
+            # The cosine has the derivative -sine, the sine has the derivative cosine, and
+            # the 1 on the axis has the derivative 0.
+            turn[index] = angle.rate * spin(-sine, sense * cosine, 0)
         return turn
 
     def _path(self, link):
@@ -654,13 +673,16 @@ class PolynomialEquations:
         """Return the equation of a link that closes a loop, its matrix, and its scale.
 
         The link is joined by two pairs to two links placed before it, its parents. A path
-        is the list of links from the root (first link) to a parent. The axes of both pairs
-        are transformed to the last link that both paths share. The matrix takes vectors in
-        the link to vectors in that common link, times the scale.
+        is the list of links from the root (first link) to a parent. The common link is the
+        last one that both paths share. In its coordinates, the equation says that the axes
+        of both pairs have the arc of the link between them.
 
-        The scale is the product of all denominators, so that the matrix is polynomial in
-        the unknowns. Results are dual arrays: the value and its derivatives, along the
-        first axis.
+        The matrix takes vectors from the coordinates of the link to those of the common
+        link, and multiplies them by the scale. The scale is the product of all
+        denominators, so that the matrix is polynomial in the unknowns.
+
+        Results are dual arrays: index 0 of the first axis is the value, further indices are
+        its derivatives.
         """
         placement = self.placements[link]
         parents = placement.parents
@@ -669,18 +691,28 @@ class PolynomialEquations:
         axes_in_common = []
         scales = []
         for path, pair, parent in zip(paths, pairs, parents, strict=True):
-            # The derivatives of the axis in its parent, and of the scale 1, are zero.
-            axis = constant(self.system.frames[pair, parent][:, 2:], self.count)
-            scale = constant(ball([[1]]), self.count)
-            for path_link in reversed(path):
-                matrix_of_link, scale_of_link = self._matrix_and_scale(path_link)
-                axis = times(matrix_of_link, axis)
-                scale = times(scale, scale_of_link)
+            axis, scale = self._axis_at_start_of_path(path, pair, parent)
             axes_in_common.append(axis)
             scales.append(scale)
-        axes = [self.system.frames[pair, link][:, 2] for pair in pairs]
-        equation, placed = place_on_axes(link, axes, axes_in_common, scales)
-        return equation, placed, times(*scales)
+        # The z column of the frame of a pair is its axis.
+        axes_in_link = [self.system.frames[pair, link][:, 2] for pair in pairs]
+        equation, matrix = place_on_axes(link, axes_in_link, axes_in_common, scales)
+        return equation, matrix, times(*scales)
+
+    def _axis_at_start_of_path(self, path, pair, parent):
+        """Return a pair axis in the link before a path, times a scale; and the scale.
+
+        `path` has the links from there to `parent`, which is a link of the pair. Both
+        results are dual arrays: the value and its derivatives, along the first axis.
+        """
+        # The derivatives of the axis in its parent, and of the scale 1, are zero.
+        axis = constant(self.system.frames[pair, parent][:, 2:], self.count)
+        scale = constant(ball([[1]]), self.count)
+        for path_link in reversed(path):
+            matrix_of_link, scale_of_link = self._matrix_and_scale(path_link)
+            axis = times(matrix_of_link, axis)
+            scale = times(scale, scale_of_link)
+        return axis, scale
 
 
 def spin(c, s, still):
@@ -1097,9 +1129,9 @@ class Arc:
     def at(self, s):
         """Return balls (intervals) of all variables on the arc, for all s in a ball.
 
-        s is the coordinate along the straight axis of the piece, y are those across it. The
-        search starts from all y of the piece. Krawczyk's operator narrows their balls and
-        loses no solution of F = 0.
+        The arc lies in a piece, which is a straight box. s is the coordinate along the axis
+        of this box, y are those across the axis. The search starts from all y of the piece.
+        Krawczyk's operator narrows their balls and loses no solution of F = 0.
         """
         middle_s = arb(s.mid())
         step = s - middle_s
@@ -1107,16 +1139,23 @@ class Arc:
         axis_points = axis_point + step * self.axis
         y = self._narrowed(self.all_y, axis_point, axis_points, step)
         if any(item.rad() > 0.9 * self.radius for item in y):
-            # The balls are hardly smaller: the derivatives over all y at once are too
-            # coarse. So each y is cut into 4, 6 or 8 parts, until the image lies in the
-            # piece.
-            images = (
-                self._krawczyk_operator(axis_point, axis_points, step, cuts)
-                for _, cuts in PARTS
-            )
-            small = (image for image in images if np.all(size(image) < self.radius))
-            y = self._narrowed(next(small, self.all_y), axis_point, axis_points, step)
+            # The balls are hardly smaller, since the bounds of F' over all y are too wide.
+            y = self._inside_piece_by_cuts(axis_point, axis_points, step)
+            y = self._narrowed(y, axis_point, axis_points, step)
         return axis_points + self.across @ y
+
+    def _inside_piece_by_cuts(self, axis_point, axis_points, step):
+        """Return balls of the y with F = 0, by derivatives over parts of the piece.
+
+        Each y is cut into 4 parts, and if this is not enough into 6 or 8. The first image
+        by Krawczyk's operator that lies within the piece is returned, or else all y of the
+        piece. Parameters are those of `_narrowed`.
+        """
+        for _, cuts in PARTS:
+            image = self._krawczyk_operator(axis_point, axis_points, step, cuts)
+            if np.all(size(image) < self.radius):
+                return image
+        return self.all_y
 
     def _narrowed(self, y, axis_point, axis_points, step):
         """Return smaller balls (intervals) of the y with F = 0, for all s of a range.
@@ -1145,13 +1184,11 @@ class Arc:
         """Return the image of balls of y by Krawczyk's operator, for all s of a range.
 
         A point has the coordinate s along the axis of the piece and the coordinates y
-        across it. The image contains all solutions of F = 0 that the balls contain. It is
-
-        - m - C F(m) + (1 - C F'_y) (y - m)
-
-        with the middles m of the balls, and an approximate inverse C of the derivatives
-        F'_y by y. F(m) for all s follows from the mean-value theorem: the value at the
-        middle of the range, plus the derivative F'_s along the axis times the step of s.
+        across it. The image contains all solutions of F = 0 that the balls contain. The
+        image is m + (1 - C F'_y) (y - m) - C F(m), with the middles m of the balls. C is an
+        approximate inverse of the derivatives F'_y by y. F(m) for all s follows from the
+        mean-value theorem: the value at the middle of the range, plus the derivative along
+        the axis times the step of s.
 
         Parameters
         ----------
@@ -1165,9 +1202,9 @@ class Arc:
         slope_by_s = slope @ self.axis
         slope_by_y = slope @ self.across
         value_for_all_s = value_at_middle + slope_by_s * step
-        image = middle_y - self.inverse_slope @ value_for_all_s
-        image += (self.identity - self.inverse_slope @ slope_by_y) @ (y - middle_y)
-        return image
+        image_of_middle = middle_y - self.inverse_slope @ value_for_all_s
+        contraction = self.identity - self.inverse_slope @ slope_by_y
+        return image_of_middle + contraction @ (y - middle_y)
 
     def rate(self, s, variable):
         """Return a ball of the rate of a variable along the arc, up to a factor.

@@ -478,10 +478,13 @@ class SolutionOverBox:
     def _mirror_image_from_linear_part(self, z, relative_rates, relative_remainder, e):
         """Return a ball of the mirror image 1 / conj(x) less z + Z d, for one unknown x.
 
-        A ball is a number with a rigorous error bound. The solution over a box of inputs is
-        x = z + Z d + w, with the value z at the centre, the rates Z, the changes d of the
-        inputs, and a remainder w. With e = (Z d + w) / z, c = conj(e) and s = 1 / (z
-        conj(z)), x = z (1 + e), and its mirror image is
+        The angle of x is real if x and its mirror image in the unit circle are the same.
+        `show_real` concludes this from the ball (number with a rigorous error bound).
+
+        The solution over a box of inputs is x = z + Z d + w, with the value z at the
+        centre, the rates Z, the real changes d of the inputs, and a remainder w. With e =
+        (Z d + w) / z, c = conj(e) and s = 1 / (z conj(z)), x = z (1 + e), and its mirror
+        image is
 
             1 / conj(x) = z s / (1 + c) = z s (1 - c + c^2 / (1 + c)).
 
@@ -510,10 +513,11 @@ class SolutionOverBox:
         return z * (s - 1 - linear_terms + other_terms)
 
     def angles(self):
-        """Return the angles of a real solution over a box of inputs, as triples.
+        """Return the angles of a solution with real angles over a box of inputs.
 
-        A triple has the angle at the centre of the box, its rates by the inputs, and a
-        bound of the remainder.
+        Each angle is a triple: its value at the centre of the box, its rates by the inputs,
+        and a bound of the remainder. `NotShown` is raised if the solution varies so much
+        over the box that the bound would be useless (|e| of 0.5 or more, see below).
 
         The solution is e^(i angle) = z + Z d + w = z (1 + e) with e = (Z d + w) / z. Here d
         are the inputs less the centre of the box, z is the solution at this centre, Z are
@@ -531,13 +535,15 @@ class SolutionOverBox:
             if not size < 0.5:
                 raise NotShown
             rates = [arb((sign * rate.imag).mid()) for rate in relative_rates]
-            # `angle.rad()` is the error at the centre. 1e-20 exceeds the rounding of the
-            # rates.
+            error_of_logarithm = size**2 / (2 * (1 - size))
+            error_at_centre = arb(angle.rad())
+            # The rates are the middles of balls. Their radii are less than this.
+            error_of_rates = arb(1e-20)
             remainder = (
                 abs(relative_remainder)
-                + size**2 / (2 * (1 - size))
-                + arb(angle.rad())
-                + arb(1e-20)
+                + error_of_logarithm
+                + error_at_centre
+                + error_of_rates
             )
             angles.append((arb(angle.mid()), rates, arb(remainder.upper())))
         return angles
