@@ -54,11 +54,8 @@ class CircleContact:
         the file gives numbers of teeth, these are taken, since their ratio is exact.
     sense
         1 if one circle is inside the other (internal contact), -1 if they are side by side
-        (external contact).
-
-        In internal contact, wheels roll in the same sense about their centres, otherwise in
-        opposite senses. So the rolled length grows with the azimuth on the first circle,
-        and with this sign times the azimuth on the second.
+        (external contact). Wheels in internal contact turn in the same direction about
+        their centres, in external contact in opposite directions.
     """
 
     frames: Sequence[Frame]
@@ -68,7 +65,11 @@ class CircleContact:
 
     @property
     def centre_arc(self) -> Ball:
-        """Signed arc (rad) from the first centre through the contact to the second."""
+        """Arc (rad) from the first centre to the second, counted towards the contact.
+
+        It is negative if the second centre is on the other side of the first one than the
+        contact.
+        """
         return self.radii[0] - self.sense * self.radii[1]
 
     def contact_directions(
@@ -84,13 +85,14 @@ class CircleContact:
         first_centre, second_centre
             (3,) unit vectors in any common axes, which are the axes of the result, too.
         """
-        # `_great_circle_tangents` gives tangents in the sense from the first centre to the
-        # contact. Along this sense, the contact is ahead of the first centre. It is ahead
-        # of the second centre in internal contact (sense 1), and behind it in external
-        # contact (sense -1).
+        # `centre_arc` is counted from the first centre towards the contact. Both tangents
+        # have the same direction along the great circle as this arc.
         tangent_at_first, tangent_at_second = _great_circle_tangents(
             first_centre, second_centre, self.centre_arc
         )
+        # Seen from the first centre, the contact is in this direction. So it is from the
+        # second centre if one circle is inside the other (`sense` 1). If the circles are
+        # side by side (`sense` -1), the second centre lies beyond the contact.
         return tangent_at_first, self.sense * tangent_at_second
 
 

@@ -130,11 +130,10 @@ class DecimalMechanism(DecimalGeometry):
 
             relations @ angles = constants.
 
-        The wheels have the angular radii r1 and r2, and turn by the angles a1 and a2
-        relative to the link that carries both. They roll the same length, so sin(r1) a1 -
-        sin(r2) a2 is constant. If the wheels touch from outside, one axis is reversed and
-        its radius is pi - r, so that the equation remains the same. Each of a1 and a2 is a
-        signed sum of the angles of the revolute pairs between wheel and carrier.
+        The wheels turn by some angles relative to the link that carries both. They roll the
+        same length, which is the angle of a wheel times the sine of its angular radius. The
+        angle of a wheel is a signed sum of the angles of the revolute pairs between wheel
+        and carrier.
 
         Parameters
         ----------
@@ -150,6 +149,7 @@ class DecimalMechanism(DecimalGeometry):
             constants = self._constants_from_pose(relations)
         else:
             constants = self._constants_from_rolled_lengths()
+        # The terms of the inputs are known. The equations then give the followers.
         right_side = constants - relations[:, structure.inputs] @ np.array(inputs)
         followers = self._solve_followers(relations, right_side[:, None])[:, 0]
         return [*inputs, *followers]

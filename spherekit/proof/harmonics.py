@@ -169,21 +169,28 @@ class Harmonics:
         -------
         The coefficients of the polynomials, and their derivatives by the given angles.
         """
-        others = [j for j in range(self.degrees.shape[1]) if j not in unknowns]
+        variable_count = self.degrees.shape[1]
+        given_variables = [j for j in range(variable_count) if j not in unknowns]
+        given_count = len(given_variables)
         # The equation is a Fourier sum of waves e^(i j angle). The sum is taken over the
         # waves of the given angles. The axes of the unknowns remain; their waves are powers
         # of z.
-        coefficients = self.coefficients[equation].transpose([*unknowns, *others])
+        coefficients = self.coefficients[equation].transpose([*unknowns, *given_variables])
         waves = _evaluate_waves(given, self.max_degree, order=1)
         sums = _sum_waves(coefficients, waves)
-        # Without given angles, the last axis, of the n sets, still has the length 1.
+        # Axes of `sums`: for each given angle the order of the derivative by it (0 or 1),
+        # then the powers of each unknown, then the n sets. Without given angles, the last
+        # axis still has the length 1.
         sums = np.broadcast_to(sums, (*sums.shape[:-1], len(given)))
-        values = _select_derivative(sums, len(others))  # (2 m_1 + 1, ..., n)
-        slopes = np.empty((len(others), *values.shape), dtype=complex)
-        for k in range(len(others)):
-            slopes[k] = _select_derivative(sums, len(others), k)
+        values = _select_derivative(sums, given_count)  # (2 m_1 + 1, ..., n)
+        slopes = np.empty((given_count, *values.shape), dtype=complex)
+        for k in range(given_count):
+            slopes[k] = _select_derivative(sums, given_count, k)
         # The axis of the n sets comes first.
-        return PartialPolynomial(np.moveaxis(values, -1, 0), np.moveaxis(slopes, -1, 0))
+        return PartialPolynomial(
+            np.moveaxis(values, source=-1, destination=0),
+            np.moveaxis(slopes, source=-1, destination=0),
+        )
 
 
 class _NodeEvaluator:
@@ -243,24 +250,24 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
 
     Returns
     -------
-    (orders, orders, ..., remaining axes, n). Each variable has a first axis with the order
-    of the derivative by it. Index [a, b, ...] is the a-th derivative by the first variable
-    and the b-th by the second; all 0 is the value.
+    (orders, ..., orders, remaining axes, n). The first axes belong to the variables, one
+    axis to each. The index on such an axis is the order of the derivative by this variable.
+    For example, [1, 0] is the first derivative by the first of two variables.
     """
-    # Example of shapes with two variables of 5 and 3 waves, n points and 2 orders:
-    #   at first                              (5, 3, 1), repeated for all points
-    #   after the sum over variable 1      (2, 5, n)
-    #   after the sum over variable 0   (2, 2, n)
-    # The last variable comes first, so that the result begins with the axis of variable 0.
+    # The last axis is the point. At first it has the length 1, since the coefficients are
+    # the same at all points.
     sums: Complexes = coefficients[..., None]
-    for wave in waves[::-1]:
-        # Variables of a lower degree m need only the waves -m to m, in the middle of the
+    # The sum over the last variable comes first. Each sum removes the axis of the waves of
+    # this variable, and puts an axis of orders in front of all other axes. So the result
+    # begins with the axis of the first variable.
+    for waves_of_variable in waves[::-1]:
+        # A variable of a lower degree m needs only the waves -m to m, in the middle of the
         # axis.
         wave_count = sums.shape[-2]
-        unused = (wave.shape[1] - wave_count) // 2
-        wave = wave[:, unused : unused + wave_count]
+        unused = (waves_of_variable.shape[1] - wave_count) // 2
+        used_waves = waves_of_variable[:, unused : unused + wave_count]
         # Letters: w wave of this variable, n point, o order of the derivative.
-        sums = np.einsum("...wn,own->o...n", sums, wave)
+        sums = np.einsum("...wn,own->o...n", sums, used_waves)
     return sums
 
 
@@ -272,18 +279,18 @@ def _select_derivative(
     Parameters
     ----------
     sums
-        Values and derivatives. Each variable has a first axis: the order of the derivative
-        by it.
+        Values and derivatives. The first axes belong to the variables, one axis to each.
+        The index on such an axis is the order of the derivative by this variable.
     variable_count
         Number of these variables.
     *variables
         Numbers of the variables of the derivative. None for the value, i for the first
         derivative by variable i, i and j for the second derivative by i and j.
     """
-    orders = [0] * variable_count
+    order_by_variable = [0] * variable_count
     for variable in variables:
-        orders[variable] += 1
-    return sums[tuple(orders)]
+        order_by_variable[variable] += 1
+    return sums[tuple(order_by_variable)]
 
 
 def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Complexes:
@@ -317,6 +324,19 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
     return waves_of_variables[:, None, :, :] * factors_of_orders[None, :, :, None]
 
 
+def _bound_rounding_count(wave_count: int) -> int:
+    """Return a bound of the number of roundings in a sum of waves of one variable.
+
+    The waves are powers of z = e^(i angle). Each power needs at most 8 roundings. The sum
+    of the products of waves and coefficients needs at most `wave_count` + 2.
+    """
+    if wave_count == 1:
+        # The only wave is the constant 1.
+        return 0
+    highest_power = wave_count // 2
+    return wave_count + 2 + 8 * highest_power
+
+
 def _interpolate(values: Array) -> tuple[Complexes, float]:
     """Return the Fourier coefficients of one equation, and an error bound of its values.
 
@@ -341,7 +361,7 @@ def _interpolate(values: Array) -> tuple[Complexes, float]:
     node_counts = values.shape
 
     # 1. Transform the centres of the balls, in one variable after another. The radii of the
-    #    balls enter the error below.
+    #    balls are taken into account in step 2.
     sums = exact_centres(values)
     balls_about_zero = values - sums
     largest_radius = max(map(upper_magnitude, balls_about_zero.flat))
@@ -357,11 +377,10 @@ def _interpolate(values: Array) -> tuple[Complexes, float]:
     #    rounding of the sums, and radii of the balls.
     coefficients = sums.astype(complex)
     conversion_error = sum(map(upper_magnitude, (sums - coefficients).flat))
-    # Bound of the number of roundings of a value. A variable with `count` waves needs
-    # powers of z = e^(i angle) up to count // 2, with at most 8 more roundings each. The
-    # sum of `count` products has count + 2. The factor 2 below is an allowance.
-    roundings = sum(count + 2 + 8 * (count // 2) for count in node_counts if count > 1)
-    rounding_error = 2.0 * roundings * UNIT_ROUNDOFF * np.sum(np.abs(coefficients))
+    roundings = sum(map(_bound_rounding_count, node_counts))
+    allowance = 2.0
+    sum_of_magnitudes = np.sum(np.abs(coefficients))
+    rounding_error = allowance * roundings * UNIT_ROUNDOFF * sum_of_magnitudes
     # At the nodes the error is at most the radius. Between nodes it can be larger by the
     # norm of the interpolation.
     radius_error = largest_radius * prod(map(_interpolation_norm, node_counts))

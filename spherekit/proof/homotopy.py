@@ -315,11 +315,12 @@ def _evaluate_homotopy(
         unknown then has an axis of powers from 0 to its degree d.
     points
         The n points. A coordinate is z of an unknown, or 1 / z if z is large, so that it is
-        always finite.
+        always finite. Derivatives are by this coordinate.
     t
         (n,) the parameter t of each point.
     """
-    # (n, k, 2) values and (n, k, k, 2) derivatives by z. Last axis: start system, goal.
+    # (n, k, 2) values of the k equations, and (n, k, k, 2) their derivatives by the k
+    # coordinates. Last axis: start system, goal.
     values_of_systems = points.evaluate(start_and_goal)
     slopes_of_systems = points.first_derivatives(start_and_goal)
     start_values = values_of_systems[..., 0]

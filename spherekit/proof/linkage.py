@@ -391,7 +391,11 @@ class Linkage:
         self._tree = find_spanning_tree(ends)
         tree_pairs = [pair for pair, _, _ in self._tree]
         self._loop_pairs = np.setdiff1d(range(len(all_kinematics)), tree_pairs)
+        # A sense is 1 if a path passes a pair from its first to its second link, -1 in the
+        # opposite direction, and 0 if the path does not pass the pair.
+        # (links, pairs): the path from the ground to each link.
         path_senses = _find_path_senses(mechanism, self._tree)
+        # (loops, pairs): the path around each loop.
         loop_senses = _find_loop_senses(mechanism, self._loop_pairs, path_senses)
         # `variable_owners` has the pair of each variable. A pair with two variables gets
         # two columns.
@@ -535,11 +539,13 @@ class Linkage:
         Parameters
         ----------
         vectors
-            (n, variables, 3) angular velocity of each pair at unit rate of the variable.
+            (n, variables, 3) angular velocity of each pair at unit rate of the variable, in
+            ground axes.
 
         Returns
         -------
-        (n, 3 loops, variables) derivatives.
+        (n, 3 loops, variables) derivatives, in ground axes. There are three rows for each
+        loop, one for each component.
         """
         senses = self._loop_senses_of_variables  # (loops, variables)
         vectors_as_columns = vectors.swapaxes(1, 2)  # (n, 3, variables)
@@ -796,15 +802,15 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
 def _approximate_left_inverse(matrix: Array, bits: int) -> Array | None:
     """Return the left inverse (A^T A)^-1 A^T of a matrix A, None if A^T A is singular.
 
-    The condition number of A^T A is the square of that of A. With 2 bits + 64 bits, at
-    least 64 bits of the result are correct if the condition number of A is below 2^bits.
+    A^T A is computed with more than twice as many bits as A has, since its condition number
+    is the square of that of A.
 
     Parameters
     ----------
     matrix
         (m, k) balls (numbers with a bound of their error). Only their centres are used.
     bits
-        Bits of the matrix.
+        Number of bits to which the elements of the matrix are rounded.
 
     Returns
     -------
@@ -812,8 +818,9 @@ def _approximate_left_inverse(matrix: Array, bits: int) -> Array | None:
     """
     flint = flint_library()
     m, k = matrix.shape
+    bits_of_square = 2 * bits + 64
     # `mid` sets the radii of balls to 0.
-    with flint.ctx.workprec(2 * bits + 64):
+    with flint.ctx.workprec(bits_of_square):
         centre_matrix = flint.arb_mat(m, k, list(matrix.ravel())).mid()
         transposed = centre_matrix.transpose()
         try:

@@ -267,12 +267,14 @@ class EquationSystem:
         -------
         (equations,) bounds of the errors of all coefficients and derivatives.
         """
-        rounding_errors = [
-            _bound_sum_rounding(np.append(equation_coefficients, equation_derivatives))
-            for equation_coefficients, equation_derivatives in zip(
-                coefficients, derivatives, strict=True
-            )
-        ]
+        # Each coefficient is a sum of terms, which are rounded. Its value shows how large
+        # the terms can be: at most 1 more than the largest coefficient or derivative.
+        rounding_errors = []
+        for equation_coefficients, equation_derivatives in zip(
+            coefficients, derivatives, strict=True
+        ):
+            sums = np.append(equation_coefficients, equation_derivatives)
+            rounding_errors.append(_bound_sum_rounding(sums))
         return self._bound_stored_errors() + rounding_errors
 
     def _bound_stored_errors(self) -> Floats:
@@ -373,14 +375,20 @@ class EquationSystem:
         """
         # `prove_roots` adds new solutions to `solved` only after all roots are found here.
         solved_points = cosines_and_sines([solution.given for solution in self.solved])
-        starts = [self._choose_start(requested, solved_points) for requested in given]
-        start_values = np.array([values for values, _ in starts])
-        start_points = np.concatenate([points for _, points in starts])
-        # `ChartRoots` stores e^(i angle) or its inverse, with a magnitude of at most 1. So
-        # roots at infinity are finite numbers, too.
-        row = np.repeat(np.arange(len(given)), self.bound)
-        roots = ChartRoots.from_points(start_points, row)
-        return self._step_along_tangent(roots, start_values, given)
+        values_of_starts = []
+        points_of_starts = []
+        for requested in given:
+            start_values, start_points = self._choose_start(requested, solved_points)
+            values_of_starts.append(start_values)
+            points_of_starts.append(start_points)
+        # A point is one root: the complex numbers e^(i angle) of all unknowns. Each set has
+        # `bound` points. `set_of_point` is the number of the set of each point.
+        points = np.concatenate(points_of_starts)
+        set_of_point = np.repeat(np.arange(len(given)), self.bound)
+        # An equation can also have infinite e^(i angle) as solutions. `ChartRoots` stores
+        # the inverse of large numbers, so these are finite, too.
+        roots = ChartRoots.from_points(points, row=set_of_point)
+        return self._step_along_tangent(roots, np.array(values_of_starts), given)
 
     def _step_along_tangent(
         self, roots: ChartRoots, start_values: Floats, given: Floats
@@ -407,10 +415,11 @@ class EquationSystem:
     def _choose_start(
         self, requested: Floats, solved_points: Floats
     ) -> tuple[Floats, Complexes]:
-        """Return values of the given variables at which all roots are known, with them.
+        """Return values of the given variables at which all roots are known, and the roots.
 
-        They are the nearest values in `solved`. If none is near, a homotopy computes all
-        roots at the requested values.
+        A root is one solution of the equations, with complex numbers e^(i angle) of the k
+        unknown angles. The values are the nearest ones in `solved`. If none is near, a
+        homotopy computes all roots at the requested values.
 
         Parameters
         ----------
@@ -424,7 +433,8 @@ class EquationSystem:
         values
             (given,) values (rad) of the given variables at which the roots are known.
         roots
-            (bound, k) e^(i angle) of the k unknowns in all roots.
+            (roots, k) e^(i angle) of the unknowns in all roots. Their number is `bound`,
+            the largest number that the system can have.
         """
         if len(solved_points):
             # Comparing cosines and sines ignores whole turns of the angles.
@@ -579,8 +589,8 @@ def _bound_angle_deviation(
     roots
         The approximate roots z0, at the centres of the boxes.
     tubes
-        For each root the linear motion of z over the box, and how far the exact root can be
-        from it.
+        For each root the linear motion of z over the box. `tube_radius` bounds how far the
+        exact root can be from this motion. `displacement` bounds ``|z - z0|`` in the box.
     rates
         (n, k, inputs) derivatives of the angles by the inputs.
     half_widths

@@ -128,9 +128,10 @@ def _choose_weights(slopes: Floats) -> Floats:
 def _bound_rounding_of_sums(values: Floats, slopes: Floats, radii: Floats) -> Floats:
     """Return bounds (n, k) of the rounding errors that equations bring to weighted sums.
 
-    The result, times the magnitude of the weight, bounds two rounding errors: of the
-    weighted value at the centre of a box, and of the weighted slopes times the half widths.
-    Both are at most `PRODUCT_ROUNDING` times their magnitudes.
+    A caller multiplies k equations by weights and adds them up, to test whether a box can
+    contain a solution. Each equation brings two rounding errors to the sum: that of its
+    value at the centre of the box, and that of its linear change over the box. The bounds
+    are for a weight of 1. The caller multiplies them by the weights.
 
     Parameters
     ----------

@@ -188,9 +188,10 @@ class ReducedEquation:
     ) -> SurfaceDerivatives:
         """Return the first derivatives of the variables z and of the number g by u and v.
 
-        The equation F(z) = g l, with a constant vector l and given coordinates u and v of
-        z, determines z and g (`ReducedEquation`). The configurations of the mechanism are
-        at g = 0.
+        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
+        constant vector l and given coordinates u and v of z, determines z and g. The
+        configurations of the mechanism are at g = 0. The result also has a step of Newton's
+        method (`correction`) from the given z to a solution.
 
         Parameters
         ----------
@@ -198,8 +199,8 @@ class ReducedEquation:
             (n,) values of z (rad), in balls (numbers with a bound of their error). The
             derivatives are valid for all numbers in the balls.
         residual
-            (k,) balls: the error F(z) - g l that a step of Newton's method is to remove. By
-            default it is 0, and the step is 0.
+            (k,) balls: the error F(z) - g l that the step is to remove. By default the
+            error is 0, and so is the step.
 
         Raises
         ------
@@ -216,8 +217,21 @@ class ReducedEquation:
     ) -> tuple[SurfaceDerivatives, SurfaceCurvatures]:
         """Return the first and second derivatives of the variables z and of g by u and v.
 
-        The equation F(z) = g l, with given coordinates u and v of z, determines z and the
-        number g (`ReducedEquation`). Parameters and errors are those of `differentiate`.
+        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
+        constant vector l and given coordinates u and v of z, determines z and the number g.
+
+        Parameters
+        ----------
+        positions
+            (n,) values of z (rad), in balls (numbers with a bound of their error). The
+            derivatives are valid for all numbers in the balls.
+        residual
+            (k,) balls: the error F(z) - g l that a step of Newton's method is to remove.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If z and g may be undetermined for some numbers in the balls.
         """
         _, slopes, curvatures = self.equations.evaluate(positions, 2)
         first = self._solve_first_order(slopes, residual)
@@ -233,10 +247,12 @@ class ReducedEquation:
         return _name_derivatives(first), surface_curvatures
 
     def _solve_first_order(self, slopes: Array, residual: Array) -> Array:
-        """Return derivatives of (z, g) in three directions: Newton's step, u and v.
+        """Return a step of Newton's method, and the derivatives of (z, g) by u and v.
 
-        The equation F(z) = g l determines z and the number g; u = a . z and v = b . z are
-        given coordinates. The derivatives (z', g') solve three sets of linear equations:
+        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
+        constant vector l, determines z and the number g. u = a . z and v = b . z are given
+        coordinates, with constant vectors a and b. The step and the derivatives (z', g')
+        solve three sets of linear equations:
 
             Newton's step:   F' z' - g' l = -residual,   a . z' = 0,   b . z' = 0,
             along u:         F' z' - g' l = 0,           a . z' = 1,   b . z' = 0,
@@ -252,7 +268,8 @@ class ReducedEquation:
 
         Returns
         -------
-        (n + 1, 3) balls. The last row belongs to g, the others to z.
+        (n + 1, 3) balls. The last row belongs to g, the others to z. The columns are the
+        step, and the derivatives by u and by v.
         """
         equation_rows = np.block([-residual[:, None], np.zeros((len(slopes), 2))])
         coordinate_rows = np.block([np.zeros((2, 1)), np.eye(2)])
@@ -262,13 +279,12 @@ class ReducedEquation:
     def _solve_second_order(self, slopes: Array, curvatures: Array, rates: Array) -> Array:
         """Return second derivatives of (z, g) in three directions: Newton's step, u and v.
 
-        The equation F(z) = g l determines z and the number g; u = a . z and v = b . z are
-        given coordinates. Differentiated in two directions i and j it is
+        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
+        constant vector l, determines z and the number g. u = a . z and v = b . z are given
+        coordinates, with constant vectors a and b. A step of Newton's method counts as a
+        third direction. Differentiated in two directions i and j the equations are
 
             F' z_ij - g_ij l = -F''(z_i, z_j),   a . z_ij = 0,   b . z_ij = 0.
-
-        In the direction of Newton's step, the error of the equation changes linearly, so it
-        has no second derivative.
 
         Parameters
         ----------
@@ -292,8 +308,11 @@ class ReducedEquation:
     def _border(self, slopes: Array) -> Array:
         """Return the matrix (n + 1, n + 1) of the linear equations for (z', g').
 
-        The equations are F' z' - g' l = ..., a . z' = ..., b . z' = .... With F' as
-        `slopes` (k, n) the matrix is
+        F(z) = 0 are the k = n - 1 equations of a mechanism in n variables z. Their values
+        may differ from 0 by a number g times a constant vector l: F(z) = g l. The
+        coordinates a . z and b . z are given, with constant vectors a and b. The
+        derivatives z' and g' satisfy F' z' - g' l = ..., a . z' = ..., b . z' = .... With
+        F' as `slopes` (k, n) the matrix is
 
             [F'  -l]
             [a^T  0]
@@ -311,8 +330,10 @@ class ReducedEquation:
     def find_critical_point(self, position: Array) -> Array:
         """Return the point near a position where both slopes of g(u, v) are 0.
 
-        The configurations of a mechanism are the zeros of a function g of two coordinates
-        (`ReducedEquation`). If g is 0 at this point, curves of configurations cross there.
+        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
+        constant vector l and given coordinates u and v of z, determines z and the number g.
+        So g is a function of u and v, and its zeros are the configurations. If g is 0 at
+        the point, curves of configurations cross there.
 
         Newton's method solves F(z) = g l and grad g = 0 together. Later proofs are about
         boxes around the point, so its error does not matter.
@@ -346,8 +367,10 @@ class ReducedEquation:
     def _step_to_critical_point(self, position: Array) -> Array:
         """Return the Newton step of all variables towards F(z) = g l and grad g = 0.
 
-        g(u, v) is a function with the configurations as zeros (`ReducedEquation`). The step
-        has two parts, which are added:
+        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
+        constant vector l and given coordinates u and v of z, determines z and g. So g is a
+        function of u and v, with the configurations as zeros. The step has two parts, which
+        are added:
 
         1. With u and v constant, z and g are corrected so that F(z) = g l.
         2. u and v are changed so that grad g, after part 1, becomes 0. z follows.
@@ -361,13 +384,17 @@ class ReducedEquation:
         -------
         (n,) balls of radius 0, since a step needs no error bounds.
         """
-        _, residual = self.split_residual(position)
+        # The residual is the error F(z) - g l at the position.
+        _level, residual = self.split_residual(position)
         first, second = self.differentiate_twice(position, residual)
+        # Part 1: the step of z with constant u and v. It also changes the gradient of g.
+        step_to_surface = first.correction
         gradient = exact_centres(first.gradient + second.gradient_correction)
-        # hessian (2, 2) times the step of u and v is -gradient.
+        # Part 2: hessian (2, 2) times the step of u and v is -gradient.
         uv_column = solve_balls(exact_centres(second.hessian), -gradient[:, None])
         uv_step = uv_column[:, 0]
-        return exact_centres(first.correction + first.variable_rates @ uv_step)
+        step_along_surface = first.variable_rates @ uv_step
+        return exact_centres(step_to_surface + step_along_surface)
 
     def enclose_box(self, limits: Floats) -> Array:
         """Return balls (n,) of all variables over a box about the centre.
@@ -383,9 +410,10 @@ class ReducedEquation:
     ) -> tuple[Ball, Array]:
         """Return g(u, v) and its slopes at the u and v of an approximate position.
 
-        The equation F(z) = g l, with given coordinates u and v of z, determines z and the
-        number g (`ReducedEquation`). The position and the level satisfy it only
-        approximately; the result encloses the exact values.
+        F(z) = 0 are the equations of a mechanism in n variables z. F(z) = g l, with a
+        constant vector l and given coordinates u and v of z, determines z and the number g.
+        The position and the level satisfy it only approximately. The result encloses the
+        exact values.
 
         Parameters
         ----------
@@ -395,8 +423,9 @@ class ReducedEquation:
         level
             The approximate g.
         derivatives
-            Derivatives that are valid in balls around the exact z. Their corrections lead
-            from position and level to the exact z and g.
+            Derivatives that are valid in balls around the exact z. The object also has two
+            corrections, as balls. They contain the differences of the exact z and g from
+            the position and the level.
 
         Returns
         -------
@@ -527,7 +556,7 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     Raises
     ------
     ZeroDivisionError
-        If F' nearly loses more than one rank. Singular matrices raise the same error.
+        If F' nearly loses more than one rank.
     """
     circle_points = cosines_and_sines(position[None])
     _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)

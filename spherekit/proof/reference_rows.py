@@ -477,7 +477,8 @@ class _RelativeMotion:
     Attributes
     ----------
     moves
-        (n,) whether the links move, about an axis that rounding cannot turn by 1e-6 rad.
+        (n,) whether the links move so fast that their axis of rotation is known: rounding
+        changes its direction by less than 1e-6 rad.
     rests
         (n,) whether the relative velocity is zero up to rounding.
     """
@@ -665,12 +666,14 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
         (n, 3) the direction u of the pole, as balls.
     """
     mechanism = reference.mechanism
+    # `pole_pairs` has the pairs that determine a pole: revolute pairs and rolling contacts.
+    # Sliding contacts are not among them.
     joining_pair = mechanism.pole_pairs.get(pole)
     if joining_pair is not None and mechanism.pairs[joining_pair].kind.has_axis:
         return _derivative_with_link(reference, joining_pair, direction)
     motion = _find_relative_motion(reference, pole)
     derivative = np.full((len(direction), 3), np.nan)
-    # For contacts, the derivative in rows in which the links rest.
+    # A rolling contact, in rows in which the links rest.
     if joining_pair is not None:
         with_link = _derivative_with_link(reference, joining_pair, direction)
         derivative[motion.rests] = with_link[motion.rests]
@@ -694,10 +697,12 @@ def _derivative_with_link(reference: ExactRows, pair: int, direction: Array) -> 
     direction
         (n, 3) the direction u, as balls.
     """
-    link = reference.mechanism.ends[pair][0]
-    # The product is rounded only at the end, so that it is exactly 0 if the axis rests.
-    # Otherwise its rounding error could exceed the error bound of the motion.
-    return centre_floats(np.cross(reference.w[:, link], direction))
+    first_link, _second_link = reference.mechanism.ends[pair]
+    angular_velocity = reference.w[:, first_link]
+    # The product is computed in balls, and only the result is rounded to float64. With
+    # float64 factors, rounding would give a derivative to an axis that rests.
+    derivative = np.cross(angular_velocity, direction)
+    return centre_floats(derivative)
 
 
 def _derivative_by_relative_velocity(

@@ -206,12 +206,19 @@ class ChartRoots:
     def first_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the first derivatives of polynomials by the stored z, at n points.
 
-        A coordinate e^(i angle) is stored as z or as its inverse. Polynomials and values
-        are those of `evaluate`.
+        An unknown e^(i angle) is stored as z: the number itself, or its inverse.
+
+        Parameters
+        ----------
+        polynomials
+            For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients,
+            for m sets of given values. The last k axes are the powers of the k unknowns.
+            Any axes between remain in the result.
 
         Returns
         -------
-        (n, polynomials, k, ...). Axis 2 is the unknown by which P is differentiated.
+        (n, polynomials, k, ...). Axis 2 is the unknown by which P is differentiated. The
+        dots are the axes that remain.
         """
         unknowns = range(self.z.shape[1])
         arrays = []
@@ -223,13 +230,19 @@ class ChartRoots:
     def second_derivatives(self, polynomials: Sequence[Complexes]) -> Complexes:
         """Return the second derivatives of polynomials by the stored z, at n points.
 
-        A coordinate e^(i angle) is stored as z or as its inverse. Polynomials and values
-        are those of `evaluate`.
+        An unknown e^(i angle) is stored as z: the number itself, or its inverse.
+
+        Parameters
+        ----------
+        polynomials
+            For each polynomial P an array (m, ..., size_1, ..., size_k) of coefficients,
+            for m sets of given values. The last k axes are the powers of the k unknowns.
+            Any axes between remain in the result.
 
         Returns
         -------
         (n, polynomials, k, k, ...). Axes 2 and 3 are the unknowns by which P is
-        differentiated.
+        differentiated. The dots are the axes that remain.
         """
         unknowns = range(self.z.shape[1])
         arrays = []
@@ -253,16 +266,18 @@ class ChartRoots:
         ----------
         coefficients
             (m, ..., size_1, ..., size_k) coefficients of the powers of the k unknowns, for
-            m sets of given values.
+            m sets of given values. The axes between belong to several polynomials of the
+            same form, such as derivatives of the coefficients. They remain in the result.
         unknowns
             Numbers of the unknowns by which it is differentiated. (0, 0) is the second
             derivative by unknown 0; empty is the value.
 
         Returns
         -------
-        (n, ...) with the axes between m and the sizes.
+        (n, ...) where the dots are the axes between.
         """
-        # (n, ..., size_1, ..., size_k) the coefficients for each point.
+        # `row` has for each point the number of its set of given values. So the first axis
+        # becomes that of the n points.
         terms = coefficients[self.row]
         # The last axis is multiplied by the powers of the last unknown and summed. Then the
         # same is done for the unknown before.
@@ -333,8 +348,9 @@ def _derivative_factor(exponents: Indices, order: int) -> Floats:
 class PolynomialValues:
     """The k polynomials P of a system and their first derivatives at n points.
 
-    An unknown angle is stored as z = e^(i angle) or its inverse, with a magnitude of at
-    most 1.
+    The unknowns are numbers x = e^(i angle) of real or complex angles. A number z with a
+    magnitude of at most 1 is stored: x itself, or 1 / x. In the latter case the polynomial
+    in x is multiplied by a power of z, so that P is a polynomial in z.
 
     Attributes
     ----------

@@ -80,15 +80,17 @@ class ArcErrors:
     """How much arcs that pass a saddle differ from curves of a quadratic function.
 
     A saddle is a place where two configuration curves cross or narrowly miss each other. In
-    two coordinates u and v they are the curves g = 0 of a function g(u, v). Q is the
-    quadratic form of the second derivatives g''. m is the larger of |u| and |v| at a point.
+    two coordinates u and v they are the curves g = 0 of a function g(u, v). Q = (u, v) g''
+    (u, v)^T is the quadratic form of the second derivatives. If g is a quadratic function,
+    g = level + Q / 2 with a constant level. Then Q = -2 level on the arcs, and the gradient
+    of g is g'' (u, v)^T. m is the larger of |u| and |v| at a point.
 
     Attributes
     ----------
     relative_form_error
-        Bound of the error of Q at all points of the arcs, divided by m^2.
+        Bound of |Q + 2 level| at all points of the arcs, divided by m^2.
     relative_gradient_error
-        Bound of the error of both components of the gradient g'' (u, v)^T, divided by m.
+        Bound of the error of both components of the gradient, divided by m.
     """
 
     relative_form_error: float
@@ -161,9 +163,9 @@ class DirectionRates:
     is perpendicular to a curve, so the tangent is (-g_v, g_u). Rates are derivatives of the
     variables of the mechanism along the tangent.
 
-    The gradient is that at the point of the direction with u = 1 or u = -1, if g is a
-    quadratic form. Farther or nearer points have a proportional gradient, so all points in
-    the direction have the same signs.
+    The gradient is computed at one point of the direction, with u = 1 or u = -1. g counts
+    as a quadratic form there, so its gradient is proportional to the distance from the
+    saddle. Therefore all points in the direction have the same signs.
 
     Attributes
     ----------
@@ -192,9 +194,9 @@ class SectorRates:
 
     A saddle is a place where two configuration curves, zeros of a function g(u, v), cross
     or nearly do. Rates are derivatives of the variables of the mechanism along the tangent
-    (-g_v, g_u). Between the two directions, each rate is a weighted mean of its values in
-    both, and its error is not larger. So a sign that is equal in both directions is also
-    valid between them.
+    (-g_v, g_u). g is nearly a quadratic form, so the rates are linear functions of u and v.
+    Between the two directions, each rate is a sum of its values in both, with positive
+    factors. So a sign that is equal in both directions is also valid between them.
 
     Attributes
     ----------
@@ -409,7 +411,10 @@ def bound_arm_rates(derivatives: SaddleDerivatives, errors: ArmErrors) -> ArmRat
     derivatives
         Derivatives of the variables and of g in a rectangle about the saddle.
     errors
-        How much the arms differ from straight lines through the point u = v = 0.
+        How much the arms differ from straight lines through the point u = v = 0. On such
+        lines the quadratic form Q = (u, v) g'' (u, v)^T is 0, and the gradient of g is g''
+        (u, v)^T. `relative_form_error` bounds |Q| on the arms, `relative_gradient_error`
+        the error of the gradient. Both are divided by powers of the larger of |u| and |v|.
 
     Raises
     ------
@@ -490,8 +495,11 @@ def _bound_arc_errors(hessian: Array, level: Ball, gradient_at_saddle: float) ->
 
     The arcs are configurations with g(u, v) = 0, where g = level + Q(u, v) / 2 up to
     errors, with a quadratic form Q. The computed saddle u = v = 0 is not exact, so g has a
-    small gradient s there. Let m be the larger of |u| and |v|. Because of s, Q has an error
-    of up to 4 s m, and the gradient an error of up to s.
+    small gradient s there. Let m be the larger of |u| and |v|.
+
+    - The gradient adds at most s |u| + s |v| <= 2 s m to g. So Q, with the factor 1 / 2,
+      differs from -2 level by at most 4 s m.
+    - The gradient of g has an error of at most s.
 
     Parameters
     ----------
@@ -534,9 +542,11 @@ def _evaluate_sector_about_v_axis(
 ) -> SectorRates:
     """Return the signs of rates in the directions about the positive v axis.
 
-    An arc of a configuration curve g(u, v) = 0 passes a saddle on the side v > 0 and joins
-    two of its arms (branches). Seen from the saddle, it is between the flat bounds of their
-    slopes v / u. Rates are derivatives of the variables along the curve.
+    An arc of a configuration curve g(u, v) = 0 passes a saddle on the side v > 0. It joins
+    two arms (branches) of the saddle: one with u > 0 and a positive slope v / u, and one
+    with u < 0 and a negative slope. Of the two bounds of a slope, the flat one is farther
+    from the v axis. So the arc is between both flat bounds. Rates are derivatives of the
+    variables along the curve.
 
     Parameters
     ----------
@@ -547,15 +557,15 @@ def _evaluate_sector_about_v_axis(
     relative_gradient_error
         Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
     """
-    first = _evaluate_direction(
+    above_u_axis = _evaluate_direction(
         derivatives, arm_slopes.positive.flat, relative_gradient_error
     )
-    # `_evaluate_direction` takes directions with u > 0. That with negative slope has v < 0,
-    # so the opposite one is used.
+    # A direction (1, slope) has u > 0. With a negative slope it has v < 0. The opposite
+    # direction has v > 0.
     below_u_axis = _evaluate_direction(
         derivatives, arm_slopes.negative.flat, relative_gradient_error
     )
-    return SectorRates(first, last=below_u_axis.opposite())
+    return SectorRates(first=above_u_axis, last=below_u_axis.opposite())
 
 
 def _evaluate_sector_about_u_axis(
@@ -563,9 +573,11 @@ def _evaluate_sector_about_u_axis(
 ) -> SectorRates:
     """Return the signs of rates in the directions about the positive u axis.
 
-    An arc of a configuration curve g(u, v) = 0 passes a saddle on the side u > 0 and joins
-    two of its arms (branches). Seen from the saddle, it is between the steep bounds of
-    their slopes v / u. Rates are derivatives of the variables along the curve.
+    An arc of a configuration curve g(u, v) = 0 passes a saddle on the side u > 0. It joins
+    two arms (branches) of the saddle: one above the u axis, with a positive slope v / u,
+    and one below, with a negative slope. Of the two bounds of a slope, the steep one is
+    farther from the u axis. So the arc is between both steep bounds. Rates are derivatives
+    of the variables along the curve.
 
     Parameters
     ----------
@@ -576,11 +588,11 @@ def _evaluate_sector_about_u_axis(
     relative_gradient_error
         Bound of the error of g_u and g_v, divided by the larger of |u| and |v|.
     """
-    return SectorRates(
-        first=_evaluate_direction(
-            derivatives, arm_slopes.positive.steep, relative_gradient_error
-        ),
-        last=_evaluate_direction(
-            derivatives, arm_slopes.negative.steep, relative_gradient_error
-        ),
+    # A direction (1, slope) has u > 0.
+    above_u_axis = _evaluate_direction(
+        derivatives, arm_slopes.positive.steep, relative_gradient_error
     )
+    below_u_axis = _evaluate_direction(
+        derivatives, arm_slopes.negative.steep, relative_gradient_error
+    )
+    return SectorRates(first=above_u_axis, last=below_u_axis)

@@ -207,13 +207,14 @@ def find_saddle(
         Function that returns whether a box may be used, because boxes of saddles must not
         overlap.
     """
-    # Balls are numbers with error bounds. Dividing by a ball that contains 0 raises the
-    # error; then nothing is proven. The precision here is enough for the box;
-    # `_enclose_level` increases it if the sign of the level requires this.
+    # Balls are numbers with error bounds. Dividing by a ball that contains 0 raises
+    # `ZeroDivisionError`. If this happens in `reduce_at_saddle`, no saddle is found.
     with working_precision(LEVEL_PRECISIONS_BITS[0]), suppress(ZeroDivisionError):
         saddle_reduction = reduce_at_saddle(equations, position)
         size = LARGEST_RECTANGLE_RAD
         while size > SMALLEST_RECTANGLE_RAD:
+            # If such a division is by a number in the box, this box gives None. Smaller
+            # boxes are still tried.
             saddle = _prove_saddle(saddle_reduction, size, is_proven_crossing)
             if saddle is not None and is_allowed(saddle) and _is_good_enough(saddle, size):
                 return saddle
@@ -387,13 +388,13 @@ def _make_saddle(
     gap
         Largest distance (rad) at which the curves miss each other.
     central_zone
-        (variables,) largest distance (rad) of each variable from the centre where curves
-        bend.
+        (variables,) size of the zone in which curves that miss each other bend from one arm
+        to another: the largest distance (rad) of each variable from the centre.
     arm_rates
         Signs of the rates of all variables along the arms, away from the saddle
         (`outward_signs`), and how far the arms extend (`reach`).
     is_monotonic
-        (variables,) whether a variable has no stationary point between two joined arms.
+        (variables,) whether it is proven that a variable is not stationary in this zone.
     """
     return Saddle(
         centre=box.centre,
@@ -508,8 +509,11 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
 
     The inner height h is the part `INNER_HEIGHT_RATIO` of the half height of the rectangle.
     For each v beyond h, g is negative at u = 0, positive at both sides and convex in u. So
-    it has exactly one zero with u > 0 and one with u < 0. For smaller v nothing is said
-    about the zeros, so the saddle point must be there.
+    it has exactly one zero with u > 0 and one with u < 0. These are the four arms.
+
+    Between -h and h the zeros may be joined in any way. Only there may curves cross, or
+    bend from one arm to another. This happens about the saddle point of g. So the last test
+    is that the saddle point is between -h and h.
 
     Parameters
     ----------
@@ -528,11 +532,14 @@ def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array)
     centre = _CentreMagnitudes(
         value=upper_magnitude(value), slope_u=slope_u, slope_v=slope_v
     )
-    return (
-        _is_positive_on_sides(u_limit, v_limit, centre, hessian)
-        and _is_negative_beyond(inner_height, centre, hessian)
-        and _has_saddle_point_within(inner_height, u_limit, centre, hessian)
-    )
+    # 1. The columns u = -u_limit and u = u_limit of the table.
+    if not _is_positive_on_sides(u_limit, v_limit, centre, hessian):
+        return False
+    # 2. The column u = 0.
+    if not _is_negative_beyond(inner_height, centre, hessian):
+        return False
+    # 3. The saddle point.
+    return _has_saddle_point_within(inner_height, u_limit, centre, hessian)
 
 
 def _is_positive_on_sides(
@@ -588,15 +595,17 @@ def _has_saddle_point_within(
 ) -> bool:
     """Return whether the saddle point of g(u, v) has ``|v|`` below the inner height h.
 
-    Configuration curves are the zeros of g, which is convex in u and concave in v. Let b(v)
-    be the least value of g over u. It is concave in v and highest at the saddle point. So
-    the saddle point is within h if b(0) exceeds b(h) and b(-h). This follows from
+    Configuration curves are the zeros of g, which is convex in u and concave in v. For each
+    v, let b(v) be the least value of g along u, the bottom of a valley. b is concave, and
+    highest at the saddle point. So the saddle point is within h if b(0) exceeds b(h) and
+    b(-h). Both are compared with g(0, 0):
 
-        b(0) >= g(0, 0) - u_limit |g_u(0, 0)|,   because g is convex in u,
-        b(+-h) <= g(0, +-h) <= g(0, 0) - descent,
+    - b(0) is lower by at most the valley depth u_limit ``|g_u(0, 0)|``, because g is convex
+      in u.
+    - b(h) and b(-h) are lower by at least the descent of g from the centre to v = h or -h.
 
-    if the descent of g from the centre to v = +-h exceeds u_limit ``|g_u(0, 0)|``. The test
-    requires twice as much.
+    So it is enough that the descent exceeds the valley depth. The test even requires twice
+    the depth.
 
     Parameters
     ----------

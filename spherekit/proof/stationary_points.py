@@ -576,11 +576,12 @@ def _enclose_zero(
 
 
 def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
-    """Return how much each variable in a stretch of a curve differs from its middle.
+    """Return how much each variable in a stretch of a curve differs from the middle point.
 
-    A stretch is a part of a curve of configurations, from the centre of a certified arc to
-    an end. The middle is that of the straight line from the start to the computed end. The
-    columns of the arc's frame are the tangent at the start, then the normals.
+    A stretch is a part of a curve of configurations. It starts at the centre of a certified
+    arc, and has a computed end. The middle point is on the straight line from start to end,
+    half way. The columns of the arc's frame are unit vectors: the tangent at the start,
+    then the normals.
 
     Returns
     -------
@@ -590,9 +591,11 @@ def _bound_differences_from_middle(stretch: _Stretch) -> Floats:
     along_normal = _bound_distance_along_normal(stretch)
     normal_count = len(stretch.end) - 1
     distances = [along_tangent, *[along_normal] * normal_count]
-    # The difference is a sum over the columns of the frame: each distance along a column,
-    # times the component of the column. 1e-12 rad covers the rounding.
-    return np.abs(stretch.piece.frame) @ distances + 1e-12
+    # The difference of a variable is a sum over the columns of the frame: each distance
+    # along a column, times the component of the column for this variable.
+    differences = np.abs(stretch.piece.frame) @ distances
+    rounding_allowance = 1e-12
+    return differences + rounding_allowance
 
 
 def _bound_distance_along_tangent(stretch: _Stretch) -> float:
@@ -644,27 +647,16 @@ def _approximate_zero(
     -------
     The zero, as a fraction of the way from the start of the stretch to its end.
     """
-    start_of_stretch = stretch.piece.centre
 
-    def rising_rate(ratios: Floats, _: Indices) -> Floats:
-        """Return the rate (1,), multiplied by a sign so that it is negative at the start.
-
-        `ratios` (1,) is a fraction of the way from the start of the stretch to its end.
-        """
-        # From the straight line, Newton's method leads to a configuration of the curve.
-        configuration = correct_configuration(equations, stretch.position(ratios[0]))
-        if configuration is None:
-            # Without a configuration, take the rate at the start. It is negative, so the
-            # search goes on between this fraction and the end.
-            configuration = start_of_stretch
-        rate = _approximate_rate(
-            equations, configuration, variable, direction=stretch.piece.tangent
-        )
+    def rising_rate(ratios: Floats, _function_numbers: Indices) -> Floats:
+        """Return the rate (1,) at a fraction (1,) of the way, positive at the end."""
+        rate = _approximate_rate_at_ratio(equations, stretch, variable, ratios[0])
         return np.array([end_sign * rate])
 
+    # The search takes several functions and fractions. Here there is one of each. It also
+    # takes the values at both ends, of which only the signs matter.
     one = np.ones(1)
-    # The values at the ends are unknown; only their signs matter.
-    (zero_ratio,), _ = find_bracketed_zeros(
+    zero_ratios, _ = find_bracketed_zeros(
         rising_rate,
         low=0.0 * one,
         high=one,
@@ -672,7 +664,36 @@ def _approximate_zero(
         values_at_high=one,
         tolerance=PRODUCT_ROUNDING,
     )
+    (zero_ratio,) = zero_ratios
     return float(zero_ratio)
+
+
+def _approximate_rate_at_ratio(
+    equations: ArcEquations, stretch: _Stretch, variable: int, ratio: float
+) -> float:
+    """Return the rate of a variable at a fraction of the way along a stretch of a curve.
+
+    The rate is the derivative of the variable along the curve. It has no error bounds.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    stretch
+        The stretch (part) of the curve.
+    variable
+        Number of the variable.
+    ratio
+        Fraction of the straight line from the start of the stretch to its end. Newton's
+        method leads from there to a configuration of the curve. If it fails, the rate at
+        the start is returned.
+    """
+    configuration = correct_configuration(equations, stretch.position(ratio))
+    if configuration is None:
+        configuration = stretch.piece.centre
+    return _approximate_rate(
+        equations, configuration, variable, direction=stretch.piece.tangent
+    )
 
 
 def _approximate_rate(
@@ -720,8 +741,9 @@ def _shorten_to_zero(
     A stretch is a part of a curve, and the rate is the derivative of a variable along it.
     Two certified arcs are searched, one before and one after the approximate zero. If the
     rate has opposite proven signs at their centres, the zero is between them. Very near the
-    zero the signs cannot be proven. So the distances are increased until both arcs are
-    found.
+    zero the signs cannot be proven. So both distances are increased until both arcs have
+    been found. Each round searches both arcs again. An arc that is found replaces that of
+    an earlier round.
 
     Parameters
     ----------
@@ -744,6 +766,7 @@ def _shorten_to_zero(
     has_new_start = False
     has_new_end = False
     length = np.max(np.abs(stretch.chord))
+    # Distance (rad) between the two arcs.
     bracket = FIRST_BRACKET_RAD
     while bracket < length and not (has_new_start and has_new_end):
         offset = 0.5 * bracket / length

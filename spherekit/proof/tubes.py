@@ -419,8 +419,10 @@ class TubeTest:
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
         # The equations are trigonometric polynomials. The derivative by the variables i, j
-        # and l is at most C d_i d_j d_l, with the degrees d and a constant C. Derivatives
-        # along a column of the frame are sums over the variables, and so are degrees.
+        # and l is at most C d_i d_j d_l, with the degrees d and a constant C. A column of
+        # the frame is a unit vector. The derivative along it is the sum of the derivatives
+        # by the variables, times its components. So the same bound holds with the sum of
+        # the degrees, times the magnitudes of the components, as its degree.
         self.third_bound = equations.derivative_bound
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
         self.derivative_error = _bound_derivative_error(equations)
@@ -443,8 +445,7 @@ class TubeTest:
         bounds prove that there is one arc.
 
         Taylor's formula about the centre is F' = F'(0) + F''(0) x + remainder, with
-        coordinates x along the frame. All bounds are polynomials of degree 2 in the reach
-        with positive coefficients.
+        coordinates x along the frame.
 
         Parameters
         ----------
@@ -533,10 +534,10 @@ class TubeTest:
         slope_in_box = change_in_box[..., 0].max(axis=-1) / margin * ROUND_UP
         slope_at_centre = change_at_centre[..., 0].max(axis=-1) / margin * ROUND_UP
 
-        # 3. Largest |y_i|. At s = 0 it is at most |Y F| / (1 - contraction), with F at the
-        #    centre. From there the slope is integrated. Its bound is a convex function of
-        #    |s| (`bound_slope_change`). So its mean is at most the mean of the values at
-        #    both ends.
+        # 3. Largest |y_i|. At s = 0 it is at most the residual |Y F| at the centre, divided
+        #    by 1 - contraction. From there the slope is integrated along s. Its bound is
+        #    the largest of some polynomials of |s| with positive coefficients, so it is
+        #    convex. The mean of a convex function is at most the mean of its end values.
         largest_at_centre = self._residual / margin
         mean_slope = 0.5 * slope_in_box + 0.5 * slope_at_centre
         largest = (largest_at_centre + half_length * mean_slope) * ROUND_UP
