@@ -334,16 +334,9 @@ class ModeSearch:
         train_count = len(self.solver.wheel_trains)
         if train_count == len(self.groups):
             return first_sample, Completeness(Guarantee.COMPLETE, "wheels in mesh have one")
-        # With several inputs, a limited number of samples is searched.
         input_count = grid.q.shape[1]
         if input_count > 1:
-            q = grid.q[spread_rows(len(grid), MAX_PROBED_SAMPLES)]
-            reason = f"modes at {len(q)} of the {len(grid)} samples"
-            sentence = f"All assembly modes were found at {len(q)} of the samples."
-            if len(q) == len(grid):
-                reason = f"modes at all {len(grid)} samples"
-                sentence = f"All assembly modes were found at the {len(grid)} samples."
-            return q, Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
+            return self._select_samples()
         # Modes appear or vanish only at turning points of the input, so one input between
         # each two of them is enough. The search for turning points is limited: `max_cost_s`
         # for one evaluation, `max_time_s` in all.
@@ -356,6 +349,28 @@ class ModeSearch:
         # instead. `claim` states whether a turning point can have been missed.
         step = np.ptp(grid.q) / (PROBED_RANGE_INPUTS - 1)
         return turning_points.probes(step)[:, None], turning_points.claim(step)
+
+    def _select_samples(self) -> tuple[Floats, Completeness]:
+        """Return a limited number of samples of several inputs, spread over all of them.
+
+        The assembly modes (ways to assemble the mechanism) are searched at these samples.
+
+        Returns
+        -------
+        q
+            (k, inputs) values of the inputs (rad).
+        claim
+            How complete the modes found at these samples are, with the reason in words.
+        """
+        grid = self.input_grid
+        q = grid.q[spread_rows(len(grid), MAX_PROBED_SAMPLES)]
+        if len(q) == len(grid):
+            reason = f"modes at all {len(grid)} samples"
+            sentence = f"All assembly modes were found at the {len(grid)} samples."
+        else:
+            reason = f"modes at {len(q)} of the {len(grid)} samples"
+            sentence = f"All assembly modes were found at {len(q)} of the samples."
+        return q, Completeness(Guarantee.SAMPLED, reason, sentence=sentence)
 
 
 def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:

@@ -549,9 +549,9 @@ class ModesOverRange:
         is_in_range = self._add_mode(curve, new_component)
         if not is_in_range:
             return
-        # `_components` has the number of the component of each mode. The next call adds the
-        # other modes of the component.
+        # Add the other modes of the component.
         self._follow_modes_beyond_their_ends()
+        # `_components` has the number of the component of each mode.
         components[row] = self._components[first_new_mode]
         # Other configurations may be on the modes that were just added.
         unknown = np.flatnonzero(components < 0)

@@ -469,14 +469,13 @@ class SampledModes:
         # `gear_phases` has the lengths that wheels have rolled on each other, as functions
         # of the inputs. None without wheels.
         gear_phases = self.solver.gear_phases
-        has_wheels = gear_phases is not None
         if gear_phases is not None and not gear_phases.all_known:
             # Free wheels: the inputs do not determine how far they have rolled.
             return self._search_free_wheels()
-        # Up to here, only the reference pose can have given a solution.
+        # Up to here, only the reference pose can have given a solution. If a mechanism with
+        # wheels has none, all groups of links are first solved at the first sample.
         has_reference_mode = self._solutions.count > 0
-        if has_wheels and not has_reference_mode:
-            # All groups of links are solved at the first sample, besides random starts.
+        if gear_phases is not None and not has_reference_mode:
             self._search_sample(0)
         self.methods = [
             CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups

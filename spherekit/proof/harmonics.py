@@ -371,7 +371,9 @@ def _interpolate(values: Array) -> tuple[Complexes, float]:
         transform = np.array(flint_library().acb_mat.dft(count).tolist())
         rows = transform / exact_ball(count).sqrt()
         wave_rows = np.roll(rows, count // 2, axis=0)
-        sums = np.moveaxis(np.tensordot(wave_rows, sums, (1, axis)), 0, axis)
+        # The product has the axis of the waves first. It moves to the place of the nodes.
+        transformed = np.tensordot(wave_rows, sums, axes=(1, axis))
+        sums = np.moveaxis(transformed, source=0, destination=axis)
 
     # 2. The error of float64 values has three parts: conversion of the coefficients,
     #    rounding of the sums, and radii of the balls.

@@ -213,8 +213,8 @@ def find_saddle(
         saddle_reduction = reduce_at_saddle(equations, position)
         size = LARGEST_RECTANGLE_RAD
         while size > SMALLEST_RECTANGLE_RAD:
-            # If such a division is by a number in the box, this box gives None. Smaller
-            # boxes are still tried.
+            # If a division fails inside this function, the result is None for this size.
+            # Smaller boxes are still tried.
             saddle = _prove_saddle(saddle_reduction, size, is_proven_crossing)
             if saddle is not None and is_allowed(saddle) and _is_good_enough(saddle, size):
                 return saddle
