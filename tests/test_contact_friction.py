@@ -132,9 +132,9 @@ def test_contact_forces_and_torques_with_friction_are_those_by_hand(
     distance = 0.1  # of the contact from the centre of the sphere, m
     mechanism = cam(coefficient, rest, f"distance = {distance}")
     t = np.linspace(0.1, 4.0, 9)
-    # Push and traction are moments (N m) of the contact about the centre of the sphere. The
-    # forces (N) are these divided by the distance. `torque` (N m) is at the shaft, and
-    # `slip` is the sliding speed on the unit sphere (rad/s).
+    # Push and traction are moments (N m) of the contact about the centre of the sphere.
+    # `torque` (N m) is at the shaft, and `slip` is the sliding speed on the unit sphere
+    # (rad/s).
     push, traction, torque, slip = by_hand(mechanism, coefficient, rest, t, mode)
     run = sk.run(
         mechanism,
@@ -147,8 +147,13 @@ def test_contact_forces_and_torques_with_friction_are_those_by_hand(
     rows = run.frame("reactions", "reactions").query("pair == 'touch'")
     assert rows["contact_torque"].to_numpy() == pytest.approx(push, abs=1e-7)
     assert rows["traction"].to_numpy() == pytest.approx(traction, abs=1e-7)
-    assert rows["force_x"].to_numpy() == pytest.approx(traction / distance, abs=1e-6)
-    assert rows["force_y"].to_numpy() == pytest.approx(-push / distance, abs=1e-6)
+    # In the axes of the contact, x is tangent to both circles, y is normal to them, and z
+    # leads to the contact point at the distance r. The force (X, Y, 0) at this point has
+    # the moment (-r Y, r X, 0): the push is about x, and the traction about y.
+    force_x = traction / distance
+    force_y = -push / distance
+    assert rows["force_x"].to_numpy() == pytest.approx(force_x, abs=1e-6)
+    assert rows["force_y"].to_numpy() == pytest.approx(force_y, abs=1e-6)
     for analysis in ("eksergian", "dynamics"):
         tau = run.frame(analysis, analysis)["tau"].to_numpy()
         assert tau == pytest.approx(torque, abs=1e-7)

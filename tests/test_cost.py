@@ -230,8 +230,9 @@ def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(tw
     Links 4 and 1 of the twelve-bar belong to a part that has two assembly modes (ways to
     assemble the links). The whole mechanism has 32 modes, 16 for each of these two. Each of
     the four singularities of the output 4/1 must be listed with the 16 modes in which the
-    velocity coefficient of the pole 4/1 changes its sign there. The inputs are those of the
-    part alone.
+    velocity coefficient of the pole 4/1 changes its sign there. A second run computes only
+    the links that the output needs (`only_needed`), so only this part. It must find the
+    singularities at the same input angles.
     """
     text = "singularities:output=4/1"
     run = sk.run(twelve_bar, [text, "poles:only=41"], samples=73)
@@ -253,8 +254,8 @@ def test_singularities_of_a_part_are_listed_once_for_all_modes_that_have_them(tw
         assert singularity["assembly_mode"].split("+") == [str(mode) for mode in modes]
         assert len(modes) == 16
 
-    # The table `relation` repeats the velocity coefficient. Its form i is that for the
-    # motion of link 4 relative to 1.
+    # The table `relation` repeats the velocity coefficient, in its rows of the form i. The
+    # sign depends on the direction of the pole, so sizes are compared.
     relation = run.frame("singularities", "relation")
     for mode, rows in relation[relation["form"] == "i"].groupby("assembly_mode"):
         coefficients = rows["velocity_coefficient"].to_numpy()

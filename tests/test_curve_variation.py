@@ -48,8 +48,12 @@ def moved_centre(angle):
 def curves(kind, backwards=False):
     """Return a family of curves, and the derivative that spherekit computes for it.
 
-    A family is a curve that changes with a parameter x. The tests compare the derivative by
-    x with differences of curves of the family.
+    A family is a curve on the unit sphere that changes with a parameter x. The tests
+    compare the derivative by x with differences of curves of the family.
+
+    A circle has a radius, the arc (rad) from its centre. A curve by a Fourier series has a
+    varying radius: sum of cosines[k] cos(k a) + sines[k] sin(k a) at the azimuth a about
+    its centre.
 
     Parameters
     ----------
@@ -71,8 +75,15 @@ def curves(kind, backwards=False):
     # Arguments of `differentiate_fourier` are pairs: a value and its derivative by x.
     centre = (CENTRE, SIDEWAYS)
     if kind == "circle":
-        derivative = differentiate_fourier(centre, ([0.6], [1.0]), backwards=backwards)
-        return lambda x: circle(moved_centre(x), 0.6 + x), derivative
+        # A circle has only the first cosine, its radius. It grows by 1 per x.
+        radius = 0.6
+        cosines_with_rates = ([radius], [1.0])
+        derivative = differentiate_fourier(centre, cosines_with_rates, backwards=backwards)
+
+        def circle_at(x):
+            return circle(moved_centre(x), radius + x)
+
+        return circle_at, derivative
     if kind == "fourier":
         cosines = np.array([0.6, 0.1, 0.05])
         sines = np.array([0.0, 0.02, 0.0])
@@ -88,15 +99,18 @@ def curves(kind, backwards=False):
             )
 
         return fourier_at, derivative
-    is_closed = kind == "closed"
     # Curves through points. The points of an open curve cover 4 rad of azimuth, less than a
     # turn.
+    is_closed = kind == "closed"
     azimuth_range = 2.0 * np.pi if is_closed else 4.0
     points, rates = points_near_circle(0.0, whole=azimuth_range)
     derivative = differentiate_spline(points, rates, is_closed, backwards)
-    return lambda x: through(
-        points_near_circle(x, whole=azimuth_range)[0], is_closed
-    ), derivative
+
+    def spline_at(x):
+        moved_points, _ = points_near_circle(x, whole=azimuth_range)
+        return through(moved_points, is_closed)
+
+    return spline_at, derivative
 
 
 def columns(curve, s):

@@ -27,9 +27,12 @@ def assert_direction_derivatives_are_uncertain(rows):
 
     Only then may it be missing in these rows. With the relative angular velocity v per unit
     rate of the input, the direction is u = v / |v|, and du/dq is the part of dv/dq
-    perpendicular to u, over |v|. The error of du/dq times |v| is about the sum of three
-    errors: those of v, of dv/dq, and of u times |dv/dq|. The acceleration coefficient, the
-    part of dv/dq along u, stands for |dv/dq|.
+    perpendicular to u, over |v|. The error of du/dq is about the sum of three errors, over
+    |v|: those of v, of dv/dq, and of u times |dv/dq|.
+
+    The table has no |dv/dq|. It has the acceleration coefficient, the part of dv/dq along
+    u, which is at most as large. So the sum here is rather too small, and the assertion
+    rather too strict.
     """
     velocity_size = rows["velocity_coefficient"].abs()  # |v|
     velocity_error = rows["velocity_coefficient_error_bound"].abs()
@@ -44,8 +47,8 @@ def run(mechanism, samples=7, search=False):
     """Run the analysis `poles` with warnings as errors, check its table, and return it.
 
     Rows with status OK have no NaN. Only the derivative du/dq of a pole direction u by the
-    input q may be missing, if its error would be large. Rows out of reach have no
-    coefficient.
+    input q may be missing, with its error bound, if its error would be large. Rows out of
+    reach have no coefficient.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -54,6 +57,7 @@ def run(mechanism, samples=7, search=False):
     frame = result.frame()
     ok_rows = frame[frame["status"] == "OK"]
     assert not ok_rows.drop(columns=DIRECTION_DERIVATIVE_COLUMNS).isna().any().any()
+    # All components of du/dq and its bound are there, or all are missing.
     assert_direction_derivatives_are_whole(ok_rows)
     has_no_derivative = ok_rows["direction_dq_error_bound"].isna()
     assert_direction_derivatives_are_uncertain(ok_rows[has_no_derivative])

@@ -410,14 +410,16 @@ def declared():
 
     They are the names of analyses with their parameters, tables and columns, the keys in
     the schemas of files, and the quantities of figures of merit (numbers to which a design
-    is reduced).
+    is reduced). The file of a table is named after its analysis and the table.
     """
-    names = columns_of_analyses() | set(analysis_names()) | {f"motion_{EVENTS.name}"}
+    names = columns_of_analyses() | set(analysis_names())
     for name in analysis_names():
         analysis = load_analysis(name)
         names |= {field.name for field in fields(analysis)}
         names |= {table.name for table in analysis.tables}
         names |= {f"{name}_{table.name}" for table in analysis.tables}
+    # The table of the events of a simulation belongs to the motion, not to an analysis.
+    names |= {f"motion_{EVENTS.name}"}
     for kind in ("mechanism", "study", "synthesis"):
         text = json.dumps(schema(kind))
         names |= set(re.findall(r'"(\w+)"', text))

@@ -194,11 +194,14 @@ def test_expressions_in_closed_form_equal_numpy_in_every_mode(name, engine):
 
     The expressions depend on the input and the signs of the dyads (two links joined by a
     pair). Each assembly mode (way to assemble the links) has one sign per dyad.
-    `expression_values` evaluates them, `evaluate_with_numpy` is the reference. The inputs
-    are away from the ends of the range.
+
+    Two engines can evaluate the expressions: compiled code, and NumPy (`engine`). The
+    reference is the usual evaluation of motion and inertia without expressions
+    (`evaluate_with_numpy`).
     """
     mechanism = with_masses(load(name))
     position_analysis = PositionAnalysis(mechanism)
+    # Inputs away from the ends of the range
     start, stop = position_analysis.range
     q = np.linspace(start + 0.1, stop - 0.2, 24)
     for assembly_mode in position_analysis.assembly_modes:

@@ -182,10 +182,14 @@ def test_four_sets_of_driving_angles_lead_to_one_pose(form):
 def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
     """Positions by mirroring in the mid-plane close all loops of the 11 links.
 
-    Base and end effector of the paper's mechanism mirror each other in this plane, whose
-    normal and a sign for each of three legs determine a configuration. The reference is
-    Newton's method on the loop closure of all 14 pairs, which is started 1e-4 rad away and
-    does not use mid-planes. `random_reachable_normals` returns normals of mid-planes.
+    Base and end effector of the paper's mechanism mirror each other in this plane. Its
+    normal and a sign for each of three legs determine a configuration. The sign selects one
+    of two elbows of a leg. The third leg is tested with both signs; the signs -1 and 1 of
+    the two driven legs are an example.
+
+    The reference is Newton's method on the loop closure of all 14 pairs, which is started
+    1e-4 rad away and does not use mid-planes. `random_reachable_normals` returns normals of
+    mid-planes.
     """
     assert (len(paper.links), len(paper.pairs)) == (11, 14)
     # `proof` tests the mirror symmetry in many configurations. It returns the largest angle
@@ -196,13 +200,14 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
     normals = random_reachable_normals(form, 60, 1, margin=np.radians(1.0))
     closure = PositionAnalysis(paper, samples=2).solver.closure
     frames = revolute_frames(paper)
-    driven = driven_variables(form)
+    driven = driven_variables(form)  # columns of the two inputs among the 14 pair angles
     passive = [variable for variable in range(14) if variable not in driven]
     driven_signs = (-1, 1)
     for third_leg_sign in (1, -1):
-        modes = (*driven_signs, third_leg_sign)
-        # Orientations of all links by mirroring, and the pair angles that follow from them.
-        rotations = form.place(normals, modes)
+        signs = (*driven_signs, third_leg_sign)
+        # Orientations of all links by mirroring, and (normals, 14) the pair angles that
+        # follow from them.
+        rotations = form.place(normals, signs)
         values, _ = form.values(rotations)
         assert closure_gap(paper, rotations, frames) < 1e-14
         assert np.max(np.abs(closure.linearise(values).residual)) < 1e-13
@@ -210,7 +215,7 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
         start = values.copy()
         start[:, passive] += np.random.default_rng(2).uniform(-1e-4, 1e-4, (len(start), 12))
         # Near a singularity, where the determinant is 0, rounding errors are enlarged.
-        is_regular = singularity_determinant(form, normals, modes) > 3e-3
+        is_regular = singularity_determinant(form, normals, signs) > 3e-3
         solved = closure.solve(start[is_regular], driven)
         assert np.max(solved.closure_residual) < 1e-14
         assert np.max(np.abs(solved.values - values[is_regular])) < 1e-11
@@ -272,13 +277,16 @@ def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
         assert is_valid[-1] == (rotation.end == sk.Status.OK)
         if not is_valid[-1]:
             continue
+        # `drift` is the angle (rad) from the axis of the angular velocity to the fixed axis.
         assert np.max(rows.drift[is_valid]) < 1e-12
         assert np.max(rows.orientation_error[is_valid]) < 1e-12
+        # Each orientation matrix leads from the end effector to the base. Its transpose
+        # takes the axis into the end effector.
         axis_in_effector = np.vecmat(rotation.axis, rows.orientation[is_valid])
         axis_shift = np.linalg.norm(axis_in_effector - axis_in_effector[0], axis=1)
         assert np.max(axis_shift) < 1e-12
-        last = form.orientations(stop[None])[0]
-        assert np.max(np.abs(rows.orientation[-1] - last)) < 1e-13
+        (last_orientation,) = form.orientations(stop[None])
+        assert np.max(np.abs(rows.orientation[-1] - last_orientation)) < 1e-13
     assert reached > 0.9 * pairs
 
 
@@ -563,21 +571,25 @@ PEAKS = {
 def test_durations_at_a_limit_are_those_of_closed_forms(shape):
     """The shortest duration of a rotation lets the peak of its time law meet a limit.
 
-    The time law is s(t/T), of several shapes. `PEAKS` has its largest derivatives in closed
-    form. While the output turns by 0.8 rad, the inputs a and b turn by 1.2 and -1.6 rad.
-    From a speed limit v follows T = angle * max s' / v, from an acceleration limit a
-    follows T^2 = angle * max |s''| / a.
+    In a rotation of duration T, an input turns by its whole angle times s(t/T), which grows
+    from 0 to 1. The function s has several shapes. `PEAKS` has the largest values of s' and
+    |s''| in closed form. The largest speed is therefore angle * max s' / T, the largest
+    acceleration angle * max |s''| / T^2. The shortest T follows from their limits.
+
+    While the output turns by 0.8 rad, the inputs "a" and "b" turn by 1.2 and -1.6 rad.
     """
     peak_speed, peak_acceleration = PEAKS[shape]
-    # Input b has the larger angle and the smaller limit, so it decides the duration.
+    angle_of_b = 1.6
+    # Input "b" has the larger angle and the smaller limit, so it decides the duration.
     # `binding` is the peak that meets its limit.
     by_speed = linear_rotation_in_time(speed=[1.0, 0.5], shape=shape)
-    assert by_speed.duration == pytest.approx(peak_speed * 1.6 / 0.5, rel=1e-12)
+    assert by_speed.duration == pytest.approx(peak_speed * angle_of_b / 0.5, rel=1e-12)
     assert by_speed.binding.input == "b"
     assert by_speed.binding.value == pytest.approx(-0.5, rel=1e-12)
     by_acceleration = linear_rotation_in_time(acceleration=2.0, shape=shape)
     squared_duration = by_acceleration.duration**2
-    assert squared_duration == pytest.approx(peak_acceleration * 1.6 / 2.0, rel=1e-12)
+    expected_square = peak_acceleration * angle_of_b / 2.0
+    assert squared_duration == pytest.approx(expected_square, rel=1e-12)
     assert by_acceleration.binding.quantity == "acceleration"
     table = by_acceleration.table(11)
     assert table.inputs[-1] == pytest.approx([1.2, -1.6], abs=1e-14)

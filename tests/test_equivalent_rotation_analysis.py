@@ -69,10 +69,13 @@ def test_rotation_of_table_3_of_the_paper(table_3):
     """Poses and driving angles are those of Chen et al. 2021, Table 3 (degrees).
 
     `table_3` is a run of the analysis: the platform turns about one axis from a first to a
-    last pose. Base and platform mirror each other in a plane with the angles phi and gamma.
+    last pose. Base and platform mirror each other in a plane. Its unit normal (-sin(phi /
+    2), sin(gamma / 2), n_z) has components in mirror axes, which are fixed to the base. The
+    drift is the angle from the momentary axis to the fixed one.
+
     The sign of gamma in the third row is missing in print. In the first row all printed
     digits are correct. Later rows differ by up to 6.2e-4 degrees from rounding in the
-    paper. The drift is the angle from the momentary axis to the fixed one.
+    paper.
     """
     # phi, gamma, driving angles at the pairs 21 and 61
     printed = [
@@ -237,6 +240,9 @@ def test_the_nearest_reachable_mid_plane_is_found():
     The elbow of a leg is in the mid-plane, at the angle `arc` from the base axis of the
     leg. So the leg reaches the plane if the angle between axis and plane is at most `arc`.
     The sine of this angle is ``|axis . normal|``.
+
+    A plane is stated by two angles phi and gamma. Its unit normal is (-sin(phi / 2),
+    sin(gamma / 2), n_z) with n_z >= 0 (`normal_at`).
     """
     plane = mid_plane_form(sk.load("two_dof_spm")).plane
     directions = spiral_directions(200_000)
@@ -306,20 +312,25 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     angle. At each sample the normal of the plane is turned; `has_all_elbows` says whether
     all legs reach the plane.
 
-    All vectors are in mirror axes. `form.frame` leads from these to the axes of the base.
+    Vectors are in mirror axes, which are fixed to the base. The matrix `form.frame` turns
+    them into the axes of the base itself.
     """
     form = mid_plane_form(sk.load("two_dof_spm"))
     largest_angle = 3.0
     sampled_angles = np.linspace(0.0, largest_angle, 4001)
     spacing = largest_angle / 4000
+    # A leg can have two elbows. The sign of each leg selects the elbow at the start. It does
+    # not matter here, because a leg reaches the plane with both or with none.
+    signs_of_legs = np.ones(3)
     random = np.random.default_rng(7)
     ended_rotations = 0
     for _ in range(8):
         start_normal, axis = random_start_and_axis(random)
         if not is_within_reach(form.plane, start_normal):
             continue
+        axis_in_base = form.frame @ axis
         rotation = form.rotation_about(
-            start_normal, form.frame @ axis, largest_angle, np.ones(3)
+            start_normal, axis_in_base, largest_angle, signs_of_legs
         )
 
         turned_normals = rotation_about_axis(axis, 0.5 * sampled_angles) @ start_normal

@@ -280,6 +280,10 @@ def test_exports_without_comments_do_not_depend_on_the_citation(
 def test_hostile_texts_come_back_from_files(title, tmp_path):
     """A hostile citation is the same after writing and reading, also from an HTML page.
 
+    A hostile text has characters that some language reads as code, such as the end of a
+    comment (`TEXTS`). The written file must have no hidden characters, such as control
+    characters and marks of the writing direction.
+
     A page can save the mechanism file with the sizes that its user has chosen. It stores
     the file as a list of texts, with a gap for each size that has a slider. Here no size
     has one, so the joined texts are the file.
@@ -288,7 +292,8 @@ def test_hostile_texts_come_back_from_files(title, tmp_path):
     assert mechanism.source.citation == mechanism.source.assumed == TEXTS[title]
     written = dumps(mechanism)
     assert loads(written, title) == mechanism
-    assert not escaping.HIDDEN_CHARACTERS.search(written.replace("\n", ""))
+    written_without_line_ends = written.replace("\n", "")
+    assert not escaping.HIDDEN_CHARACTERS.search(written_without_line_ends)
     page_maker = PageMaker(mechanism, vary=[], quantities=["q"], input_pair=None)
     model = page_maker.make_model(shown_names=[])
     assert loads("".join(model["toml"]), title) == mechanism

@@ -236,6 +236,11 @@ def expected_mode(mechanism, mode_number, smooth, q):
     An assembly mode (way to assemble the links) follows its smooth curve through crossings,
     where two modes meet. `smooth` is the table of mode values of the formulas, which has
     the inputs of the crossings.
+
+    The results of exported code may differ by two tolerances. Angles may differ by ten
+    times the error bound of the reference, because the exported code rounds too. For rates,
+    the code divides by the square of a number that is proportional to the distance from the
+    crossing. So the rounding of rates grows with 1 / distance^2.
     """
     evaluated = sk.evaluate(
         mechanism, q, poles=[], assembly_mode=mode_number, crossings="pass"
@@ -254,9 +259,12 @@ def expected_mode(mechanism, mode_number, smooth, q):
 def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     """Compare joint angles and their rates by sources with `sk.evaluate`, in all modes.
 
-    A mode is a way to assemble the links. At a crossing two configuration curves meet. With
-    `crossings="pass"` a mode follows its smooth curve through the crossing. The mode then
-    consists of pieces; on each, the signs of its dyads (groups of two links) stay the same.
+    A source is exported code that computes the formulas. A mode is a way to assemble the
+    links. At a crossing two configuration curves meet. With `crossings="pass"` a mode
+    follows its smooth curve through the crossing. The mode then consists of pieces; on
+    each, the signs of its dyads (groups of two links) stay the same.
+
+    Angles of all pairs are compared, rates only those of R pairs (revolute joints).
 
     Returns
     -------
@@ -282,11 +290,13 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
         ):
             # A configuration out of reach has results that are NaN.
             assert np.all(np.any(np.isnan(results[:, is_out_of_reach]), axis=0)), language
+            # Names of results are "theta_" or "rate_" with the name of a pair.
             for key, values in zip(exported_formulas.results, results, strict=True):
                 kind, _, pair = key.partition("_")
+                is_revolute = pair in mechanism.angles
                 if kind == "theta":
                     expected.compare_angle(pair, values, language)
-                elif pair in mechanism.angles:
+                elif is_revolute:
                     expected.compare_rate(pair, values, language)
     return compared, changing_modes
 
@@ -399,13 +409,15 @@ def mode_values_at(smooth, row, q):
     return smooth.mode_values[interval, row].T
 
 
-def test_fold_angles_of_a_source_keep_their_ratio():
+def test_fold_angles_by_exported_formulas_keep_their_ratio():
     """Tangents of half the fold angles stay in a constant ratio through the flat state.
 
     Huffman (1976) showed this for flat-foldable vertices. The ratios to the input crease c1
     are compared on both sides of the flat state, the input 0, in both modes (ways to fold).
-    `mode_values_at` returns the signs of a mode, which are arguments of the exported
-    formulas.
+
+    The exported formulas compute all fold angles from the input and the signs of a mode. A
+    mode changes its signs in the flat state, so that it continues smoothly. The table
+    `smooth` has these signs, and `mode_values_at` returns those at an input.
     """
     exported_formulas = formulas(
         load_case("flatfold_through"), ["theta_*"], crossings="pass"
@@ -414,11 +426,10 @@ def test_fold_angles_of_a_source_keep_their_ratio():
     fold_angles = exported_formulas.numpy_function(exported_formulas.outputs)
     input_crease = list(exported_formulas.results).index("theta_c1")
     q = np.radians([-35.0, -20.0, -3.0, 3.0, 20.0, 35.0])
-    for row in range(2):
+    for mode_row in range(2):
         # (creases, inputs) in rad
-        angles = fold_angles(
-            q[None], mode_values_at(smooth, row, q), exported_formulas.size_values
-        )
+        signs = mode_values_at(smooth, mode_row, q)
+        angles = fold_angles(q[None], signs, exported_formulas.size_values)
         half_tangents = np.tan(0.5 * angles)
         ratios = half_tangents / half_tangents[input_crease]
         assert np.ptp(ratios, axis=1).max() < 1e-9

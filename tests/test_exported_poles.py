@@ -168,6 +168,10 @@ def test_links_that_rest_have_no_pole(name):
     A pole is the axis of the relative rotation of two links. Formulas are compared with
     `sk.evaluate` for all assembly modes, pairs of links and inputs. Except for two
     mechanisms, some links have to rest, so that the test compares such poles.
+
+    The acceleration coefficient is the derivative of the angular velocity along the pole.
+    Without a pole the formulas may return NaN for it, or zero up to rounding, but no other
+    number.
     """
     exported_formulas = formulas(CASES[name](), ["pole_*", "*_coefficient_*"])
     mechanism = exported_formulas.mechanism

@@ -636,9 +636,12 @@ def test_an_angle_that_jumps_by_a_turn_interrupts_its_curve():
 
     Otherwise a line would lead back across the figure. Here the azimuth jumps from 175 to
     -180 deg, so NaN comes before the third point; the other steps are 5 deg.
+
+    A column is declared in rad. With `degrees` the caller has converted its numbers to
+    degrees before, as here.
     """
     columns = (SAMPLE, ASSEMBLY_MODE, Column("azimuth", "rad", "an angle"), INPUT)
-    azimuths = [170.0, 175.0, -180.0, -175.0]
+    azimuths = [170.0, 175.0, -180.0, -175.0]  # deg
     data = {"sample": range(4), "assembly_mode": 0, "azimuth": azimuths, "q": azimuths}
     figure = draw_columns(
         Table("directions", "rows of samples", columns),
@@ -649,7 +652,9 @@ def test_an_angle_that_jumps_by_a_turn_interrupts_its_curve():
         sheet=Sheet(1, {}),
     )
     (points,) = curves_by_mode(figure.axes[0]).values()
-    assert np.isnan(points[2, 0]) and np.nanmax(np.abs(np.diff(points[:, 0]))) == 5.0
+    drawn_azimuths = points[:, 0]
+    assert np.isnan(drawn_azimuths[2])
+    assert np.nanmax(np.abs(np.diff(drawn_azimuths))) == 5.0
 
 
 @pytest.mark.parametrize(

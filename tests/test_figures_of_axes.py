@@ -53,14 +53,16 @@ PATHS_ALONG_RIM = (
 
 
 @pytest.mark.parametrize("name", PATHS)
-@pytest.mark.parametrize("sense", [1.0, -1.0])
-def test_an_axis_is_drawn_by_its_direction_on_the_visible_side(name, sense):
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_axis_is_drawn_by_its_direction_on_the_visible_side(name, sign):
     """Of the two opposite directions of an axis, that on the visible hemisphere is drawn.
 
-    On the rim of the map both directions are visible. Rounding may not let the path jump
-    from one to the other there. `sense` is the direction in which the path is stated.
+    A path has one of both directions of an axis at each sample; with the sign -1 it has the
+    opposite ones. The visible hemisphere is that about the middle of the map. On its rim
+    both directions are visible. Rounding may not let the path jump from one to the other
+    there.
     """
-    path = sense * PATHS[name]
+    path = sign * PATHS[name]
     directions = turn_to_side(path, MAP_MIDDLE)
     is_finite = np.isfinite(path[:, 0])
     assert np.array_equal(is_finite, np.isfinite(directions[:, 0]))

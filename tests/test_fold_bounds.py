@@ -44,7 +44,8 @@ def check_angles_at_singularities(mechanism, path):
     """
     motion = PositionAnalysis(mechanism, path=path).motion()
     is_singular = motion.status == Status.AT_SINGULARITY
-    row_numbers = np.flatnonzero(is_singular & ~motion.failed)[:MAX_JUDGED_ROWS]
+    has_angles = ~motion.failed
+    row_numbers = np.flatnonzero(is_singular & has_angles)[:MAX_JUDGED_ROWS]
     if not len(row_numbers):
         return 0
     rows = motion.rows(row_numbers)

@@ -266,16 +266,22 @@ def test_the_range_of_a_new_vertex_is_the_longest(tmp_path):
     """The input range of a new folded vertex cannot be extended by one degree.
 
     One degree beyond the range, the middle crease (c3) is closer than 5 deg to a flat (0)
-    or closed (180) fold. c3 follows from the input c1 by the spherical cosine rule. The
-    rule is applied to both triangles that the arc between c2 and c4 cuts off.
+    or closed (180) fold.
+
+    The creases c1 to c4 are the corners of a spherical quadrilateral, and the sector angles
+    s1 to s4 are its sides: s1 from c1 to c2, and so on. The angle of the quadrilateral at a
+    crease is 180 deg minus its fold angle. The arc from c2 to c4 divides the quadrilateral
+    into triangles with the angles at c1 and c3. The cosine rule in both gives c3 from the
+    input c1.
     """
     text = write_vertex(tmp_path, "100,70,90,100").read_text("utf-8")
     mechanism = loads(text)
     (item,) = mechanism.inputs
     low, high = np.degrees([item.start, item.stop])
     s1, s2, s3, s4 = np.radians([100.0, 70.0, 90.0, 100.0])
-    beyond = np.radians([low - 1.0, low, high, high + 1.0])
-    cos_arc = np.cos(s4) * np.cos(s1) - np.sin(s4) * np.sin(s1) * np.cos(beyond)
+    c1 = np.radians([low - 1.0, low, high, high + 1.0])
+    # cos(180 deg - c1) = -cos(c1) gives the minus sign, and likewise for c3.
+    cos_arc = np.cos(s4) * np.cos(s1) - np.sin(s4) * np.sin(s1) * np.cos(c1)
     cos_c3 = (np.cos(s2) * np.cos(s3) - cos_arc) / (np.sin(s2) * np.sin(s3))
     is_inside = np.abs(cos_c3) <= np.cos(np.radians(5.0))
     assert is_inside.tolist() == [False, True, True, False]

@@ -107,6 +107,11 @@ def test_a_reader_can_type_a_guide_from_an_empty_folder(
 
     Files that a page shows are saved, commands are run, and Python blocks run in one
     namespace. `check_console` compares what commands print with the page.
+
+    The kind "{run}" is Python code that the documentation site runs too, to show its
+    results. It begins with options of the site, which `without_options` removes. The option
+    "hide" (`is_hidden`) says that readers see only the figure, not the code, so they cannot
+    type it.
     """
     blocks = page_blocks(page)
     if any(NEEDS_MUJOCO in block.text for block in blocks):

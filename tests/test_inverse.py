@@ -420,8 +420,9 @@ def test_all_mid_plane_symmetric_solutions_are_found():
 
     In `two_dof_spm` base and output link can be mirror images of each other about a plane,
     the mid-plane, in which the elbows of all legs are. The direction of the output then
-    determines this plane. If the legs reach it, each of the two driven legs has two
-    possible elbows, which gives 2 x 2 modes. If not, no solution is symmetric.
+    determines this plane. If the legs reach it, each leg has two possible elbows. Solutions
+    are counted by the modes of the two driven legs, so there are 2 x 2 with this
+    orientation. If the legs do not reach the plane, no solution is symmetric.
     `mid_plane_form` computes this in closed form.
     """
     mechanism = sk.load("two_dof_spm")
@@ -467,12 +468,14 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
     output = kinematics.wrist.output
     rotations = motion.rotations[:, mechanism.link_number["4"]]
     pointers = rotations @ np.array(output.direction)
+    # (poses, 3, inputs) angular velocities per unit rate of each input.
     rates = output_rates(motion, output)
     along_pointer = np.einsum("ni,nij->nj", pointers, rates)
     rates = rates - pointers[:, :, None] * along_pointer[:, None]
 
     # A direction leaves the turn about it open. Newton's method finds this turn, from the
-    # orientations `near`.
+    # orientations `near`. The Jacobian is computed from normals, which are part of the
+    # result only on request.
     inverse = kinematics.at(pointers, near=rotations, normals=True)
     # Results (modes, poses, ...) minus those of the motion (poses, ...).
     input_gaps = np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))

@@ -54,21 +54,23 @@ def random_subject(seed):
     """Return the random mechanism of a seed, with its name, kind and number of samples.
 
     `KINDS` has a function per kind that draws a mechanism; the kind changes with the seed.
-    Mechanisms are drawn until one can be assembled and has as many degrees of freedom as
-    inputs.
+    Mechanisms are drawn until `PositionAnalysis` accepts one. `PositionAnalysis` raises an
+    error for a mechanism that cannot be assembled, or whose number of inputs is not its
+    number of degrees of freedom.
     """
     kind = tuple(KINDS)[seed % len(KINDS)]
+    draw_mechanism = KINDS[kind]
     # The second number gives a sequence that differs from that of `default_rng(seed)`.
     random = np.random.default_rng([seed, 20])
     while True:
         try:
-            mechanism = KINDS[kind](random)
+            mechanism = draw_mechanism(random)
             # If only sizes are given, assembly modes have to be searched to learn whether
             # the mechanism can be assembled. A reference pose is an assembly already.
             has_sizes = isinstance(mechanism.geometry, SizeGeometry)
             PositionAnalysis(mechanism, samples=3, search=has_sizes)
         except sk.SpherekitError:
-            continue
+            continue  # draw the next one
         name = f"random_{seed}"
         mechanism = replace(with_masses(random, mechanism), name=name)
         # 91 samples are a quarter of the default number, and take less time.

@@ -137,8 +137,11 @@ def compare_special_mechanism(seed):
     """Compare errors and their stated bounds for the special mechanism of a seed.
 
     It is a four-bar, perhaps with dyads (two links joined by a pair) added. Its geometry is
-    special or nearly so, such as equal arcs. The reference uses few digits where these
-    decide, and 50 digits in other rows (samples of a mode) and in every 50th row.
+    special or nearly so, such as equal arcs.
+
+    The reference of a row (one sample of one mode) has few digits at first. These suffice
+    if its rounding cannot change whether an error is within its bound. Otherwise the row is
+    computed again in 50 digits, and so is every 50th row in any case.
 
     Returns
     -------
@@ -220,10 +223,19 @@ def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
 
 
 def _count_missing_numbers(field, is_ok):
-    """Return how many coefficients and error bounds are NaN although their row is OK.
+    """Return how many numbers and error bounds of poles are NaN but should not be.
 
-    `field` has poles (axes of relative rotation of two links) with their coefficients, and
-    a status for each pole and row. `is_ok` (n,) is True for the rows to count in.
+    A pole is the axis of the relative rotation of two links. A row is one sample in one
+    assembly mode (way to assemble the links). In rows that are OK, coefficients of poles
+    and their bounds must be numbers. The derivative of a pole direction by the input
+    (`direction_dq`) may be NaN, but it needs a bound in every row that has it.
+
+    Parameters
+    ----------
+    field
+        `PoleField`: the poles with their coefficients, and a status for each pole and row.
+    is_ok
+        (rows,) whether the configuration and velocities of a row are OK.
     """
     count = 0
     for pole, codes in field.pole_status.items():
@@ -328,8 +340,9 @@ class RowErrors:
 def _compare_rows(comparison, evaluated_poles, rows, is_decimal, every):
     """Append errors and bounds of some rows to a comparison.
 
-    All rows are compared in the smallest number of digits first. Doubtful rows, and one of
-    `every` rows, are compared again in 50 digits.
+    A row is one configuration with the input that moves in it. All rows are compared with a
+    reference in few digits first. Doubtful rows have no reference, or an error of more than
+    half of its bound. They, and one of `every` rows, are compared again in 50 digits.
 
     Parameters
     ----------
@@ -348,15 +361,17 @@ def _compare_rows(comparison, evaluated_poles, rows, is_decimal, every):
     row_errors = _errors_of_rows(evaluated_poles, rows, is_decimal, Digits(MIN_DIGITS))
     needs_50_digits = row_errors.find_doubtful_rows()
     if every:
-        # The first of these rows changes from call to call, so that not always the same
-        # samples are chosen.
-        first = (comparison.rows + int(is_decimal)) % every
-        needs_50_digits[first::every] = True
+        # The first one is arbitrary. It depends on the inputs that were compared before and
+        # on the kind of reference, so that these do not all use the same samples.
+        first = comparison.rows
+        if is_decimal:
+            first += 1
+        needs_50_digits[first % every :: every] = True
     if np.any(needs_50_digits):
         row_numbers = np.flatnonzero(rows)[needs_50_digits]
-        rows_in_50_digits = np.zeros(len(rows), dtype=bool)
-        rows_in_50_digits[row_numbers] = True
-        better = _errors_of_rows(evaluated_poles, rows_in_50_digits, is_decimal, Digits(50))
+        is_repeated = np.zeros(len(rows), dtype=bool)
+        is_repeated[row_numbers] = True
+        better = _errors_of_rows(evaluated_poles, is_repeated, is_decimal, Digits(50))
         row_errors.replace_errors(needs_50_digits, better)
         comparison.rows_in_50_digits += len(row_numbers)
     row_errors.append_to(comparison)

@@ -151,8 +151,13 @@ def _check_seed(seed, tally):
 def find_faults(motion, field, moving_input, tally):
     """Return the faults of a pole field in words, and count its rows and poles.
 
-    The reference are angular velocities of all links by least squares (`link_rates`),
-    without poles. A pole is the axis of the relative rotation of two links.
+    A pole is the axis of the relative rotation of two links. A row is one sample in one
+    assembly mode (way to assemble the links). The reference are angular velocities of all
+    links by least squares (`link_rates`), without poles.
+
+    Velocities are compared as if the configuration were exact first. Near a singularity,
+    where the velocity equations are badly conditioned, a small error of the configuration
+    changes them much. A row there that fails is compared again with this change allowed.
 
     Parameters
     ----------
@@ -188,12 +193,11 @@ def find_faults(motion, field, moving_input, tally):
             reference.singular_values[k],
             reference.residuals[k],
         )
-        row_faults = _find_faults_of_row(field, reference_row, EXACT_CONFIGURATION, tally)
+        row_faults = _find_faults_of_row(field, reference_row, NO_CHANGE, tally)
         if row_faults and reference_row.is_nearly_singular:
-            # Here a small error of the configuration changes the velocities much, so this
-            # change is allowed for.
-            spread = _find_spread(motion, row, moving_input)
-            row_faults = _find_faults_of_row(field, reference_row, spread, tally)
+            # The change of the velocities by the error of the configuration.
+            change = _find_change_by_position_error(motion, row, moving_input)
+            row_faults = _find_faults_of_row(field, reference_row, change, tally)
         faults += row_faults
     return faults
 
@@ -231,20 +235,21 @@ class ReferenceRow:
 
 
 @dataclass(frozen=True)
-class RateSpread:
-    """Uncertainty of angular velocities w and of their derivatives dw.
+class RateChange:
+    """Change of angular velocities w and of their derivatives dw (largest component).
 
-    It is caused by the error of the configuration, and is the largest change of a vector.
+    It is caused by the error of the configuration.
     """
 
     w: float
     dw: float
 
 
-EXACT_CONFIGURATION = RateSpread(w=0.0, dw=0.0)
+NO_CHANGE = RateChange(w=0.0, dw=0.0)
+"""Change of the velocities if the configuration is exact."""
 
 
-def _find_spread(motion, row, moving_input):
+def _find_change_by_position_error(motion, row, moving_input):
     """Return how much w and dw change if the links of a row turn by the position error.
 
     w and dw are the angular velocities of the links and their derivatives by the input. The
@@ -269,7 +274,7 @@ def _find_spread(motion, row, moving_input):
     )
     w_change = np.max(np.abs(rates.w - rates.w[0]))
     dw_change = np.max(np.abs(rates.dw - rates.dw[0]))
-    return RateSpread(float(w_change), float(dw_change))
+    return RateChange(float(w_change), float(dw_change))
 
 
 def _find_numbers_in_failed_rows(motion, field):
@@ -331,7 +336,7 @@ def _find_wrong_inputs(motion, rows):
     return faults
 
 
-def _find_faults_of_row(field, reference_row, spread, tally):
+def _find_faults_of_row(field, reference_row, allowed_change, tally):
     """Return the faults of a row with status OK: rates, poles and their derivatives.
 
     Parameters
@@ -340,8 +345,8 @@ def _find_faults_of_row(field, reference_row, spread, tally):
         Pole field.
     reference_row
         `ReferenceRow` of the row.
-    spread
-        `RateSpread` of w and dw by the error of the configuration.
+    allowed_change
+        `RateChange` of w and dw by the error of the configuration, which is allowed.
     tally
         `Tally` that counts statuses and deviations.
     """
@@ -357,8 +362,8 @@ def _find_faults_of_row(field, reference_row, spread, tally):
     least_limit = max(TOLERANCE, ROUNDING_FACTOR * EPS / flatness)
     if not residual < w_scale * least_limit:
         return [f"row {row}: OK, but the pairs cannot move so ({residual:.1e})"]
-    w_limit = max(least_limit, PERTURBATION_FACTOR * spread.w / w_scale)
-    dw_limit = max(least_limit, PERTURBATION_FACTOR * spread.dw / dw_scale)
+    w_limit = max(least_limit, PERTURBATION_FACTOR * allowed_change.w / w_scale)
+    dw_limit = max(least_limit, PERTURBATION_FACTOR * allowed_change.dw / dw_scale)
     faults = []
 
     def compare(name, deviation, limit):

@@ -75,8 +75,9 @@ def find_text_fields(kind="mechanism"):
         node
             The part of the schema.
         path
-            Keys that lead to the values that this part declares; ``*`` stands for any key
-            or index.
+            Keys that lead to the values that this part declares. ``*`` stands for any key
+            or index. ``<name>`` at the end stands for a key itself: in a table whose keys
+            are free, each key is a text too.
         visited_definitions
             Names of the definitions that contain this part. A definition may refer to
             itself, and is then not visited again.
@@ -102,6 +103,7 @@ def find_text_fields(kind="mechanism"):
             if key in node:
                 visit(node[key], path, visited_definitions)
         if "propertyNames" in node:
+            # This part declares the free keys of a table, not their values.
             visit(node["propertyNames"], (*path, "<name>"), visited_definitions)
         for key, part in node.get("properties", {}).items():
             visit(part, (*path, key), visited_definitions)

@@ -178,6 +178,25 @@ def find_differences(evaluations, same_signs=True):
     return differences
 
 
+def _signs_of_kernel_pole(kernel_field, reference_field, pole, same_signs):
+    """Return (rows,) the signs by which the results of the kernel for a pole are compared.
+
+    Opposite directions describe the same pole. The sign is -1 where the kernel has the
+    opposite direction and may have it, otherwise 1. It may have it everywhere unless
+    `same_signs` is true. Even then it may where the velocity about the pole is within its
+    error bound, because there rounding decides on the direction.
+    """
+    if same_signs:
+        rate = reference_field.velocity_coefficient[pole]
+        rate_bound = reference_field.velocity_coefficient_error[pole]
+        may_be_opposite = np.abs(rate) <= rate_bound
+    else:
+        may_be_opposite = True
+    cosine = np.sum(reference_field.direction[pole] * kernel_field.direction[pole], axis=1)
+    is_opposite = cosine < 0.0
+    return np.where(is_opposite & may_be_opposite, -1.0, 1.0)
+
+
 def _compare_variables(differences, kernel_motion, reference_motion, is_ok):
     """Add the differences of the pair variables, up to whole revolutions.
 
@@ -208,14 +227,16 @@ def _compare_pole(differences, kernel_field, reference_field, pole, is_ok, same_
     """Add the differences of one pole: its statuses, direction and coefficients.
 
     A pole is the axis of the relative rotation of two links. Its velocity coefficient is
-    the angular velocity about it per unit of input speed.
+    the angular velocity about it per unit of input speed. A row is one sample in one
+    assembly mode (one way to assemble the links).
 
     Parameters
     ----------
     differences
         `Differences` that are extended.
     kernel_field, reference_field
-        Poles by the row kernel and without it, for the same moving input.
+        Poles by the row kernel (a compiled function that evaluates many rows at once) and
+        without it, for the same moving input.
     pole
         Numbers of the two links.
     is_ok
@@ -223,16 +244,10 @@ def _compare_pole(differences, kernel_field, reference_field, pole, is_ok, same_
     same_signs
         Whether directions must also have the same sign.
     """
-    statuses = kernel_field.pole_status[pole] != reference_field.pole_status[pole]
-    differences.statuses += int(np.sum(statuses))
+    has_other_status = kernel_field.pole_status[pole] != reference_field.pole_status[pole]
+    differences.statuses += int(np.sum(has_other_status))
 
-    # With no velocity beyond its error bound, rounding decides on the sign of the
-    # direction.
-    rate = reference_field.velocity_coefficient[pole]
-    rate_bound = reference_field.velocity_coefficient_error[pole]
-    sign_may_differ = (np.abs(rate) <= rate_bound) | (not same_signs)
-    cosine = np.sum(reference_field.direction[pole] * kernel_field.direction[pole], axis=1)
-    sign = np.where(sign_may_differ & (cosine < 0.0), -1.0, 1.0)
+    sign = _signs_of_kernel_pole(kernel_field, reference_field, pole, same_signs)
     for name in ("direction", "velocity_coefficient", "acceleration_coefficient"):
         kernel_values = getattr(kernel_field, name)[pole]
         reference_values = getattr(reference_field, name)[pole]

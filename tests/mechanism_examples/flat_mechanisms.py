@@ -52,8 +52,9 @@ def random_crossing_arcs(random, kind):
 def four_bar_text(arcs, low, high, zero="180", driven="c1"):
     """Return the text of the mechanism file of a four-bar.
 
-    Link sk has the joint axes of the pairs ck and c(k + 1), and c1 joins it to s4. Link s1
-    is the ground.
+    The links s1 to s4 form a closed loop, in which s1 is the ground. Pair c1 joins s4 and
+    s1, c2 joins s1 and s2, c3 joins s2 and s3, and c4 joins s3 and s4. The arc of a link is
+    that between the axes of its two pairs.
 
     Parameters
     ----------
@@ -68,11 +69,13 @@ def four_bar_text(arcs, low, high, zero="180", driven="c1"):
     """
     links = ""
     pairs = ""
-    for k, arc in enumerate(arcs):
-        link = f"s{k + 1}"
-        link_before = f"s{(k + 3) % 4 + 1}"
-        pair = f"c{k + 1}"
-        next_pair = f"c{(k + 1) % 4 + 1}"
+    loop = (
+        ("s4", "c1", "s1", "c2"),
+        ("s1", "c2", "s2", "c3"),
+        ("s2", "c3", "s3", "c4"),
+        ("s3", "c4", "s4", "c1"),
+    )
+    for (link_before, pair, link, next_pair), arc in zip(loop, arcs, strict=True):
         links += f'[links.{link}]\naxes = ["{pair}", "{next_pair}"]\narcs = [{arc}]\n'
         pairs += f'[pairs.{pair}]\ntype = "R"\nlinks = ["{link_before}", "{link}"]\n'
         pairs += f"zero = {zero}\n"

@@ -101,19 +101,24 @@ def with_cam(mechanism, pivot_arc, cam, roller, cam_link="2"):
 def limited_cam(random):
     """Return a random cam with a roller follower, in which the cam cannot turn fully.
 
+    Cam and roller are circles. The cam turns about the axis of its pair; its eccentricity
+    is the arc from this axis to the centre of its circle. The arc of the follower leads
+    from its pivot to the centre of the roller.
+
     The contact of two circles acts like a link between their centres, with the sum of both
     radii as its arc. This link and the follower connect the centre of the cam to the pivot
     of the follower. The follower arc is chosen so that both are in line at one angle of the
     cam, where the cam can turn no further.
     """
     ground_deg = float(random.integers(35, 80))
-    cam_tilt_deg = float(random.integers(8, 30))
+    eccentricity_deg = float(random.integers(8, 30))
     cam_radius_deg = float(random.integers(8, 25))
     roller_radius_deg = float(random.integers(4, 15))
     radii_deg = cam_radius_deg + roller_radius_deg
-    # Distance from the cam centre to the follower pivot in this position. As the cam turns,
-    # the distance varies by the tilt to both sides of the ground arc.
-    distance_deg = ground_deg + cam_tilt_deg * random.uniform(-0.9, 0.9)
+    # Distance from the centre of the cam to the pivot of the follower where both are in
+    # line. As the cam turns, the distance varies by the eccentricity to both sides of the
+    # ground arc.
+    distance_deg = ground_deg + eccentricity_deg * random.uniform(-0.9, 0.9)
     # In line, the distance is the sum or the difference of follower arc and radii. Sizes
     # are rounded as in a file.
     difference_deg = float(np.round(distance_deg - radii_deg, random.integers(0, 6)))
@@ -121,15 +126,16 @@ def limited_cam(random):
         follower_arc_deg = abs(difference_deg)
     else:
         follower_arc_deg = float(np.round(distance_deg + radii_deg, 2))
-    # With an arc of 0 the roller would turn about its own centre. With 3 deg the cam is
-    # limited too, because the distance varies by more than that.
+    # With an arc of 0 the roller would turn about its own centre, so the arc is at least 3
+    # deg. The distance can then vary by twice 3 deg. A whole turn of the cam would vary it
+    # by at least twice 8 deg, so the cam is limited all the same.
     follower_arc_deg = max(follower_arc_deg, 3.0)
     links = {
         "1": LinkSizes(("21", "f1"), (float(np.radians(ground_deg)),)),
         "2": LinkSizes(("21",)),
         "f": LinkSizes(("f1",)),
     }
-    cam = _circle(cam_tilt_deg, cam_radius_deg)
+    cam = _circle(eccentricity_deg, cam_radius_deg)
     roller = _circle(follower_arc_deg, roller_radius_deg)
     pairs = (
         Pair("21", "R", ("1", "2")),
@@ -160,10 +166,17 @@ def folding_mechanism(seed):
     _geometry_name, mechanism, _inputs = special_mechanism(seed)
     if kind == "redundant":
         return kind, with_second_coupler(mechanism)
+    # All sizes are in degrees. The pivot arc leads on the ground from its first axis to the
+    # pivot of the follower. The centre of a circle is at an arc from the first axis of its
+    # link.
     pivot_arc = float(random.integers(30, 90))
-    cam = (float(random.integers(5, 30)), float(random.integers(10, 30)))
-    roller = (float(random.integers(30, 60)), float(random.integers(5, 20)))
+    cam_centre_arc = float(random.integers(5, 30))
+    cam_radius = float(random.integers(10, 30))
+    roller_centre_arc = float(random.integers(30, 60))
+    roller_radius = float(random.integers(5, 20))
     cam_link = str(random.choice(["2", "4"]))  # the crank or the rocker of the four-bar
+    cam = (cam_centre_arc, cam_radius)
+    roller = (roller_centre_arc, roller_radius)
     return kind, with_cam(mechanism, pivot_arc, cam, roller, cam_link)
 
 

@@ -12,9 +12,10 @@ def mid_plane_mechanism(alphas):
     """Return the shipped two-degree-of-freedom mechanism with other arcs.
 
     Base and end effector mirror each other in a mid-plane (Z. Chen et al., 2021, Fig. 2).
-    Three legs join the base (link 1) to the end effector (link 4). Their links are 2 and 3,
-    6 and 5, 8 and 7, from the base. The output is the direction of axis 74, about which
-    links 7 and 4 turn.
+    Three legs of two links join the base (link 1) to the end effector (link 4): links 2 and
+    3, 6 and 5, 8 and 7. The elbow of a leg is the axis between its two links. The further
+    links 9, 10 and 11 keep the three elbows in the mid-plane; each is joined to a leg at
+    the elbow. The output is the direction of axis 74, about which links 7 and 4 turn.
 
     Parameters
     ----------
@@ -22,10 +23,11 @@ def mid_plane_mechanism(alphas):
         (8,) arcs alpha_1 to alpha_8 (rad) of links 1 to 8, between the axes of the link.
     """
     a1, a2, a3, a4, a5, a6, a7, a8 = map(float, alphas)
-    # By link: the arc from its first axis to each further axis.
-    # - Links 1 and 4: the axis of the third leg is in the middle between the other two.
-    # - Links 2, 6, 8: their joint with link 9, 10 or 11 has the same axis as the joint of
-    #   both links of the leg. Both arcs are therefore equal.
+    # By link: the arcs from its first axis to its further axes.
+    # - Links 1 and 4 have the axes of the first, second and third leg. That of the third
+    #   leg is in the middle between the other two.
+    # - Links 2, 6 and 8 have the axis on the base, the elbow, and the axis of their joint
+    #   with link 9, 10 or 11. This is the elbow too, so both arcs are equal.
     arcs = {
         "1": (a1, 0.5 * a1),
         "2": (a2, a2),

@@ -233,6 +233,10 @@ def serial_chain(count):
 
     Links are base, yoke, fork and, with three pairs, tool. With two pairs the output is a
     direction of the last link, with three its orientation.
+
+    The zero of a pair is the angle (rad) between the arcs of its links at which its
+    variable is 0. Pair q has the zero 0.5, so that tests also see a zero other than the
+    default 0.
     """
     # By link: names of its axes, arcs between them and angles between arcs (both deg).
     links = {"base": ("p", [], []), "yoke": ("p q", [80.0], [])}

@@ -84,28 +84,35 @@ def mid_plane_area():
     The mechanism is that of Z. Chen et al. (2021), source [2] of this module. Base and end
     effector are mirror images of each other in the mid-plane. B1 and B6 are axes on the
     base, with the mirror images B3 and B4 on the end effector. Q is the middle between B1
-    and B6, in the direction of the x axis. The output P is the mirror image of Q, and its
-    area is computed.
+    and B6, in the direction of the x axis. The output P is the mirror image of Q. The
+    workspace is the part of the sphere that P can reach.
 
     Let m be the unit normal of the mid-plane with m . Q > 0, s1 = m . B1 and s6 = m . B6.
-    The arc from B1 to B3 is 2 arcsin(s1). It is between the smallest angle and twice the
-    arc of the leg's links, and likewise for B6. In s1 and s6 the workspace is therefore a
-    square, over which the density of area is integrated.
+    The arc from B1 to its mirror image B3 is 2 arcsin(s1). A leg of two equal links spans
+    this arc, so the arc is at most twice the arc of a link. It is at least
+    `SMALLEST_ANGLE`. So s1 has a fixed range, and s6 has the same one by the other leg.
+
+    The area of P is the integral of the area per ds1 ds6 over this square.
     """
     half_base = 0.5 * MID_PLANE_BASE
     lowest = np.sin(0.5 * SMALLEST_ANGLE)
     highest = np.sin(MID_PLANE_LEG)
 
     def density(s1, s6):
-        """Return the area that P sweeps per area in s1 and s6."""
-        # Components of m, from s1 and s6 with B1, B6 = (cos h, +-sin h, 0), h = half_base.
+        """Return the area that P sweeps per ds1 ds6.
+
+        With h = `half_base`, the axes B1 and B6 are (cos h, +-sin h, 0). So s1 and s6 are
+        cos(h) m_x +- sin(h) m_y, and ds1 ds6 = sin(2 h) dm_x dm_y.
+        """
         m_x = (s1 + s6) / (2.0 * np.cos(half_base))
         m_y = (s1 - s6) / (2.0 * np.sin(half_base))
-        # The area of m is dm_x dm_y / m_z, and dm_x dm_y = ds1 ds6 / sin(2 h). If b is the
-        # angle from Q to m, then -P is at the angle 2 b from Q, in the same plane. So the
-        # area of P is that of m times 2 sin(2 b) / sin(b) = 4 cos(b) = 4 m_x.
         m_z = np.sqrt(1.0 - m_x * m_x - m_y * m_y)
-        return float(4.0 * m_x / m_z / np.sin(2.0 * half_base))
+        # Polar coordinates about Q: if m is at the angle b from Q, then -P is at the angle
+        # 2 b, at the same azimuth. The area of m is sin(b) db per azimuth, and that of P is
+        # sin(2 b) d(2 b). Their ratio is 4 cos(b) = 4 m_x.
+        area_of_p_per_area_of_m = 4.0 * m_x
+        # dm_x dm_y is the area of m, projected along z: m_z times the area on the sphere.
+        return float(area_of_p_per_area_of_m / m_z / np.sin(2.0 * half_base))
 
     area, _ = dblquad(density, lowest, highest, lowest, highest, epsabs=1e-13, epsrel=1e-13)
     return area

@@ -117,9 +117,7 @@ def arcs_of(mechanism):
 
 
 def angle(arcs, q, p, maths=mp):
-    """Return the angle theta41 of the rocker (rad) by eq.
-
-    (25) of Di Gregorio (2024).
+    """Return the angle theta41 of the rocker (rad), Di Gregorio (2024), equation 25.
 
     It solves a1 sin(theta41) + a2 cos(theta41) + a0 = 0, a quadratic equation of
     tan(theta41 / 2). The sign of the root distinguishes the two assembly modes.
@@ -163,13 +161,14 @@ def second_axis_of_link(frame, cosine, sine):
 
 
 def four_bar(arcs, q, p, maths=mp):
-    """Return the four-bar at an input angle, by eqs.
-
-    (14) and (22) of Di Gregorio (2024).
+    """Return the four-bar at an input angle, Di Gregorio (2024), equations 14 and 22.
 
     This is an independent reference for tests. The pair axes follow each other around the
     loop as 41, 21, 32, 43, with the arcs of links 1 to 4 between them. Link 1 is fixed,
     link 2 turns about axis 21 by q, and link 4 about axis 41 by theta41.
+
+    The axes i, j, k of a link: k is its first pair axis, and j is perpendicular to k, on
+    the side of its second pair axis.
 
     Parameters
     ----------
@@ -192,9 +191,13 @@ def four_bar(arcs, q, p, maths=mp):
     i1, j1, k1 = frame1
     axis41 = k1
     axis21 = second_axis_of_link(frame1, c1, s1)
-    j2 = add((sin(q), i1), (cos(q) * s1, k1), (-cos(q) * c1, j1))
+    # At q = 0 the arc of link 2 leads from axis 21 towards axis 41. From there link 2 turns
+    # about axis 21 by q, in the plane of this direction and i1.
+    towards_axis41 = add((s1, k1), (-c1, j1))
+    j2 = add((sin(q), i1), (cos(q), towards_axis41))
     frame2 = (cross(j2, axis21), j2, axis21)
     axis32 = second_axis_of_link(frame2, c2, s2)
+    # At theta41 = 0 the arc of link 4 leads from axis 41 away from axis 21, along -j1.
     axis43 = add((c4, k1), (s4 * sin(theta41), i1), (-s4 * cos(theta41), j1))
     frames = {
         1: frame1,

@@ -340,9 +340,11 @@ class System:
     def __init__(self, certificate):
         """Read the construction of a certificate and check that it places every link.
 
-        A certificate is the file of a proof. A construction places the links one after
-        another. There must be as many equations as unknown pair angles. A follower is a
-        pair that turns with an input through two wheels in mesh, so its angle is known too.
+        A certificate is the file of a proof. A construction starts from the root (first
+        link) and places the other links one after another. There must be as many equations
+        as unknown pair angles. A follower is a pair that turns with an input through two
+        wheels in mesh, so its angle is known too. A coupler is a bar that replaces a
+        sliding contact of two circles: it joins their centres.
         """
         construction = certificate["construction"]
         follower_pairs = construction["follow"]
@@ -421,21 +423,27 @@ class System:
     def _check_pairs_and_angles(self, follower_pairs):
         """Check that each pair is used once, and that equations and unknowns are as many.
 
-        Each pair that places a link alone has a variable angle. This angle must be an
-        unknown, an input, or a follower (pair that wheels turn with an input). Each link
-        that closes a loop gives one equation.
+        A placement puts a link on links placed before it:
+
+        - on one pair. The link can turn by the angle of this pair, so this angle must be an
+          unknown, an input, or a follower (pair that wheels turn with an input).
+        - on two pairs. The link closes a loop, and gives one equation.
         """
-        used_pairs = [pair for placement in self.placements for pair in placement.pairs]
+        used_pairs = []
+        turning_pairs = []
+        for placement in self.placements:
+            used_pairs.extend(placement.pairs)
+            if not placement.closes_a_loop:
+                (pair,) = placement.pairs
+                turning_pairs.append(pair)
         need(
             sorted(used_pairs) == sorted(self.sizes.ends), "pairs are missing or used twice"
         )
-        angles = [
-            placement.pairs[0]
-            for placement in self.placements
-            if not placement.closes_a_loop
-        ]
         variables = self.unknowns + self.inputs + follower_pairs
-        need(sorted(angles) == sorted(variables), "a variable angle is not in the steps")
+        need(
+            sorted(turning_pairs) == sorted(variables),
+            "a variable angle is not in the steps",
+        )
         need(
             len(self.closing_links()) == len(self.unknowns),
             "not as many equations as unknowns",
@@ -723,10 +731,14 @@ def spin(c, s, still):
 def place_on_axes(link, axes, axes_in_common, scales):
     """Return the closure equation of a link on two axes, and its matrix, as dual arrays.
 
-    The equation u w - s cos(arc) = 0 says that the arc of the link is between both axes.
-    Here u and w are the axes in another link, each times its scale, and s is the product of
-    both scales. The matrix takes vectors in the link to vectors in the other link, times s.
-    Without divisions by the scales, all numbers are polynomials in the unknowns.
+    The link is joined to other links by pairs about its two axes. Both axes are also known
+    in one other link, the common link: the first is u / a, the second is w / b. The numbers
+    a and b are their scales. They are common denominators, so that u, w, a and b are
+    polynomials in the unknowns. No result is divided by them, to stay a polynomial.
+
+    - The equation u . w - a b cos(arc) = 0 says that the arc between both axes is that in
+      the link.
+    - The matrix takes vectors in the link to vectors in the common link, times a b.
 
     A dual array (1 + n, rows, columns) has its value first, and then its derivatives by n
     unknowns.
@@ -738,25 +750,23 @@ def place_on_axes(link, axes, axes_in_common, scales):
     axes
         Two axes (3,) in the link.
     axes_in_common, scales
-        Two dual columns (1 + n, 3, 1), u and w, and two dual numbers (1 + n, 1, 1): the
-        same axes in another link, each times its scale, and the scales.
+        Two dual columns (1 + n, 3, 1), u and w, and two dual numbers (1 + n, 1, 1), a and
+        b.
     """
-    both_scales = times(*scales)
+    u, w = axes_in_common
+    a, b = scales
+    first_axis, second_axis = axes
+    both_scales = times(a, b)
     # A row times a column is their dot product.
-    first_row = axes_in_common[0].swapaxes(1, 2)
-    cosine = times(first_row, axes_in_common[1])
-    equation = cosine - both_scales * (axes[0] @ axes[1])
-    normal = np.cross(*axes)
+    u_as_row = u.swapaxes(1, 2)
+    equation = times(u_as_row, w) - both_scales * (first_axis @ second_axis)
+    normal = np.cross(first_axis, second_axis)
     # Numbers may be complex balls, which have no order; hence the real part.
     need((normal @ normal).real > 0, f"the arc of {link} may be 0 or 180 degrees")
-    # The matrix takes both axes and their vector product to the same three vectors in the
-    # other link. These are its columns in the basis of the three.
-    inverse_basis = inverse(np.stack([*axes, normal], axis=1))
-    columns = (
-        times(axes_in_common[0], scales[1]),
-        times(axes_in_common[1], scales[0]),
-        crossed(*axes_in_common),
-    )
+    # Three vectors in the link are a basis: both axes and their vector product. The matrix
+    # takes them to the columns a b (u / a), a b (w / b) and a b (u / a) x (w / b).
+    inverse_basis = inverse(np.stack([first_axis, second_axis, normal], axis=1))
+    columns = (times(u, b), times(w, a), crossed(u, w))
     return equation, np.concatenate(columns, axis=2) @ inverse_basis
 
 
@@ -804,10 +814,15 @@ def has_one_solution(system, centre, radius, driven):
 def check_modes(certificate):
     """Check a certificate (file of a proof) that counts the assembly modes at given inputs.
 
-    Assembly modes are the real solutions of the closure equations. Each stated root must be
-    proven to exist, and all must be different. The count is complete in two cases: there
-    are as many complex roots as the degrees of the equations allow, or no other real root
-    exists outside the boxes that the certificate calls undecided.
+    Assembly modes are the real solutions (roots) of the closure equations. Each stated root
+    must be proven to exist, and all must be different.
+
+    The certificate may also claim that its real roots are all there are ("complete"). This
+    is right in two cases:
+
+    - It lists as many complex roots as the degrees of the equations allow ("counted").
+    - It has no undecided boxes, which are regions of angles that the proof says nothing
+      about. The last step checks that no other real root is outside such boxes.
     """
     need(certificate["statement"] == "modes at inputs", "another statement")
     # Somewhat more bits than the certificate was computed with.
@@ -821,13 +836,13 @@ def check_modes(certificate):
 
     real_roots = [root for root in roots if root["real"]]
     need(certificate["modes"] == len(real_roots), "another number of modes")
-    # "counted": all complex roots are listed. "complete": all real roots are listed.
     is_counted = len(roots) == certificate["bound"]
     need(certificate["counted"] == is_counted, "not counted")
     undecided_boxes = certificate["undecided_rad"]
     is_complete = is_counted or not undecided_boxes
     need(certificate["complete"] == is_complete, "not complete")
-    # The equations may have been solved in several systems, one after the other.
+    # The equations may have been solved in several systems, one after the other. Then
+    # `check_systems` checks that no other real root exists.
     if certificate["systems"]:
         # A follower is a pair that turns with an input through two wheels in mesh.
         need(system.follower is None, "systems with wheels are not checked")
@@ -1093,12 +1108,17 @@ class Arc:
         """Return Krawczyk's operator on all y of the piece, over a part of its axis.
 
         A piece is a straight box about an arc of a curve F = 0. A point of the piece has
-        the coordinate s along the axis and the coordinates y across it. The operator is (1
-        - C F'_y) Y - C F: C is an approximate inverse of the derivatives F'_y by y, Y are
-        balls (intervals) of all y, and F is that on the axis. If the result is inside Y,
-        there is exactly one y with F = 0 for each s.
+        the coordinate s along the axis and the coordinates y across it; y is zero on the
+        axis. A ball is an interval. Krawczyk's operator is
 
-        `equations` returns F and its derivatives F' by all variables, at balls of a point.
+            Y - C (F'_y Y + F), computed as (1 - C F'_y) Y - C F:
+
+        - Y are the balls of all y of the piece, with the middle 0 (`all_y`).
+        - F are the values on this part of the axis, where y is 0.
+        - F'_y are the derivatives by y, over all Y (`slopes`).
+        - C is an approximate inverse of F'_y (`inverse_slope`).
+
+        If the result is inside Y, there is exactly one y with F = 0 for each s.
 
         Parameters
         ----------
@@ -1107,24 +1127,36 @@ class Arc:
         step
             Ball of s in the part, relative to its middle.
         cuts
-            Parts that each y is cut into; F' is evaluated on each of them.
+            Number of intervals that each y is cut into for the derivatives.
         """
-        # F'_y over all y is the union of F'_y over smaller cells, which gives a narrower
-        # ball. Each y is cut into equal intervals, numbered from 0 to `cuts` - 1.
+        slopes = self._slopes_across(axis_points, cuts)
+        # F at all points of the part by the mean-value theorem: the value at the middle,
+        # plus the derivative along the axis times the step. `equations` returns F and its
+        # derivatives by all variables.
+        middle_value, _ = self.equations(axis_point)
+        _, derivatives = self.equations(axis_points)
+        value = middle_value + derivatives @ self.axis * step
+        contraction = self.identity - self.inverse_slope @ slopes
+        return contraction @ self.all_y - self.inverse_slope @ value
+
+    def _slopes_across(self, axis_points, cuts):
+        """Return balls of the derivatives of F by y, for all y of the piece.
+
+        The result is the union of the derivatives over smaller cells, which gives narrower
+        balls. Each y is cut into equal intervals, numbered from 0 to `cuts` - 1. A cell has
+        one interval of each y.
+        """
         slopes = None
         for cell in itertools.product(range(cuts), repeat=len(self.inverse_slope)):
             middle = self.radius * (2 * ball(cell) + 1 - cuts) / cuts
             y = middle + arb(0, (self.radius / cuts).upper())
             _, derivatives = self.equations(axis_points + self.across @ y)
             cell_slopes = derivatives @ self.across
-            slopes = cell_slopes if slopes is None else union(slopes, cell_slopes)
-        # F on this part of the axis, by the mean-value form.
-        middle_value, _ = self.equations(axis_point)
-        _, derivatives = self.equations(axis_points)
-        value = middle_value + derivatives @ self.axis * step
-        return (
-            self.identity - self.inverse_slope @ slopes
-        ) @ self.all_y - self.inverse_slope @ value
+            if slopes is None:
+                slopes = cell_slopes
+            else:
+                slopes = union(slopes, cell_slopes)
+        return slopes
 
     def at(self, s):
         """Return balls (intervals) of all variables on the arc, for all s in a ball.
@@ -1158,25 +1190,36 @@ class Arc:
         return self.all_y
 
     def _narrowed(self, y, axis_point, axis_points, step):
-        """Return smaller balls (intervals) of the y with F = 0, for all s of a range.
+        """Return smaller balls (intervals) of y that contain the curve, for a range of s.
 
-        A point has the coordinate s along the axis of the piece and the coordinates y
-        across it. Krawczyk's operator is applied up to 30 times, and no more when no ball
-        shrinks to less than 0.9 of its radius.
+        The curve is the set of points with F = 0, the closure equations. A piece is a
+        straight box about an arc of it. A point of the piece has the coordinate s along the
+        axis of the box and the coordinates y across it.
+
+        The image of y by Krawczyk's operator contains the same points of the curve as y.
+        So they are in the common part of both. This is repeated up to 30 times, and no more
+        when no ball shrinks to less than 0.9 of its radius.
 
         Parameters
         ----------
         y
             Balls of the coordinates across the axis.
-        axis_point, axis_points
-            Point of the axis at the middle of the range, and balls of its points for all s.
+        axis_point
+            The one point of the axis at the middle of the range of s.
+        axis_points
+            Balls that contain the points of the axis for all s of the range.
         step
             Ball of s relative to the middle of the range.
         """
         for _ in range(30):
-            previous = y
-            y = shared(y, self._image_across(y, axis_point, axis_points, step))
-            if not any(b.rad() < 0.9 * a.rad() for a, b in zip(previous, y, strict=True)):
+            image = self._image_across(y, axis_point, axis_points, step)
+            narrowed = shared(y, image)
+            has_shrunk = any(
+                after.rad() < 0.9 * before.rad()
+                for before, after in zip(y, narrowed, strict=True)
+            )
+            y = narrowed
+            if not has_shrunk:
                 break
         return y
 

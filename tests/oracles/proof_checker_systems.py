@@ -460,22 +460,20 @@ class SolutionOverBox:
         lie in a box that contains only one.
 
         Over a box of inputs with the changes d, x = z + Z d + w: z is the value at the
-        centre, Z its rates, and w a bounded remainder. The box is around z + Z d. Half its
-        side is twice the radius that bounds w, so that it contains x.
+        centre, Z its rates, and w a bounded remainder. The box of solutions is around z +
+        Z d. Half its side is twice the radius that bounds w, so that it contains x.
         """
         half_side = 2 * self.radius
         # Krawczyk's operator raises `NotShown` unless the box has only one solution.
         self.image(half_side)
-        for z, relative_rates, relative_remainder, relative_change in self.relative_parts():
-            # The mirror image less z + Z d, the centre of the box.
-            difference = self._mirror_image_from_linear_part(
-                z, relative_rates, relative_remainder, relative_change
-            )
-            is_in_box = largest([difference]) < half_side
+        for z, rates, w in zip(self.centre, self.rates, self.remainder, strict=True):
+            # The box has the centre z + Z d, from which its half side is measured.
+            distance_from_centre = self._mirror_image_from_linear_part(z, rates, w)
+            is_in_box = largest([distance_from_centre]) < half_side
             if not is_in_box:
                 raise NotShown
 
-    def _mirror_image_from_linear_part(self, z, relative_rates, relative_remainder, e):
+    def _mirror_image_from_linear_part(self, z, rates, w):
         """Return a ball of the mirror image 1 / conj(x) less z + Z d, for one unknown x.
 
         The angle of x is real if x and its mirror image in the unit circle are the same.
@@ -496,13 +494,14 @@ class SolutionOverBox:
         ----------
         z
             Solution at the centre of the box of inputs.
-        relative_rates
-            (inputs,) Z / z.
-        relative_remainder
-            w / z.
-        e
-            (Z d + w) / z.
+        rates
+            (inputs,) the rates Z.
+        w
+            Ball of the remainder.
         """
+        relative_rates = rates / z
+        relative_remainder = w / z
+        e = relative_rates @ self.input_changes + relative_remainder
         s = 1 / (z * z.conjugate())
         c = e.conjugate()
         conjugate_rates = np.array([rate.conjugate() for rate in relative_rates])

@@ -192,8 +192,10 @@ class Wheels:
             first_sine, second_sine = (arb(int(count)) for count in item["teeth"])
         else:
             # The arc between the axes of touching cones is the sum of both half angles, or
-            # their difference. The second half angle follows from the first, so that the
-            # cones touch exactly even if the file rounds both.
+            # their difference. The second half angle follows from the first and the arc, so
+            # that the cones touch exactly even if the file rounds both. `slack` is the
+            # uncertainty of a size of the file, a ball (interval) about zero. The arc has
+            # it already.
             first_half_angle = self.sizes.angle(item["half_angles"][0]) + self.sizes.slack
             if is_internal:
                 second_half_angle = arc + first_half_angle
@@ -333,9 +335,9 @@ def check_rolling(wheels, contact):
     2 in the angle of each pair, so values at five angles of each pair bound them at all
     angles. `need` refuses the certificate if a condition is false.
 
-    The result has the slip of each pair at unit rate, in the last of these positions. Any
-    one position is enough for the caller. Ratios that hold in all positions hold there too,
-    so if they are the only ones there, they are the only ones at all.
+    The result has the slip (3,) at the contact by pair, while this pair turns alone at unit
+    rate. It is that in the last of these positions. The caller needs it in one position
+    only: it shows that no other ratios roll there, so that none roll in all positions.
     """
     path = wheels.path_between_wheels(contact)
     need(len(path) <= MAX_PAIRS, "too many pairs between two wheels")
@@ -347,7 +349,8 @@ def check_rolling(wheels, contact):
     for angles in itertools.product(pair_angles, repeat=len(path)):
         gap, slip = wheels.slips(contact, angles)
         need(abs(gap) < allowed, "circles that do not touch")
-        # (3, inputs): the slip while one input turns at unit rate.
+        # (3, inputs): the slip while one input turns at unit rate. `rates` has the stated
+        # rate of a pair per unit rate of each input.
         total_slip = sum(np.outer(slip[pair], wheels.rates[pair]) for pair in slip)
         need(np.all(size(total_slip) < allowed), "wheels that slip")
     return slip

@@ -196,10 +196,13 @@ def sine_between_lines(direction, vector):
 def locked_rates(motion, row, moved):
     """Return the angular velocities of all links while some inputs are locked.
 
-    The velocity equations of revolute pairs (R), rolling contacts (Cr) and sliding contacts
-    (Cs) are solved by least squares, as an independent reference. The rate of every input
-    is prescribed. A pair has three equations, for the components of the relative rate of
-    its links. A sliding contact has one, for the component along its normal.
+    The velocity equations of all pairs are solved by least squares, as an independent
+    reference. They are about the relative rate of the two links of a pair:
+
+    - Input: the relative rate is the prescribed one, along its axis. Three equations.
+    - Revolute pair (R) or rolling contact (Cr): the part perpendicular to its axis is zero.
+      The three components of this part are three equations, of rank two.
+    - Sliding contact (Cs): the component along its normal is zero. One equation.
 
     Parameters
     ----------
