@@ -277,7 +277,7 @@ def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
         assert is_valid[-1] == (rotation.end == sk.Status.OK)
         if not is_valid[-1]:
             continue
-        # `drift` is the angle (rad) from the axis of the angular velocity to the fixed axis.
+        # `drift` is the angle (rad) from the momentary axis to the fixed axis.
         assert np.max(rows.drift[is_valid]) < 1e-12
         assert np.max(rows.orientation_error[is_valid]) < 1e-12
         # Each orientation matrix leads from the end effector to the base. Its transpose

@@ -319,8 +319,8 @@ def test_a_rotation_ends_where_a_leg_reaches_no_farther():
     largest_angle = 3.0
     sampled_angles = np.linspace(0.0, largest_angle, 4001)
     spacing = largest_angle / 4000
-    # A leg can have two elbows. The sign of each leg selects the elbow at the start. It does
-    # not matter here, because a leg reaches the plane with both or with none.
+    # A leg can have two elbows. The sign of each leg selects the elbow at the start. The
+    # choice does not matter here: a leg reaches the plane with both elbows or with none.
     signs_of_legs = np.ones(3)
     random = np.random.default_rng(7)
     ended_rotations = 0

@@ -264,7 +264,7 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     follows its smooth curve through the crossing. The mode then consists of pieces; on
     each, the signs of its dyads (groups of two links) stay the same.
 
-    Angles of all pairs are compared, rates only those of R pairs (revolute joints).
+    Angles of all pairs are compared, but rates only of pairs with a fixed axis.
 
     Returns
     -------
@@ -293,10 +293,10 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
             # Names of results are "theta_" or "rate_" with the name of a pair.
             for key, values in zip(exported_formulas.results, results, strict=True):
                 kind, _, pair = key.partition("_")
-                is_revolute = pair in mechanism.angles
+                has_fixed_axis = pair in mechanism.angles
                 if kind == "theta":
                     expected.compare_angle(pair, values, language)
-                elif is_revolute:
+                elif has_fixed_axis:
                     expected.compare_rate(pair, values, language)
     return compared, changing_modes
 
