@@ -46,11 +46,11 @@ class MujocoLoads:
         Springs, dampers, dry friction and limits as attributes of joints, by name of the
         pair (joint). Pairs without any are missing.
     actuator_loads
-        Other loads, each with the attributes of an actuator that has no control signal.
-        They are torques at a pair that are affine in its angle and rate, and forces and
-        moments on a link that are constant in the axes of the ground or the link. A force
-        or moment acts at a site (marked point of a body). Sites get their names later.
-        Until then the attributes contain the name of the load.
+        Other loads, each with the attributes of the actuator (drive) that exerts it in
+        MuJoCo. An actuator without a control signal can exert a torque b0 + b1 angle + b2
+        rate at a pair, with constants b. It can also exert a constant force or moment on a
+        link. Such a load acts at a site (marked point of a body). The name of the site is
+        chosen later. Until then the attributes contain the name of the load.
     reason_by_omitted_load
         For each load that MuJoCo cannot express, by name, the reason.
     approximations
@@ -278,9 +278,18 @@ def _require_motion_law(
 
 
 def _require_affine_factors(law: Expression, variable_names: Sequence[str]) -> Floats:
-    """Return the factors of an affine function, or refuse a function that is not affine.
+    """Return the factors of an affine function c0 + c1 x1 + c2 x2 + ...
 
-    Parameters and result are those of `_compute_affine_factors`.
+    Parameters
+    ----------
+    law
+        The function. Its only variables are x1, x2, ...
+    variable_names
+        Names of the variables x1, x2, ...
+
+    Returns
+    -------
+    (1 + variables,) the constant c0, then the factor of each variable.
 
     Raises
     ------
@@ -288,8 +297,7 @@ def _require_affine_factors(law: Expression, variable_names: Sequence[str]) -> F
         If the function is not affine, or a factor is not finite.
     """
     factors = None
-    # `_compute_affine_factors` raises an `EngineError` if, for example, the function
-    # divides by zero. Then `factors` stays None, and the error below is raised.
+    # If the function divides by zero, for example, `factors` stays None.
     with suppress(EngineError), np.errstate(all="ignore"):
         factors = _compute_affine_factors(law, variable_names)
     if factors is None or not all_finite(factors):

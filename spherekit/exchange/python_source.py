@@ -111,11 +111,14 @@ def write_python(source: FormulaSource) -> str:
 def _write_function(source: FormulaSource, function: SourceFunction) -> str:
     """Return the Python text of one function of an exported file.
 
-    The written function takes three arrays. Their first axis is described here, and further
-    axes are samples: the motion (inputs and rates, as the constant MOTION in the file lists
-    them), the values that select the assembly mode (way to assemble the mechanism), and the
-    sizes of links (by default those of the constant SIZES). It returns the results in the
-    order of the constant RESULTS.
+    The written function takes three arrays, with these rows:
+
+    - the inputs and rates, in the order of the constant MOTION of the file;
+    - the values that select the assembly mode (way to assemble the mechanism);
+    - the sizes of links, by default those of the constant SIZES.
+
+    The further axes of these arrays are samples. The function returns an array with one row
+    for each result, in the order of the constant RESULTS.
     """
     returned = "the RESULTS (results, ...)"
     residual = ""
@@ -125,9 +128,12 @@ def _write_function(source: FormulaSource, function: SourceFunction) -> str:
         returned = "variables after a step of Newton's method, and how far loops were open"
         residual = f", {function.closure_residual}"
     results = join_items(function.results, indent=12)
+    # A result can be a single number. `broadcast_arrays` in the written function repeats it
+    # for each sample.
     arrays = f"np.broadcast_arrays(\n            {results}\n        )"
-    lines = [*function.lines, f"        return np.array({arrays}){residual}"]
-    body = "\n".join(lines)
+    return_line = f"        return np.array({arrays}){residual}"
+    # `function.lines` compute the results from the rows of the three arrays.
+    body = "\n".join([*function.lines, return_line])
     parameters = f"motion, {source.mode_argument}, size=tuple(SIZES.values())"
     return (
         f'\ndef {function.name}({parameters}):\n    """Return {returned}."""\n'
@@ -153,8 +159,13 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
             mode_there = np.moveaxis(places[interval, mode], -1, 0)
             return np.where(np.isnan(q), np.nan, mode_there)
 
-    If the formulas have no closed form, the mode values are the pair variables of a known
-    configuration. The written function then also returns the input of this configuration.
+    Configurations can repeat after a period of the input. The function then has further
+    lines, which move q by whole periods into the range of the input.
+
+    Formulas in closed form compute the pair variables directly. Other formulas make steps
+    of Newton's method from a known configuration, whose pair variables are the mode values.
+    The written function then also returns the input of this configuration.
+
     Nothing is yielded if modes do not follow smooth curves.
     """
     if source.smooth_modes is None:
@@ -163,7 +174,7 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         source,
         nan_literal="np.nan",
         infinity_literal="np.inf",
-        # Lines that shift q into the range of the input by whole periods.
+        # The lines that move q by whole periods.
         moved_template=PYTHON_MOVED_INPUT_TEMPLATE,
     )
     # The written function has a local variable with the mode values at q. Its name is
@@ -172,8 +183,9 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
     returned = _nan_where_q_is_nan(variable_name)
     input_lines = ""
     docstring_end = ""
-    has_closed_form = not source.formulas.step
-    if not has_closed_form:
+    # `step` has the pair variables after a step of Newton's method. Empty in closed form.
+    needs_newton_steps = bool(source.formulas.step)
+    if needs_newton_steps:
         # The written function then has a second table, `inputs`, like `places`.
         returned += ", " + _nan_where_q_is_nan("inputs[interval, mode]")
         input_lines = f"    inputs = np.array(\n        {texts.known_inputs}\n    )\n"

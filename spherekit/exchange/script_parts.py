@@ -98,14 +98,15 @@ def smooth_mode_texts(
     """Return the table of mode values by intervals of the input, as source code.
 
     Mode values are numbers that select an assembly mode (way to assemble the mechanism) in
-    the formulas. A mode can have other mode values in another interval of the input. Each
-    interval and mode also has a known input: an input at which a configuration with these
-    mode values is known.
+    the formulas. Over the input, the configurations of a mode form a smooth curve. It can
+    cross the curve of another mode. Beyond the crossing the curve has other mode values.
+    The table therefore has mode values for each interval of the input. It also has an input
+    at which a configuration with these mode values is known.
 
     Parameters
     ----------
     source
-        The formulas in a programming language, with modes that follow smooth curves.
+        The formulas in a programming language. Their `smooth_modes` are the table.
     nan_literal, infinity_literal
         NaN and infinity in the language.
     moved_template

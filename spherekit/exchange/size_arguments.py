@@ -209,6 +209,8 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     # `step` has the variables after a step of Newton's method. It is empty in closed form.
     evaluate = formulas.numpy_function([*formulas.outputs, *formulas.step])
     motion = _choose_motion(formulas)
+    # The numbers that select each mode: signs in closed form, otherwise the pair variables
+    # from which Newton's method starts.
     mode_values = _stack_mode_values(formulas)
     values_before = evaluate(motion, mode_values, formulas.size_values)
     noise = _estimate_noise(evaluate, (motion, mode_values, formulas.size_values))

@@ -112,9 +112,10 @@ def _mode_lines(source: FormulaSource, position: int, mode: Mode) -> Iterator[st
     (two links and three R pairs), or the pair variables (rad) from which Newton's method
     starts. The inputs are those of one configuration with these values.
 
-    Curves of configurations of two modes can cross at some input. If the source follows
-    smooth curves (`source.smooth_modes`), the mode values change there. A further line is
-    then added for each part of the range of the input with constant mode values.
+    Over the input, the configurations of a mode form a curve. It can cross the curve of
+    another mode. A source can follow the smooth curve through the crossing
+    (`source.smooth_modes`). Beyond the crossing the mode then has other mode values. A
+    further line states the mode values of each part of the curve.
 
     Parameters
     ----------

@@ -106,12 +106,15 @@ def profile_table(
     # The symbols of the nine functions in this order. The last one is that of d2k/ds2.
     function_symbols: Any = (*profile_side.contact_symbols, profile_side.last_derivative)
     profile_series = profile_side.series
-    variable_number = profile_side.track.variable
+    # The series of the profile has the functions up to dk/ds. Its derivative is added.
+    nine_functions = _append_last_derivative(profile_series.series)
+    contact_profile = profile_side.track
+    contact_variable = configuration_symbols[contact_profile.variable]
     return SeriesTable(
         terms=function_symbols,
-        variable=configuration_symbols[variable_number],
-        start=profile_side.track.start,
-        series=_append_last_derivative(profile_series.series),
+        variable=contact_variable,
+        start=contact_profile.start,
+        series=nine_functions,
         length=profile_series.length,
         closed=profile_series.closed,
     )

@@ -83,14 +83,20 @@ def read_decimal_angle(text: str, angle_unit: AngleUnit) -> Decimal:
         # Refuses implausibly many turns, such as 400 in a file in rad.
         check_turns(float(number), angle_unit)
         return number
+    # `_EXACT` computes with 60 digits, so its rounding errors do not change the result.
     # `deg_or_rad` is the unit of the text, or deg for turns. The factor is 360 for turns,
     # otherwise 1.
     deg_or_rad, factor = angle_unit_and_factor(number_text, unit)
     angle = _EXACT.multiply(number, Decimal(factor))
     if deg_or_rad == angle_unit:
         return angle
-    convert = _EXACT.multiply if angle_unit == "rad" else _EXACT.divide
-    return Context(prec=CONVERTED_DIGITS).plus(convert(angle, _DEGREE))
+    # `_DEGREE` is pi / 180.
+    if angle_unit == "rad":
+        converted_angle = _EXACT.multiply(angle, _DEGREE)
+    else:
+        converted_angle = _EXACT.divide(angle, _DEGREE)
+    # Adding 0 (`plus`) rounds the number to the digits of the context.
+    return Context(prec=CONVERTED_DIGITS).plus(converted_angle)
 
 
 def to_text(angle: float, unit: AngleUnit) -> str:

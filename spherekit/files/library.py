@@ -151,16 +151,17 @@ def _pack(entry: EntryPoint) -> Pack:
     """Return the pack (shipped files) that an installed package declares.
 
     A pack is the set of mechanism and study files in the folder of an installed package.
-    The package declares itself by an entry point (name in its metadata). Its folder is
-    found without an import. A pack has at least one mechanism file. A pack that cannot be
-    used has no files, but states the reason.
+    The package declares itself by an entry point (name in its metadata). A pack has at
+    least one mechanism file. A pack that cannot be used has no files, but states the
+    reason.
     """
 
     def broken_pack(fault: str) -> Pack:
         """Return the pack without files, with the reason why it cannot be used."""
         return Pack(entry.name, fault=fault)
 
-    # Finding a package runs code of its authors, which may raise any error.
+    # The package itself is not imported. If it is inside another package, Python imports
+    # the outer one to find it. That runs code, which may raise any error.
     try:
         spec = find_spec(entry.value)
     except Exception as error:

@@ -320,8 +320,8 @@ class _MechanismReader:
                     ("mass", link),
                     f'no link is named "{link}"{choices(link, mechanism.links, "Links")}',
                 )
-        # A function that computes the axes of all pairs in their links once, when the first
-        # mass needs them.
+        # A mass can be placed by the axes of pairs. This function computes the axes of all
+        # pairs in their links at its first call, and then keeps them.
         axes_in_links = cache(partial(link_axes, mechanism))
         return replace(
             mechanism,

@@ -185,12 +185,12 @@ def _explain_missing_number(
     Parameters
     ----------
     document
-        A mechanism file with directions as angles.
+        A mechanism file.
     key
         The key, such as ``links.2.arcs``.
     path_by_key
         The keys of all numbers of the same element of the file, such as a link, and their
-        locations.
+        locations. If a number has several keys, the shorter ones come later.
     """
     reached = _follow_key(document.data, key)
     if reached.missing_part is None:
@@ -198,9 +198,8 @@ def _explain_missing_number(
         problem = _explain_other_value(key, path_by_key)
     else:
         problem = _explain_missing_part(reached, reached.missing_part)
-    # A problem has a text and a prefix. Keys that begin with the prefix may be meant. Short
-    # keys, such as "links.2.arc", are the last in `path_by_key`. The message lists them
-    # first.
+    # Keys that begin with the prefix of the problem may be meant. The message lists the
+    # shorter keys of a number first: "links.2.arc" before "links.2.arcs.0".
     shorter_first = reversed(list(path_by_key))
     similar_keys = [
         other_key for other_key in shorter_first if other_key.startswith(problem.prefix)
@@ -245,8 +244,8 @@ def _explain_other_value(key: str, path_by_key: Mapping[str, KeyPath]) -> KeyPro
     suggestion = nearest(key, path_by_key)  # "; did you mean ...?", or ""
     if not suggestion:
         return KeyProblem(f'"{key}" is not a number.', prefix=key)
-    # The list "arcs" of a link can have the keys "arcs.0" and "arc" of a number. Both begin
-    # with "arc", so a final s is left out of the prefix.
+    # The only number of the list "links.2.arcs" has two keys: "links.2.arcs.0" and
+    # "links.2.arc". Both begin with the prefix "links.2.arc", without the final s.
     prefix = key.removesuffix("s")
     return KeyProblem(f'"{key}" is not the key of a number{suggestion}', prefix)
 
@@ -377,5 +376,8 @@ def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Docume
                 container[key] = copy.copy(container[key])
                 copied_paths.add(path[:depth])
             container = container[key]
-        container[path[-1]] = LiteralNumber(repr(float(number)))
+        # As in a file that was read, the number keeps its decimal text. Units are converted
+        # from the text, without rounding errors.
+        decimal_text = repr(float(number))
+        container[path[-1]] = LiteralNumber(decimal_text)
     return replace(document, data=data)

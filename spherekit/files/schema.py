@@ -320,16 +320,15 @@ class SchemaConversion:
     def _convert_single_value(self, part: Any, value: Any, path: KeyPath) -> Any:
         """Return a converted number, text or truth value.
 
-        `part` is the part of the schema that declares the value. In a file, a single number
-        may stand for an array, such as q = 40 for one input. A text may then be a number
-        with a unit, such as "40deg". The result is the converted number, not an array.
+        `part` is the part of the schema that declares the value. In a file, a single value
+        may stand for an array, such as q = 40 for one input. It is then converted like an
+        item of the array, and returned without an array around it.
         """
-        # If the value stands for an array, the part of its items declares the value. Only
-        # items with a unit need the converter of this part. Their part refers ("$ref") to a
-        # definition such as "angle".
+        # If the schema declares an array, `item_part` declares its items. Items with a
+        # unit, such as "40deg", refer ("$ref") to a definition, such as "angle".
         item_part = part.get("items")
-        needs_item_converter = item_part and "$ref" in item_part
-        if needs_item_converter and isinstance(value, int | float | str):
+        refers_to_definition = item_part and "$ref" in item_part
+        if refers_to_definition and isinstance(value, int | float | str):
             return self.convert(item_part, value, path)
         if isinstance(value, bool | str):
             return value

@@ -51,10 +51,11 @@ def load_study(name_or_path: AnyPath) -> Study:
     document = parse(read_text(path), str(path))
     check(document, "study")
     mechanism = _mechanism_of(document, path.parent)
-    # The unit of angles in the study file, by default that of the mechanism file. It is
-    # also the unit of the parameters of analyses, which are read with the mechanism.
+    # The unit of angles in the study file, by default that of the mechanism file.
     angle_unit: AngleUnit = document.data.get("angle_unit", mechanism.angle_unit)
     data = convert_to_model(document, document.data, "study", angle_unit)
+    # Parameters of analyses are converted later, from the unit that the mechanism states.
+    # In a study they are in the unit of the study file.
     mechanism = replace(mechanism, angle_unit=angle_unit)
     return _StudyReader(document, data).construct_study(path, mechanism)
 
@@ -122,9 +123,12 @@ class _StudyReader:
             # Parameters of analyses are unconverted, because only the classes of the
             # analyses know their types.
             analyses=self.document.data.get("analyses", {}),
+            # Where results are written: a folder of tables, and a recording of the motion.
             folder=self.output_path("folder"),
             recording=self.output_path("recording"),
             degrees=data.get("output", {}).get("degrees", False),
+            # Inputs as functions of time (laws), or the state at t = 0 from which the
+            # motion is simulated (start), with the driving torque of this simulation.
             laws=self.time_laws(),
             start=self.start(),
             torque=data.get("start", {}).get("torque"),

@@ -192,6 +192,7 @@ class _KeyScanner:
         path: KeyPath = ()
         for key in keys:
             path = (*path, key)
+            # This counter has 0 for a path that is no array of tables.
             array_size = self.array_table_sizes[path]
             if array_size:
                 path = (*path, array_size - 1)

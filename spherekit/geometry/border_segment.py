@@ -565,7 +565,7 @@ class BorderSegments(ArrayRows):
         margin) is zero. Margins are functions of the direction that are at least 0 in the
         region. If another margin is negative on a part of the segment, this part is outside
         the region and not its border. The chord (great-circle arc between the ends) then
-        replaces the segment, which is marked as not sound.
+        replaces the segment. The segment is marked as not sound: its border is not known.
 
         Parameters
         ----------
@@ -575,7 +575,8 @@ class BorderSegments(ArrayRows):
             (k,) numbers of the segments, whose polynomials have degree 4.
         """
         # (k, samples, margins) each margin minus the border margin, at equally spaced
-        # points of each segment.
+        # points of each segment. The computed border has small errors, so the border margin
+        # is only nearly zero there.
         excess = self._sample_excess(evaluate, selected)
         # A minimum between samples is found by a parabola through three of them.
         is_negative = parabola_minima(excess) < -evaluate.rounding_errors
@@ -585,9 +586,10 @@ class BorderSegments(ArrayRows):
     def _sample_excess(self, evaluate: MarginEvaluator, selected: Indices) -> Floats:
         """Return by how much the margins exceed the border margin along new segments.
 
-        A segment is a piece of the border. The border margin is zero there. On the computed
-        segment, a polynomial, the border margin is only nearly zero. All margins are
-        therefore compared with the border margin and not with zero.
+        A segment is a piece of the border of a region, on which one margin (the border
+        margin) is zero. Where another margin is negative, the segment is outside the
+        region. On the computed segment, a polynomial, the border margin is only nearly
+        zero. All margins are therefore compared with the border margin and not with zero.
 
         Parameters
         ----------
@@ -601,17 +603,17 @@ class BorderSegments(ArrayRows):
         (k, samples, margins) differences at equally spaced points of each segment.
         """
         u = np.linspace(-1.0, 1.0, CHECK_STEPS + 1)
-        # New segments have the order `ORDERS[1]`. Their height over the chord (arc between
-        # the ends) is interpolated from its values at order + 1 nodes.
-        order = ORDERS[1]
+        # The height of a segment over the chord (arc between its ends) is a polynomial. It
+        # is interpolated from its values at degree + 1 nodes.
+        order = ORDERS[1]  # degree 4
         nodes_to_samples = interpolation_matrix(order, u)
         height = self.height[selected, : order + 1] @ nodes_to_samples.T
         points = self._points_at(selected, u, height)  # (k, samples, 3)
         margins = evaluate(points.reshape(-1, 3))
         margins = margins.reshape(len(selected), len(u), margins.shape[1])
-        border_margin = np.take_along_axis(
-            margins, self.margin[selected, None, None], axis=2
-        )
+        # (k, 1, 1) number of the border margin of each segment.
+        border_number = self.margin[selected, None, None]
+        border_margin = np.take_along_axis(margins, border_number, axis=2)
         return margins - border_margin
 
     def _points_at(self, selected: Indices, u: Floats, height: Floats) -> Floats:

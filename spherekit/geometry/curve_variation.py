@@ -270,6 +270,8 @@ def _differentiate_fit(
     knot_rates = np.append(0.0, np.cumsum(knot_step_rates))
     moving_knots = add_complex_step(path.knots, knot_rates)
     spline = quintic_panels(moving_knots, moving_points, path.closed)
+    # The coefficients of the spline now depend on the moving knots. Arc lengths are first
+    # differentiated at fixed parameters, so the path gets the fixed knots.
     moving_path = SplinePath(spline, path.knots, path.closed)
 
     # The arc lengths s(u, x) at the knots u depend on the design variable x in two ways:

@@ -54,16 +54,18 @@ class EdgeCrossings:
         -------
         (n,) numbers of crossings.
         """
+        # The key of an edge is an integer that contains the numbers of both vertices.
         keys = _edge_keys(inside, outside)
         new_keys = np.setdiff1d(keys, self._keys)
         new_inside = _inside_vertices(new_keys)
         new_outside = _outside_vertices(new_keys)
-        points, margins = find_crossings(
+        # Of each new crossing, the point and the number of the margin that is zero there.
+        points, zero_margins = find_crossings(
             evaluate, vertices[new_inside], vertices[new_outside]
         )
         self._keys = np.append(self._keys, new_keys)
         self.points = np.concatenate([self.points, points])
-        self.margins = np.append(self.margins, margins)
+        self.margins = np.append(self.margins, zero_margins)
         return self._look_up(keys)
 
     def _look_up(self, keys: Indices) -> Indices:

@@ -80,9 +80,10 @@ def normal_at(phi: float, gamma: float) -> Floats:
     """Return the unit normal (3,) of the mirror with the angles phi and gamma, rad.
 
     A mirror is a plane through the centre of the sphere. In some mechanisms, base and
-    output are mirror images of each other. The angles are defined by the normal (-sin(phi /
-    2), sin(gamma / 2), n_z) with n_z >= 0 (Chen et al. 2021). The sizes of phi and gamma
-    are the arcs from the points (1, 0, 0) and (0, 1, 0) to their mirror images.
+    output are mirror images of each other. The mirror is then called the mid-plane of both.
+    The angles are defined by the normal (-sin(phi / 2), sin(gamma / 2), n_z) with n_z >= 0
+    (Chen et al. 2021). The sizes of phi and gamma are the arcs from the points (1, 0, 0)
+    and (0, 1, 0) to their mirror images.
 
     Raises
     ------

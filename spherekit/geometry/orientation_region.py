@@ -425,6 +425,7 @@ class _OrientationCells:
         """
         margins = _replace_nan_margins(self._evaluate_margins(boxes))
         samples = margins[:SAMPLE_COUNT]
+        # Margins at four further points, where the interpolation error is measured.
         checks = margins[SAMPLE_COUNT:]
         bounds = _bound_margins(samples, checks)
         is_outside = np.any(bounds.high < 0.0, axis=1)
@@ -673,15 +674,17 @@ def _curvature_correction(
     Notes
     -----
     V(t) is the volume in which f > t. V(0) is wanted. The border f = t has the area A.
-    Primes are derivatives by t. The subcell is a unit cube.
+    Primes are derivatives by t. L is the Laplacian of f. The subcell is a unit cube.
 
-    1. The level t can have any value from -S/2 to S/2. The centre of a subcell is above the
-       level, f > t, for the share 1/2 + f / S of these values. So the sum of the estimates
-       is the mean of V(t) over all levels. The Taylor series V(0) + V' t + V'' t^2 / 2 has
-       the mean V(0) + V'' S^2 / 24. The last term is the error of the sum.
-    2. If t rises by dt, the border moves by dt / g, so V' = -A / g. On this way, the area
-       of a curved border grows by A L / g per distance, so A' = A L / g^2. Here L is the
-       Laplacian of f. So V'' = -A L / g^3, and the sum is too small by A L S^2 / (24 g^3).
+    1. Let t take all values from -S/2 to S/2. A subcell with the value f at its centre is
+       counted, f > t, for the fraction 1/2 + f / S of these values. So the sum of all
+       fractions is the mean of V(t). By the Taylor series V(0) + V' t + V'' t^2 / 2, this
+       mean is V(0) + V'' S^2 / 24. The last term is the error of the sum.
+    2. If t rises by dt, the border moves by dt / g along its unit normal, so V' = -A / g.
+       The area of a moving surface grows per distance by A times the divergence of the
+       unit normal. The normal is the gradient divided by g, so the divergence is L / g. It
+       follows that A' = A L / g^2 and V'' = -A L / g^3. The sum is too small by
+       A L S^2 / (24 g^3).
     3. The Laplacian follows from d, because the mean of f over a unit cube exceeds the
        value at its centre by L / 24. So the sum is too small by A d S^2 / g^3.
     4. Fractions between 0 and 1 belong to a layer at the border with the thickness S / g
@@ -715,7 +718,8 @@ def _subcell_volumes(boxes: _Boxes) -> Floats:
     Each cell is divided into SUBCELLS_PER_SIDE equal parts along each side. An orientation
     is a unit quaternion, divided by its largest component. The other components x, y, z,
     from -1 to 1, are coordinates in one of four cubes. In each cube the volume element is
-    8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz. It is evaluated at the centre of each subcell. The
+    8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz. The factor 8 is a choice of unit: the volume of
+    all orientations is 8 pi^2. The element is evaluated at the centre of each subcell. The
     volumes are then scaled so that their sum is the volume of the cell by Gauss's rule,
     which is far more accurate.
     """

@@ -82,7 +82,8 @@ class CirclePath:
         # The azimuth about the centre is u / sine. `outward` (n, 3) points from the centre
         # to this azimuth, and `tangent` is 90 degrees ahead.
         outward, tangent = radial_directions(self.axes, u / self.sine)
-        point = (self.cosine * self.axes[:, 2, None] + self.sine * outward.T).T
+        centre = self.axes[:, 2]
+        point = self.cosine * centre + self.sine * outward
         # 0 u has the shape (n,), and is NaN where u is NaN.
         zeros = 0.0 * u
         return PathFrames(

@@ -176,6 +176,8 @@ def circle(centre: ArrayLike, radius: float) -> Curve:
         )
     sine = float(np.sin(radius))
     path = CirclePath(axes_about(centre), sine, float(np.cos(radius)))
+    # Other curves have a table of the arc length by the parameter of their path. The
+    # parameter of a circle is the arc length itself.
     return Curve(path, table=None, length=2.0 * np.pi * sine, closed=True)
 
 

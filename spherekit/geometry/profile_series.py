@@ -90,10 +90,12 @@ class ProfileSeries:
             # halving does not help, errors up to this limit are accepted.
             rounding_tolerance=SERIES_ROUNDING_TOLERANCE,
         )
+        # Each cell of the series has `SLOPE_SAMPLES` samples, also at both ends. They
+        # divide the cell into one interval less.
+        intervals_per_cell = SLOPE_SAMPLES - 1
+        positions = series.spread_positions(intervals_per_cell)
         # Column 7 is dk/ds, so its derivative is d2k/ds2. The largest sampled value is
-        # enlarged by a factor, because values between samples can be larger. Each cell has
-        # `SLOPE_SAMPLES` samples with both ends. The argument does not count the upper end.
-        positions = series.spread_positions(SLOPE_SAMPLES - 1)
+        # enlarged by a factor, because values between samples can be larger.
         curvature_second = np.abs(series.derivative.evaluate(positions)[:, 7])
         bound = SLOPE_SAFETY_FACTOR_OF_PROFILES * float(np.max(curvature_second))
         return ProfileSeries(

@@ -263,9 +263,12 @@ class RegionRefinement:
         - the area between the chord and the segment, negative if the segment bends inwards;
         - if two vertices are inside, the triangle of both and of the start of the segment.
 
-        `TriangleDivision` shows these parts. A segment can bend out of its triangle over an
-        edge. The area beyond this edge is still assigned to the same triangle. Single areas
-        are therefore not exact, but sums over all triangles of one part of the region are.
+        If the border has a corner in a triangle, it consists of two segments there. The
+        first two areas are then added for each segment, the last one only for the first.
+
+        A segment can bend out of its triangle over an edge. The area beyond this edge is
+        still assigned to the same triangle. Single areas are therefore not exact, but sums
+        over all triangles of one part of the region are.
         """
         division = self._divide_triangles()
         # Areas for each segment (n,) of the border.
@@ -279,7 +282,7 @@ class RegionRefinement:
         )
         inside_part = chord_triangle + beside_chord + extra_triangle
 
-        # Areas for each triangle (T,) of the mesh. It can contain two segments.
+        # Areas for each triangle (T,) of the mesh: the sums over its segments.
         triangle_count = len(self.triangles)
         crossed = np.bincount(self.segments.triangle, inside_part, triangle_count)
         whole = np.where(division.inside_count == 3, self.areas, 0.0)
@@ -289,10 +292,11 @@ class RegionRefinement:
         """Return a triangulation of the region alone, up to its border.
 
         Triangles of the mesh with all vertices inside the region stay whole. Triangles that
-        the border crosses are divided, and only their inner part is used. The border in a
-        triangle is a segment, a curve through several nodes. The inner part is a fan of
-        triangles between one vertex (the apex) and these nodes. If another vertex is
-        inside, an extra triangle joins this vertex to the apex and to the first node.
+        the border crosses are divided, and only their part inside the region is used. The
+        border in a triangle is a segment, a curve through several nodes. Small triangles
+        join each two neighbouring nodes to one vertex inside, the apex. Together they look
+        like a fan. If two vertices are inside, there is also an extra triangle between both
+        and the first node.
 
         Returns
         -------
@@ -372,10 +376,10 @@ class RegionRefinement:
                /       \                         / _.-'   \
             second --- third                second ------- third
 
-        The inner part is a fan of triangles from one vertex, the apex, to the segment. If
-        two vertices are inside, the apex is the second one. An extra triangle of second,
-        third and start completes the inner part. If there are two segments, it belongs to
-        the first (leading) one.
+        The part inside the region is a fan of triangles from the apex to the segment. The
+        apex is a vertex inside: the odd one, or else the second one. If two vertices are
+        inside, the triangle of second, third and start is added. If there are two segments,
+        it is added to the first (leading) one only.
         """
         # (T,) for every triangle of the mesh.
         inside_count = self.is_inside[self.triangles].sum(axis=1)
@@ -387,6 +391,7 @@ class RegionRefinement:
         return TriangleDivision(
             inside_count=inside_count,
             apex=np.where(has_one_inside, odd, second),
+            # Used only if there is an extra triangle.
             other_inside=third,
             has_extra_triangle=has_extra_triangle,
         )
@@ -580,7 +585,8 @@ class RegionRefinement:
                 return
             segments.raise_order(self.evaluate, np.flatnonzero(can_raise))
             # A search at more nodes (points of the polynomial) may fail to find the border.
-            # The segment is then not sound, and its triangle may hide a part of the region.
+            # The segment is then not sound. Its triangle becomes open: it may hide a part
+            # of the region, and its whole area counts as an error.
             self.classes[segments.triangle[~segments.is_sound]] = TriangleClass.OPEN
 
     def _find_poor_segments(self, max_error: float) -> Bools:

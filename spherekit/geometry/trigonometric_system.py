@@ -320,9 +320,10 @@ def eliminant_degree(incidence: Bools) -> int:
     resultant_degree = _resultant_degree(incidence, first_angle)
     if equation_count == 2:
         return resultant_degree
-    # Each term of the eliminant is a product. Two factors are coefficients of R, one of
-    # R(y1) and one of R(y2). Further 2 p factors are coefficients a0, a1, a2 of the first
-    # equation. These have degree 1 in x if the first equation contains x.
+    # R(y1) and R(y2) both have the degree of the resultant in x, if y1 and y2 are taken as
+    # constant. In fact the cosines and sines of y1 and y2 are fractions of the coefficients
+    # a. Without denominators, each term has 2 p factors a, because (a1^2 + a2^2)^p has as
+    # many. The coefficients a have degree 1 in x if the first equation contains x.
     power = _resultant_degree(incidence, second_angle)
     degree_of_first_coefficients = int(incidence[0, first_angle])
     return 2 * resultant_degree + 2 * power * degree_of_first_coefficients
@@ -459,21 +460,23 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     with np.errstate(all="ignore"):
         if t == 1:
             # The only equation is c0 + c1 cos(x) + c2 sin(x) = 0, with two zeros.
+            # `factors` are the values 1, cos(x) and sin(x) at each zero.
             zeros = _find_form_zeros(equations[:, 0])
             return _angles_from_factors(zeros.factors)[..., None]
         # `angles` is filled in step by step; systems without complete solutions stay NaN.
         solution_count = 2 * eliminant_degree(incidence)
         angles = np.full((n, solution_count, t), np.nan, dtype=complex)
 
-        # 1. Elimination for some systems, with one start of Newton's method for each root.
-        # Of systems with three equations, only every `ELIMINATION_STRIDE`-th is chosen.
+        # 1. Elimination, with one start of Newton's method for each root: for all systems
+        # of two equations, but only for every `ELIMINATION_STRIDE`-th of three equations.
         stride = ELIMINATION_STRIDE if t == 3 else 1
         systems = np.arange(0, n, stride)
         if len(systems):
             solutions = _eliminate(equations[systems], incidence, starts_per_root=1)
             _store_complete(angles, systems, solutions.angles, solutions.is_solution)
 
-        # 2. Newton's method for the others, from solutions of the nearest solved system.
+        # 2. Newton's method for systems without complete solutions, from the solutions of
+        # the nearest solved system in the list.
         solved = np.flatnonzero(~np.isnan(angles[:, 0, 0]))
         unsolved = np.flatnonzero(np.isnan(angles[:, 0, 0]))
         if len(solved) and len(unsolved):
@@ -483,7 +486,7 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
             is_solution = result.residual < MAX_SOLUTION_RESIDUAL
             _store_complete(angles, unsolved, result.angles, is_solution)
 
-        # 3. Elimination for systems whose solutions are not complete yet, now with all
+        # 3. Elimination for systems whose solutions are still not complete, now with all
         # starts of Newton's method that belong to a root.
         unsolved = np.flatnonzero(np.isnan(angles[:, 0, 0]))
         if len(unsolved):
@@ -633,6 +636,7 @@ def _solve_at_roots(
     first_angle_changes = np.abs(result.angles[:, :, 0] - starts[:, :, 0])  # (n, k * s)
     is_near_root = first_angle_changes < ROOT_CLUSTER_RAD
     is_converged = result.residual < MAX_SOLUTION_RESIDUAL
+    # At flat angles the Jacobian is almost singular. Several solutions may coincide there.
     return RootSolutions(result.angles, is_converged & is_near_root, result.is_flat)
 
 
@@ -844,10 +848,10 @@ def _sample_eliminants(
     if equation_count == 2:
         samples = _sample_eliminants_of_two(equations, all_first_angles)
     else:
-        # The eliminant is a product of fractions, made free of denominators. The power of
-        # the denominator that this needs depends on which angles the equations contain.
-        power = _resultant_degree(incidence, angle=1)
-        samples = _sample_eliminants_of_three(equations, all_first_angles, power)
+        # When the third angle is eliminated from the last two equations, their resultant
+        # remains. Its degree in the second angle is needed to eliminate that angle, too.
+        resultant_degree = _resultant_degree(incidence, angle=1)
+        samples = _sample_eliminants_of_three(equations, all_first_angles, resultant_degree)
     if np.isrealobj(equations):
         # The imaginary parts are rounding errors.
         real_values = samples.values.real.astype(complex)
@@ -906,7 +910,9 @@ def _sample_eliminants_of_three(
     zeros = _solve_second_angle(equations, first_angles)
     resultants = _resultants(zeros.last_forms)  # (n, m, zeros)
     values = np.prod(resultants, axis=2) * zeros.denominators**power
-    # The limit of each resultant is the product of the squared norms of its forms.
+    # Limits that the magnitudes of the values cannot exceed. Compared with its limit, an
+    # eliminant that is zero but for rounding can be recognised. The limit of a resultant is
+    # the product of the squared norms of its forms.
     squared_norms = _squared_norms(zeros.last_forms)  # (n, m, zeros, equations)
     resultant_limits = np.prod(squared_norms, axis=(2, 3))
     denominator_sizes = np.abs(zeros.denominators)
@@ -1155,8 +1161,10 @@ def _start_angles_of_three(equations: Numbers, first_angles: Complexes) -> Compl
     last angle, axis 3 to the three angles.
     """
     zeros = _solve_second_angle(equations, first_angles)
+    # `factors` are the values 1, cosine and sine of the second angle.
     second_angles = _angles_from_factors(zeros.factors)  # (n, r, 2)
-    # The last axis has two values of the last angle for each value of the second one.
+    # `last_forms` are the last two equations, with only the last angle left. The last axis
+    # of the result has two values of this angle for each value of the second one.
     last_angles = _last_angles(zeros.last_forms)  # (n, r, 2, 2)
     starts = np.empty((*last_angles.shape, 3), dtype=complex)
     starts[..., 0] = first_angles[:, :, None, None]
@@ -1186,7 +1194,9 @@ def _last_angles(forms: Complexes) -> Complexes:
     angle_parts = np.linalg.norm(forms[..., 1:], axis=-1)
     better = np.argmax(angle_parts, axis=-1)[..., None, None]
     better_forms = np.take_along_axis(forms, better, axis=-2)[..., 0, :]
-    return _angles_from_factors(_find_form_zeros(better_forms).factors)
+    zeros = _find_form_zeros(better_forms)
+    # The factors of the coefficients are 1, the cosine and the sine of the angle.
+    return _angles_from_factors(zeros.factors)
 
 
 def _best_starts(
@@ -1261,9 +1271,9 @@ def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
     """Return the largest residual of each solution, relative to the size of its terms.
 
     A term of an equation is a coefficient times one factor (1, cosine or sine) of each
-    angle. Complex angles can have large cosines and sines, which cause larger rounding
-    errors. The residual is therefore divided by the product, over all angles, of the norm
-    of (1, cosine, sine).
+    angle. Coefficients are about 1. Complex angles can have large cosines and sines, which
+    cause larger rounding errors. The residual is therefore divided by the product, over all
+    angles, of the norm of (1, cosine, sine).
 
     Parameters
     ----------

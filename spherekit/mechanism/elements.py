@@ -189,8 +189,8 @@ class LinkSizes:
         arcs: from the arc that ends at `axes[1]`, counter-clockwise, to the arc that ends
         at `axes[k + 2]`.
     unpaired
-        Axes without a pair. They remain if the arc to such an axis defines the frame of the
-        link, or the zero of a pair variable.
+        Axes without a pair, such as the former axis of a pair that was locked. Such an axis
+        is kept if an arc to it defines the frame of the link or the zero of a variable.
     signed
         Whether arcs may be below 0 or above pi. A negative arc leads from the first axis
         in the opposite direction. An arc above pi continues beyond the point opposite to

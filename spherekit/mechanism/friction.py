@@ -299,8 +299,9 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
     mechanism
         The mechanism.
     what
-        End of the sentence "its friction depends on the reaction of pair 41, which ..." of
-        the message, such as "a page does not solve for".
+        Words of the message after "its friction depends on the reaction of pair 41, which",
+        such as "a page does not solve for". They can end with an advice. The message adds
+        further advice after "or".
 
     Raises
     ------

@@ -78,8 +78,9 @@ def shift_to_sphere_centre(tensor: Floats, mass: float, centre: Floats) -> Float
 def axes_frame(first: Floats, second: Floats) -> Floats:
     """Return the frame (3, 3) with z along `first` and with `second` at x = 0, y > 0.
 
-    Both arguments are unit vectors (3,). The columns are the axes x, y and z. Di Gregorio
-    2024, Fig. 3, describes links in this frame.
+    The inertia tensor of a link can be stated in this frame. Both arguments are unit
+    vectors (3,) along axes of the link, in link axes. The columns of the frame are its axes
+    x, y and z. Di Gregorio 2024, Fig. 3, describes links in this frame.
 
     Raises
     ------
@@ -93,7 +94,9 @@ def axes_frame(first: Floats, second: Floats) -> Floats:
             "the two axes are parallel, so they define neither a plane nor an arc; name "
             "other axes, or give tensor in link axes"
         )
-    return frame_from(first, normal / sine)
+    x_axis = normal / sine
+    # The frame with the z axis `first` and this x axis.
+    return frame_from(first, x_axis)
 
 
 def uniform_arc(

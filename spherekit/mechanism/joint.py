@@ -191,24 +191,24 @@ class Joint(ABC):
         joints
             The m contacts, all of this class.
         values
-            (n, m, k) the k variables of each contact, rad. Curves need finite arc lengths,
-            so a variable that is not finite is replaced by a number. The states of this
-            contact in that sample must not be used.
+            (n, m, variables) the variables of each contact, rad. Curves need finite arc
+            lengths, so a variable that is not finite is replaced by a number. The states of
+            this contact in that sample must not be used.
         """
         states = PairStates.blank(len(values), len(joints))
         frames = (states.first, states.second)
         finite_values = values if all_finite(values) else np.nan_to_num(values)
-        for k, joint in enumerate(joints):
+        for number, joint in enumerate(joints):
             # The profile of the first link is side 0, that of the second side 1. The frame
             # of the contact in each link is the moving frame of its curve there.
             for side, profile in enumerate(joint.contact_profiles):
                 # `start` is the arc length at which the variable is zero.
-                arc_lengths = finite_values[:, k, profile.variable] + profile.start
-                point = profile.curve.evaluate(arc_lengths)
-                frames[side][:, k] = point.frame
-                states.curvatures[:, k, side] = point.curvature
-                states.curvature_rates[:, k, side] = point.curvature_rate
-                states.inside[:, k] &= point.inside
+                variable_values = finite_values[:, number, profile.variable]
+                point = profile.curve.evaluate(variable_values + profile.start)
+                frames[side][:, number] = point.frame
+                states.curvatures[:, number, side] = point.curvature
+                states.curvature_rates[:, number, side] = point.curvature_rate
+                states.inside[:, number] &= point.inside
         return states
 
     @staticmethod
@@ -389,17 +389,19 @@ class Sliding(Joint):
     def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
-        """Return the time derivatives (n, m, 2, 3) of velocity vectors of sliding contacts.
+        """Return the time derivatives of both velocity vectors of sliding contacts.
 
-        The vectors are n + k1 p and -(n + k2 p). The contact point moves along the profile
-        (curve) of the first link with the rate s1' and along that of the second link with
-        s2'. The angular velocity of the second link relative to the first is
+        The vectors are n + k1 p and -(n + k2 p), with the normal n, the contact point p,
+        and the geodesic curvatures k1 and k2 of both profiles (curves). The contact point
+        moves along the profile of the first link with the rate s1', and along that of the
+        second link with s2'.
 
-            w = s1' (n + k1 p) - s2' (n + k2 p)
-
-        with the normal n, the contact point p, and the geodesic curvatures k1 and k2 of the
-        profiles. Multiplied by n and p, this equation gives the rates
-        s1' = (w . p - k2 w . n) / (k1 - k2) and s2' = (w . p - k1 w . n) / (k1 - k2).
+        The frame of tangent, normal and point moves along a profile. It rotates relative to
+        the first link with the angular velocity s1' (n + k1 p), and relative to the second
+        link with s2' (n + k2 p). The second link rotates relative to the first one with the
+        difference w = s1' (n + k1 p) - s2' (n + k2 p). The products of w with n and p give
+        the rates s1' = (w . p - k2 w . n) / (k1 - k2) and
+        s2' = (w . p - k1 w . n) / (k1 - k2).
 
         Along a profile dn/ds + k dp/ds = 0. A vector n + k p therefore changes only by the
         rotation of its link and by the change of the curvature, dk/ds s' p.
@@ -407,12 +409,16 @@ class Sliding(Joint):
         Parameters
         ----------
         frames
-            (n, m, 3, 3) frames of m pairs in n configurations, with the columns tangent,
-            normal and contact point.
+            (samples, pairs, 3, 3) frames of the contacts, with the columns tangent, normal
+            and contact point.
         states
             The geodesic curvatures of both profiles, and their derivatives by arc length.
         first_w, second_w
-            (n, m, 3) angular velocities (rad/s) of the first and the second links.
+            (samples, pairs, 3) angular velocities (rad/s) of the first and second links.
+
+        Returns
+        -------
+        (samples, pairs, 2, 3) rates, axis 2 for both vectors.
         """
         normal, point = frames[..., 1], frames[..., 2]
         k1, k2 = states.curvatures[..., :1], states.curvatures[..., 1:]

@@ -64,8 +64,9 @@ def make_joints_in_pose(
     mechanism
         The mechanism. Its geometry consists of sizes of links, or of a reference pose.
     profile_gap
-        Largest angle (rad) between the frames of two profiles that is accepted, because
-        numbers in a file are rounded. The profiles touch where the angle is smallest.
+        Numbers in a file are rounded, so the frames of two profiles are nowhere quite
+        equal. Where the angle between them is smallest, the profiles count as touching if
+        it is at most `profile_gap` (rad).
 
     Returns
     -------
@@ -86,15 +87,19 @@ def make_joints_in_pose(
     pose = geometry if isinstance(geometry, PoseGeometry) else None
     first_frames, second_frames = pair_frames(mechanism)
     joints: list[Joint] = []
+    # Without a reference pose, these numbers have no meaning and are not returned.
     pose_variables: list[float] = []
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
             joints.append(Revolute(first_frames[pair.name], second_frames[pair.name]))
-            pose_variables.append(pose.values.get(pair.name, 0.0) if pose else 0.0)
+            angle = 0.0
+            if pose:
+                angle = pose.values.get(pair.name, 0.0)
+            pose_variables.append(angle)
             continue
         curves = make_contact_curves(mechanism, pair)
-        # Arc lengths along both profiles at the contact. Without a pose, the file states
-        # them for the variable zero of a rolling contact.
+        # Arc lengths along both profiles at the contact. Without a pose, only a rolling
+        # contact needs them. The file then states those at which its variable is zero.
         start = pair.start
         if pose:
             start = find_contact_lengths(mechanism, pair, curves, profile_gap)
@@ -107,7 +112,7 @@ def make_joints_in_pose(
             # A sliding contact. Its two variables are the arc lengths along both profiles,
             # so it needs no start. In a reference pose they have the values at the contact.
             joints.append(Sliding(*curves))
-            pose_variables += start
+            pose_variables.extend(start)
     return tuple(joints), np.array(pose_variables) if pose else None
 
 

@@ -165,23 +165,23 @@ class Expression:
         all functions that are not among `ENTIRE_OPERATIONS`, the denominators, and the
         bases of powers whose exponent is not a natural number.
         """
-        return self._find_steep_arguments(NON_SMOOTH_FUNCTIONS)
+        return self._find_steep_arguments(ignored_functions=())
 
     @cached_property
     def smooth_steep_arguments(self) -> "tuple[Expression, ...]":
         """The `steep_arguments` without the arguments of functions with kinks or jumps."""
-        return self._find_steep_arguments(())
+        return self._find_steep_arguments(ignored_functions=NON_SMOOTH_FUNCTIONS)
 
     def _find_steep_arguments(
-        self, non_smooth_functions: Sequence[str]
+        self, ignored_functions: Sequence[str]
     ) -> "tuple[Expression, ...]":
         """Return the distinct steep arguments of the expression.
 
         A steep argument is the x of a function such as tanh(x) or 1 / x, which may change
-        suddenly where x is zero or has an extremum. `non_smooth_functions` are the
-        functions with kinks or jumps, such as `abs`, whose arguments are included.
+        suddenly where x is zero or has an extremum. Arguments of the `ignored_functions`,
+        such as `abs`, are left out.
         """
-        nodes = dict.fromkeys(_iterate_steep_arguments(self.root, non_smooth_functions))
+        nodes = dict.fromkeys(_iterate_steep_arguments(self.root, ignored_functions))
         return tuple(Expression(self.text, _find_names(node), node) for node in nodes)
 
     def evaluate(self, values: Mapping[str, ArrayLike]) -> Floats:
@@ -455,7 +455,7 @@ def _read_function_name(call: ast.Call, column: int) -> str:
 
 
 def _iterate_steep_arguments(
-    node: Node, non_smooth_functions: Sequence[str]
+    node: Node, ignored_functions: Sequence[str]
 ) -> Iterator[Node]:
     """Yield arguments near whose zeros a function changes suddenly, innermost first.
 
@@ -468,19 +468,17 @@ def _iterate_steep_arguments(
     ----------
     node
         Root of the tree.
-    non_smooth_functions
-        The functions with kinks or jumps (abs, sign, min, max) whose arguments are yielded
-        too: all of them or none.
+    ignored_functions
+        Functions whose arguments are not yielded, such as abs.
     """
     if not isinstance(node, tuple):
         return
     name, *arguments = node
     for argument in arguments:
-        yield from _iterate_steep_arguments(argument, non_smooth_functions)
-    is_ignored = name in NON_SMOOTH_FUNCTIONS and name not in non_smooth_functions
+        yield from _iterate_steep_arguments(argument, ignored_functions)
     # Power series of these operations, such as products and sines, converge everywhere. So
     # these have no steep arguments.
-    if name in ENTIRE_OPERATIONS or is_ignored:
+    if name in ENTIRE_OPERATIONS or name in ignored_functions:
         return
     for argument in _steep_arguments(name, arguments):
         # An argument without variables is a constant.

@@ -225,15 +225,16 @@ class _LinkMerge:
         """Return a profile of the removed link in the axes of the kept link.
 
         A profile is a contact curve. A locked pair joins two links into one: the kept link,
-        which has the axes, and the removed link. Arc lengths along a circle or a Fourier
-        series are counted from azimuth 0 about its centre. Azimuth 0 depends on the link
-        axes, so other axes have another start:
+        which has the axes, and the removed link. This method is called only if the axes of
+        both differ. Arc lengths along a circle or a Fourier series are counted from azimuth
+        0 about its centre. Azimuth 0 depends on the link axes, so other axes have another
+        start:
 
         - A sliding circle keeps its shape, and only its displacement is counted from
           another point. A warning states the difference.
         - A Fourier series would be turned about its centre. It is refused.
-        - A rolling contact (Cr) would pair other points of both curves. All rolling
-          contacts are refused, whatever their curves are.
+        - A rolling contact (Cr) would pair other points of both curves. It is refused,
+          whatever its curves are.
 
         Parameters
         ----------

@@ -633,30 +633,22 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
     ModelError
         If a name has wrong characters, is used twice, or refers to nothing.
     """
-    # What is named, and the names. In messages, what is named is followed by the word
-    # "name", or by the name itself. "input at a" is completed by the name of a pair.
-    for what, names in (
-        ("link", mechanism.links),
-        ("pair", [pair.name for pair in mechanism.pairs]),
-        ("input at a", mechanism.input_pairs),
-        ("output", [output.name for output in mechanism.outputs]),
-        ("load", [load.name for load in mechanism.loads]),
-        ("mass of a", [mass.link for mass in mechanism.masses]),
-        ("joint limit of a", [limit.pair for limit in mechanism.joint_limits]),
-        ("mode", [*mechanism.modes]),
-    ):
-        for name, times in Counter(names).items():
-            if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME_LENGTH:
-                raise ModelError(
-                    f"{where}: {what} name {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
-                    "letters (A-Z, a-z), digits and underscores"
-                )
-            if times > 1:
-                raise ModelError(
-                    f'{where}: {what} "{name}" is given twice; rename one of them'
-                )
+    _check_name_list(where, "link", mechanism.links)
+    _check_name_list(where, "pair", [pair.name for pair in mechanism.pairs])
+    # Inputs, masses and joint limits have the name of their pair or link.
+    _check_name_list(where, "input at a", mechanism.input_pairs)
+    _check_name_list(where, "output", [output.name for output in mechanism.outputs])
+    _check_name_list(where, "load", [load.name for load in mechanism.loads])
+    _check_name_list(where, "mass of a", [mass.link for mass in mechanism.masses])
+    limited_pairs = [limit.pair for limit in mechanism.joint_limits]
+    _check_name_list(where, "joint limit of a", limited_pairs)
+    _check_name_list(where, "mode", [*mechanism.modes])
+
     for reference in _name_references(mechanism):
-        names = mechanism.links if reference.what == "link" else [*mechanism.pair_number]
+        if reference.what == "link":
+            names = mechanism.links
+        else:
+            names = tuple(mechanism.pair_number)
         if reference.name not in names:
             raise unknown_name_error(
                 f"{where}: {reference.key}",
@@ -664,6 +656,33 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
                 name=reference.name,
                 names=names,
             )
+
+
+def _check_name_list(where: str, what: str, names: Iterable[str]) -> None:
+    """Check that all names in a list have allowed characters, and that none occurs twice.
+
+    Parameters
+    ----------
+    where
+        Beginning of messages.
+    what
+        What has the names, for messages such as 'link "crank" is given twice'.
+    names
+        The names.
+
+    Raises
+    ------
+    ModelError
+        If a name has wrong characters, or is used twice.
+    """
+    for name, times in Counter(names).items():
+        if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME_LENGTH:
+            raise ModelError(
+                f"{where}: {what} name {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
+                "letters (A-Z, a-z), digits and underscores"
+            )
+        if times > 1:
+            raise ModelError(f'{where}: {what} "{name}" is given twice; rename one of them')
 
 
 class _NameReference(NamedTuple):

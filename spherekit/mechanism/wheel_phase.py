@@ -52,7 +52,10 @@ class Wheel(NamedTuple):
         # Tangent, normal and point of the curve where its arc length is zero.
         origin = curve.evaluate(np.zeros(1))
         _, normal, point = origin.frame[0].T
-        # The geodesic curvature of a circle is the cotangent of its radius.
+        # The geodesic curvature of a circle is the cotangent of its radius. So the radius
+        # has the sine 1 / size and the cosine curvature / size. The centre is at this angle
+        # from the point, towards the normal. The zero direction is the direction of the
+        # point, without its part along the centre.
         curvature = float(origin.curvature[0])
         size = np.hypot(1.0, curvature)
         return Wheel(
@@ -224,6 +227,9 @@ def find_wheel_contact(
 ) -> list[float]:
     """Return the arc lengths (2,) along two wheels at the point where they touch.
 
+    A file can state how two wheels mesh by their phase: the angles of their shafts in one
+    configuration. The contact point in this configuration is found here.
+
     Parameters
     ----------
     wheels
@@ -243,12 +249,11 @@ def find_wheel_contact(
         rotation @ wheel.centre
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
-    # A circle has two opposite centres on the sphere. Those of the wheels are chosen so
-    # that one circle touches the other from inside. The contact point is on the great
-    # circle through both centres, at the distance of the first radius from the first
-    # centre. It is on the side of the second centre if the first circle is larger,
-    # otherwise on the opposite side. `across` is the part of the second centre
-    # perpendicular to the first.
+    # One circle touches the other from inside. (Each circle has two opposite centres on the
+    # sphere, which were chosen so.) The contact point is on the great circle through both
+    # centres. From the first centre it is one first radius away: towards the second centre
+    # if the first circle is larger, otherwise in the opposite direction. `across` is the
+    # part of the second centre perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)
     have_same_line = size < COLLINEAR_SINE

@@ -44,14 +44,16 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
         mechanism), NaN where a mode cannot be assembled.
     is_closed_path
         Whether the last sample repeats the first one after full revolutions of the inputs.
-        If the angle is the same at both, the first piece continues the last one.
+        If the angle is the same at both, the first piece continues the last one. Otherwise
+        these are two pieces.
 
     Returns
     -------
     The widest swing of each mode, and the samples at its ends.
     """
     # Of a closed path, all k samples are appended once more. So a swing that passes the end
-    # continues: path sample k is sample 0 again, k + 1 is sample 1, and so on.
+    # continues: path sample k is sample 0 again, k + 1 is sample 1, and so on. In modes
+    # whose first piece does not continue the last one, the appended angles are NaN.
     path = _repeat_closed_paths(angles) if is_closed_path else angles
     # (path samples, n) change of each angle since the sample before. NaN if either angle is
     # unknown.

@@ -198,15 +198,15 @@ class CellFits:
     A cell is an interval of one variable, or a box in several variables.
 
     In a cell, a series is a sum of coefficients times products of one Chebyshev polynomial
-    T_k per variable. The orders k are from 0 to the degree.
+    per variable. The polynomials have the orders from 0 to the degree.
 
     Attributes
     ----------
     coefficients
         (cells, degree + 1, ..., F) coefficients, with one axis of orders per variable.
     deviations
-        (cells, k, F) absolute differences between the series and the functions at k check
-        positions.
+        (cells, checks, F) absolute differences between the series and the functions at
+        check positions.
     largest_values
         (cells,) largest absolute sample of each cell, NaN if no sample is finite.
     """
@@ -328,8 +328,11 @@ def evaluate_cells(
     -------
     (n, F) values, NaN at positions in no cell.
     """
+    # `groups.order` has the positions that are in a cell, sorted by their cells.
     groups = group_by_cell(cell_of)
-    reduced = reduce_positions(x[groups.order], bounds[cell_of[groups.order]])
+    sorted_x = x[groups.order]
+    sorted_cells = cell_of[groups.order]
+    reduced = reduce_positions(sorted_x, bounds[sorted_cells])
     polynomials = evaluate_polynomials(reduced, degree=coefficients.shape[1] - 1)
     values = np.full((len(x), coefficients.shape[-1]), np.nan)
     # For speed, one matrix product evaluates all positions of a cell.

@@ -199,23 +199,23 @@ def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span])
     columns
         Columns, with the output array of each.
     spans
-        Which rows of each column are copied, and to which rows of its output. An
-        interleaved column has the rows of several subjects (such as poles) in turn. All of
-        them are counted.
+        Which rows of each column are copied, and to which rows of its output. A column can
+        have the rows of several subjects (such as poles) in turn: row 0 of each subject,
+        then row 1 of each, and so on. Rows are numbered along the whole column.
     """
     # The key is the identity (`id`) of the source, because not every source is hashable.
     lazy_copies_by_source: defaultdict[int, list[_PartCopy]] = defaultdict(list)
     for column, output in columns:
-        # A part has the rows of one subject.
+        # A part has the rows of one subject. Its rows are numbered on their own.
         for part_copy in _divide_into_parts(column, output):
             part = part_copy.part
             if isinstance(part, LazyColumn):
                 lazy_copies_by_source[id(part.source)].append(part_copy)
             else:
-                # The spans, with row numbers of the part instead of the column.
                 part_spans = _count_in_part(spans, part_copy.subject_count)
                 _copy_spans(part, part_copy.output, part_spans)
     for lazy_copies in lazy_copies_by_source.values():
+        # This function also changes the spans to row numbers of the parts.
         _compute_and_copy(lazy_copies, spans)
 
 
