@@ -80,7 +80,11 @@ class IndeterminateForces:
 
     @property
     def wanted(self) -> list[str]:
-        """The information that would determine the forces, as phrases for a message."""
+        """The information that would determine the forces, as phrases for a message.
+
+        It may include that some pairs (joints) carry no force along their axes. The key
+        `axial` of the bearings of a pair states this in a mechanism file.
+        """
         wanted = []
         if self.centres:
             wanted.append(f"mass and centre of the links {listing(self.centres)}")
@@ -88,12 +92,13 @@ class IndeterminateForces:
             wanted.append(
                 f"the distance of the contacts {listing(self.distances)} from the centre"
             )
+        # The bearings of these pairs would have to let a link slide along the axis.
         if self.floating:
             wanted.append(
                 f"which bearings of the pairs {listing(self.floating)}, or of others in "
                 "their loops, take no axial force (key axial)"
             )
-        # Redundant constraints leave forces undetermined even with all this information.
+        # Even all this information is not enough if other constraints are redundant.
         if not self.enough:
             wanted.append("constraints that are not redundant")
         return wanted
@@ -359,10 +364,13 @@ def _check_forces_determined(
 ) -> None:
     """Raise `SolveError` if the force in the pair with this friction is not determined.
 
-    The friction depends on the force through the centre of the sphere only if the file
-    states the axial position of the bearing (key `axial`). There are two cases in which
-    this force is not determined. The equations leave it open, or some link could slide in
-    a direction in which no pair supports it.
+    A pair (joint) transmits a couple, and a force through the centre of the sphere. Both
+    load its bearings and so cause friction. If the file does not have the key `axial` of
+    the bearings, only the friction due to the couple is computed. The force is then not
+    needed.
+
+    There are two cases in which the force is not determined. The equations leave it open,
+    or some link could slide in a direction in which no pair supports it.
 
     Parameters
     ----------

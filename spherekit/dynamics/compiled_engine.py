@@ -159,12 +159,15 @@ def by_taylor_series(
         has no Taylor series at the start.
     """
     started = time.perf_counter()
-    # Rates of all pair variables (joint angles) at the start, by each coordinate.
+    # Motion at the start: rates of all pair variables (joint angles) per unit rate of each
+    # coordinate. The `rate_weights` define the coordinates.
     motion = problem.equation.compute_motion(problem.values[None], problem.rate_weights)
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise make_start_error(problem, STATUS_MEANING[status])
     compiled = _integrate(problem, motion, tolerance)
+    # The states of a run have other momenta than those of a `Simulation`. So there is a
+    # conversion of the momenta for each run.
     path = make_taylor_path(compiled.runs, compiled.momentum_conversions)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds

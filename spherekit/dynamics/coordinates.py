@@ -52,7 +52,9 @@ class CoordinateMotion(ArrayRows):
         (n, m, m, links, 3) at [:, i, k] the derivative of w[:, i] by coordinate k. NaN if
         only the first order was requested.
     status
-        (n,) OK, or OFF_PROFILE or CURVATURE if a contact does not exist.
+        (n,) OK, unless a contact of two profiles is impossible. Then it is OFF_PROFILE
+        (beyond the end of a profile) or CURVATURE (the profiles have equal curvature there,
+        or enter each other).
     frames
         (n, pairs, 3, 3) frames of the pairs (joints) in ground axes.
     """
@@ -104,8 +106,9 @@ def motion_by_arc_length(
     """
     linearisation = closure.linearise(values)
     null_motion = solve_null_motion(closure.tree, linearisation.vectors)
-    # The inverse matrix has a column for each velocity equation, and a last one for the
-    # equation of the tangent's length, which is not needed.
+    # The tangent is found from the velocity equations, and a last equation that sets its
+    # length. The inverse of their matrix has a column for each equation. The last column is
+    # not needed, because the length does not change along the curve.
     closing_inverse = null_motion.inverse[:, :, :-1]
     return _complete_motion(
         linearisation, null_motion.rates[:, None], closing_inverse, order
@@ -206,7 +209,8 @@ def _complete_motion(
     """Return a motion with all derivatives, from the first ones of the pair variables.
 
     Added are the second derivatives of the variables, and the angular velocities of the
-    links with their derivatives.
+    links with their derivatives. The status of each row is also added: OK, unless a contact
+    of two profiles is impossible in this configuration.
 
     Parameters
     ----------
@@ -276,18 +280,21 @@ def _second_derivatives(
         (n, m, m, links, 3) at [:, i, k] the derivative of w[:, i] by coordinate k.
     """
     tree = linearisation.tree
-    vectors = linearisation.vectors
+    # (n, variables, 3) the axis about which each pair variable turns.
+    axes = linearisation.vectors
     n, m, variables = rates.shape
     second = np.empty((n, m, m, variables))
     dw = np.empty((n, m, *w.shape[1:]))
     for k in range(m):
-        # Derivatives by coordinate k of the pair axes, of J and of all rates.
-        vector_derivatives = linearisation.vector_rates(w[:, k])
-        jacobian_derivative = tree.jacobian(vector_derivatives)
+        # Derivatives by coordinate k of the axes, of J and of all rates.
+        axis_derivatives = linearisation.vector_rates(w[:, k])
+        jacobian_derivative = tree.jacobian(axis_derivatives)
         second[:, :, k] = _differentiate_rates(rates, jacobian_derivative, closing_inverse)
-        # Angular velocities are sums of rates times axes: the product rule has two terms.
-        dw[:, :, k] = tree.body_rates(vectors[:, None], second[:, :, k])
-        dw[:, :, k] += tree.body_rates(vector_derivatives[:, None], rates)
+        # The angular velocity of a link is a sum of rates times axes, along the path from
+        # the ground to the link. `body_rates` forms this sum. By the product rule, the
+        # derivative has two terms.
+        dw[:, :, k] = tree.body_rates(axes[:, None], second[:, :, k])
+        dw[:, :, k] += tree.body_rates(axis_derivatives[:, None], rates)
     return second, dw
 
 

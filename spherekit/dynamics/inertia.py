@@ -209,12 +209,16 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
         # With several coordinates, one combination of their rates has no inertia.
         coordinate_rates = directions[:, 0]
         _refuse_motion_without_inertia(mechanism, coordinate_rates @ motion.rates[0])
-    if not smallest > _inertia_by_rounding(mechanism, motion):  # also if it is NaN
+    # If links with mass are at rest, rounding errors can still give them small speeds, up
+    # to `MIN_RELATIVE_SPEED` times that of the fastest link. This is their inertia then.
+    rounding_inertia = _inertia_by_rounding(mechanism, motion)
+    has_inertia = smallest > rounding_inertia  # False if `smallest` is NaN
+    if not has_inertia:
         raise SolveError(
             f"{mechanism.name}: at the start no link with mass moves (its speed is "
             f"below {MIN_RELATIVE_SPEED:g} of that of the fastest link), so a load "
-            "would cause an infinite "
-            "acceleration; give mass to links that move, or start elsewhere"
+            "would cause an infinite acceleration; give mass to links that move, or "
+            "start elsewhere"
         )
 
 

@@ -168,8 +168,11 @@ class EquationLayout:
             Orientations of all links (`placed`), and the homogeneous rates of the pair
             variables (`tau`) and of the links (`w`).
         variable_rates
-            Rates of the pair variables by time.
+            Rates of the pair variables (joint angles) by time.
         """
+        # The variables in the equation are reduced by whole turns. Loads such as springs
+        # need the whole angles, so they also get symbols for the numbers of these turns.
+        #
         # The last two arguments are functions. Loads ask them for the symbol of the sign of
         # an expression, and for the torque of a table.
         return LoadState(

@@ -160,14 +160,16 @@ def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int
     """Return det(J J^T) of the velocity equations J v' = 0 of the loops, as an expression.
 
     It is zero where the equations depend on each other. v' are the rates of the pair
-    variables (joint angles). J itself is not used. The rows of a matrix T are solutions v',
-    which are known already, and linear algebra has the identity
-
-        det(J J^T) = det(T T^T) / D^(2 m - 2).
+    variables (joint angles). The result is computed from solutions v' of the equations,
+    which are known already:
 
     - m is the number of coordinates (degrees of freedom). Each of m inputs is a coordinate.
-    - Row i of T has D times the rates of all variables per unit rate of coordinate i.
+    - Row i of a matrix R has the rates of all variables per unit rate of coordinate i.
     - D is the determinant of the columns of J that belong to the other variables.
+    - By a theorem of linear algebra, det(J J^T) = D^2 det(R R^T).
+    - The known matrix is T = D R. It has m rows, so det(T T^T) = D^(2 m) det(R R^T).
+
+    Therefore det(J J^T) = det(T T^T) / D^(2 m - 2).
 
     Parameters
     ----------

@@ -315,7 +315,10 @@ class Collocation:
                 # The generator returns the `SimulationEnd`: reason and time of the end.
                 self.end = stopped.value
                 t = self.reached
-        self._progress_times.append((t, self.seconds + time.perf_counter() - started))
+        # The remaining computing time is estimated from the computing time (s) up to each
+        # time t of the simulation. `seconds` is the sum over the steps before.
+        computing_time = self.seconds + time.perf_counter() - started
+        self._progress_times.append((t, computing_time))
         # The text is only formed if a report is due.
         is_due = self._progress.report_if_due(
             lambda: f"{t:.4g} of {self.problem.until:.6g} s",
@@ -469,10 +472,11 @@ class Collocation:
     ) -> tuple[Floats, CollocationStep | None]:
         """Return the state at which the next step starts, and the step that it continues.
 
-        Also updates `rate_weights`, the coordinates of the next step. With one degree of
-        freedom the coordinate is the arc length of the curve of configurations, along its
-        present tangent. With several, coordinates are weighted sums of the pair variables
-        (joint angles). They are replaced before they become nearly dependent.
+        Also updates `rate_weights`. With one degree of freedom the coordinate is always the
+        arc length of the curve of configurations. `rate_weights` is then the present
+        tangent, which shows the next step in which direction arc length increases. With
+        several, coordinates are sums of the pair variables (joint angles) with these
+        weights. They are replaced before they become nearly dependent.
 
         Parameters
         ----------
@@ -495,7 +499,8 @@ class Collocation:
         if self.equation.freedoms == 1:
             self.rate_weights = last_rates
         elif np.linalg.norm(last_rates, 2) > MAX_VARIABLE_RATE:
-            # Some pair variable moves fast compared with the coordinates.
+            # Some pair variable moves fast compared with the coordinates. This shows that
+            # they are nearly dependent.
             state, self.rate_weights = self.equation.renew_coordinates(
                 state, self.rate_weights
             )
@@ -832,7 +837,8 @@ class Collocation:
         is_near = np.abs(determinants) < CROSSING_RATIO * record.largest
         has_other_sign = determinants * record.sign < 0.0
         if not np.any(has_other_sign):
-            # A step that does not pass a crossing must not come near one either.
+            # The step does not pass a crossing, so it has to stay away from all of them.
+            # Near a crossing it could change to the other set without a change of sign.
             return not np.any(is_near)
         ends_near_crossing = np.any(is_near[-2:])  # at one of the last two nodes
         crossing_time = step.find_crossing(determinants, record)
@@ -900,16 +906,17 @@ class Collocation:
         """
         self.steps.append(step)
         step_events = list(self._find_step_events(step, rates, determinants))
+        # A crossing of curves at which the simulation ends is a "singularity". One that it
+        # passes is a "crossing".
+        kinds = {event.kind for event in step_events}
+        has_crossing = "singularity" in kinds or "crossing" in kinds
+        # The record has the present sign of the determinant, which a crossing changes, and
+        # the largest size so far. With it the next crossing is noticed.
         self.determinant_record = self.determinant_record.after_step(
-            determinants,
-            has_crossing=any(
-                event.kind in ("singularity", "crossing") for event in step_events
-            ),
+            determinants, has_crossing=has_crossing
         )
         # In order of time. Events at the same time stay in their order.
         for t, kind, pair in sorted(step_events, key=lambda step_event: step_event.t):
-            # A crossing of curves at which the simulation ends is a "singularity". One that
-            # it passes is a "crossing".
             if kind == "singularity":
                 return SimulationEnd(kind, t, CROSSING_MESSAGE)
             values = self._record_event(kind, t, step, pair)  # variables (rad) at t
@@ -923,8 +930,13 @@ class Collocation:
     ) -> Iterator[StepEvent]:
         """Yield the events within a step, not in order of time.
 
-        They are: exceeded joint limits; a crossing of curves of configurations; reversals
-        of the input (with several inputs, singularities of type II); and moments of rest.
+        They are:
+
+        - exceeded joint limits;
+        - a crossing of curves of configurations;
+        - reversals of the input (with several inputs, configurations in which the inputs do
+          not determine the motion);
+        - moments of rest.
 
         Parameters
         ----------
@@ -938,9 +950,12 @@ class Collocation:
             configurations cross.
         """
         mechanism = self.equation.mechanism
+        # Angles in the states are reduced by whole turns. Joint limits are limits of the
+        # whole angles, so these turns (rad) are passed, too.
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield StepEvent(t, "joint_limit", pair)
-        # The sign of the determinant before the step, and its largest absolute value.
+        # The sign of the determinant before the step, and its largest absolute value up to
+        # the end of the step.
         record = self.determinant_record.include_sizes(determinants)
         crossing_time = step.find_crossing(determinants, record)
         if crossing_time is not None:

@@ -92,7 +92,8 @@ class Reactions(JointReactions):
         """The forces (n, bearings, 3) on the bearings of pairs (joints), N, in pair axes.
 
         There are n rows (samples of the motion). Axis z of a pair is its axis of rotation.
-        The key is the name of the load (`Bearings`) that describes the bearings of a pair.
+        A mechanism file lists the bearings of a pair among its loads, because they cause
+        friction. The keys are the names of these loads.
 
         The bearings together exert the moment and the force that the pair transmits. A
         component is NaN if the equations of equilibrium leave it undetermined. The z
@@ -102,9 +103,9 @@ class Reactions(JointReactions):
         forces_on_bearings: dict[str, Floats] = {}
         for load in self._bearing_loads:
             pair = self._pair_number(load)
-            forces_on_bearings[load.name] = load.supported_loads(
-                self.moments[:, pair], self.forces[:, pair]
-            )
+            moment = self.moments[:, pair]
+            force = self.forces[:, pair]
+            forces_on_bearings[load.name] = load.supported_loads(moment, force)
         return forces_on_bearings
 
     @property

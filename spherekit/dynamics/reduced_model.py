@@ -230,17 +230,20 @@ class StoredModel:
         ----------
         names
             Names of the functions. All of them must belong to one group (functions whose
-            series are stored together): the functions of the motion, or of one pole.
+            series are stored together): the functions of the motion, or those of one pole
+            (axis of the relative rotation of two links).
         x
-            (...) coordinates along a curve of configurations, or (..., m) the m inputs over
-            a box of their ranges.
+            The points. Along a curve of configurations each has one coordinate, and the
+            shape of `x` is (...). Over a box of the ranges of m inputs it is (..., m).
         """
         points = self._flatten_points(x)
         group, _ = self.heading.locate_function(names[0])
         values = self._evaluate_group(group, points.coordinates)
         selected = values[:, self._indices_in_group(names)]
-        # `points.shape` is (..., m), the shape of the coordinates before flattening.
-        return selected.reshape(*points.shape[:-1], len(names))
+        # `points.shape` is (..., m), the shape of the coordinates before they were
+        # flattened; m is 1 on a curve.
+        shape_of_points = points.shape[:-1]
+        return selected.reshape(*shape_of_points, len(names))
 
     def inertia(self, x: Any) -> Any:
         """Return the inertia matrix (..., m, m) in kg m2; along a curve the number B."""
@@ -516,15 +519,21 @@ class StoredModel:
         coordinate x, the first is the inertia B, and the second dB/dx.
         """
         heading = self.heading
-        first_names = ["B", heading.derivative("B")] if heading.is_curve else []
+        if heading.is_curve:
+            first_symbols = symbols(["B", heading.derivative("B")])
+        else:
+            first_symbols = []
         # Symbols come in the order in which they first occur, so B and dB/dx are put before
         # the expressions of the torques.
-        nodes = iterate_nodes([*symbols(first_names), *heading.torques])
-        return [
-            node
-            for node in nodes
-            if node.operation == "variable" and node not in heading.motion_symbols
-        ]
+        nodes = iterate_nodes([*first_symbols, *heading.torques])
+        configuration_symbols = []
+        for node in nodes:
+            is_symbol = node.operation == "variable"
+            # Rates, accelerations, time and torques of tables are no stored functions.
+            is_stored_function = node not in heading.motion_symbols
+            if is_symbol and is_stored_function:
+                configuration_symbols.append(node)
+        return configuration_symbols
 
     def torque_from_values(
         self, configuration_values: list[float], x: Any, dx: Any, ddx: Any, t: Any

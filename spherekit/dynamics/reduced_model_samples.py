@@ -287,11 +287,13 @@ class Sampler:
         for component, velocity_name in self.load_velocities.items():
             load = self.loads.load_of_component[component]
             unit = self.mechanism.loads[load].velocity_unit
-            # The error of a function is judged relative to its largest value. Functions
-            # with the same name of a vector share the largest value of all of them.
-            vector = ""
+            # The error of a function is judged relative to its largest value. Functions of
+            # one vector share the largest value of all of them. Over a box of several
+            # inputs, each function is judged alone.
             if heading.is_curve:
                 vector = f"load {self.loads.names[load]}"
+            else:
+                vector = ""
             # There is one function for each coordinate.
             for name in heading.by_coordinates(velocity_name):
                 kind = FunctionKind.LOAD_VELOCITY
@@ -683,15 +685,16 @@ class CurveSampler(Sampler):
 
         A pole is the axis of relative rotation of two links. If a pair (joint) joins the
         links, the sense of the axis is known and not stored. For other poles the sense is
-        free, but each direction has to make an acute angle with the one before. An axis may
-        come back reversed after one lap of the curve of configurations. The period of the
-        model is then two laps.
+        free, but each direction has to make an acute angle with the one before. This shows
+        the right sense only if the axis turns little between two samples. An axis may come
+        back reversed after one lap of the curve of configurations. The period of the model
+        is then two laps.
         """
         # Evenly spaced places on one lap. The last one is where the next lap starts.
         coordinates = self.lap_length * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
         motion = self._compute_motion(coordinates)
-        axes = self._compute_axes_between_pairs(motion)
-        self._check_axis_speeds(axes)
+        axes = self._compute_axes_without_pairs(motion)
+        self._check_axis_speeds(axes)  # raises an error if an axis turns too much
         reference = self._choose_reference_direction(motion)
         self.stored_directions: dict[Pole, Floats] = {}
         for pole, axis in axes.items():
@@ -700,7 +703,7 @@ class CurveSampler(Sampler):
         if self.periodic:
             self._store_second_lap()
 
-    def _compute_axes_between_pairs(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
+    def _compute_axes_without_pairs(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return unit vectors (n, 3) along the poles whose links have no pair in common.
 
         A pole is the axis of relative rotation of two links. The vectors are in ground

@@ -278,9 +278,11 @@ class CurveMomentumConversion:
         pair_variables
             (n, variables) configurations on the curve, rad.
         """
+        # Homogeneous rates are the rates of the variables per unit rate of the input, times
+        # the determinant of the velocity equations. There is one input, so index 0.
         tangents = self.equation.homogeneous_rates(pair_variables)[:, 0]
-        # Where curves cross there is no single tangent. These rates are then zero, so the
-        # unit vector is NaN.
+        # Where curves cross there is no single tangent. The homogeneous rates are zero
+        # there, so the unit vector is NaN.
         with np.errstate(invalid="ignore", divide="ignore"):
             return self.sense * unit_rows(tangents)
 

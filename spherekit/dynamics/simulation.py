@@ -374,11 +374,14 @@ class Simulation:
         The states contain the momenta p = R u, with the rates u of the coordinates and the
         symmetric root R of the inertia matrix. The kinetic energy is p^2 / 2, and its rate
         is p dp/dt. The error of dp/dt is its value on the computed path minus its value by
-        the equation of motion. Three errors are computed at several times:
+        the equation of motion. Four errors are computed at several times, and the largest
+        of each kind is returned:
 
         - Energy: the change of kinetic energy minus the work of the loads.
-        - Momentum: the error of dp/dt times the length of the step.
+        - Momentum: the error of dp/dt times the length of the step. This is the error of p
+          that a step adds. It is divided by a typical size of p.
         - Power: p times the error of dp/dt.
+        - Closure: the angle by which a loop is open.
         """
         equation = self.equation
         t, step_lengths = self._choose_check_times()
@@ -397,17 +400,19 @@ class Simulation:
         # singular.
         rate_errors[t >= self.end.t] = 0.0
         power_errors = np.vecdot(momenta, rate_errors)
-        # An error of dp/dt that lasts for a whole step changes the momenta by this much.
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
         momentum_scale = _choose_momentum_scale(momenta, dynamics.roots.eigenvalues)
+        # The integration closes loops after each step. The path has the largest opening
+        # before that.
+        closure_error = max(
+            self.path.max_closure_residual, float(np.max(closed.closure_residual))
+        )
         return Checks(
             energy=float(max_abs(balance - balance[0])),
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
             power=float(max_abs(power_errors)),
             momentum=float(np.max(momentum_errors) / momentum_scale),
-            closure=max(
-                self.path.max_closure_residual, float(np.max(closed.closure_residual))
-            ),
+            closure=closure_error,
             error=self.error,
         )
 

@@ -504,12 +504,12 @@ def _compute_configuration(
     if len(q) == 1:
         # With one input, modes are numbered along the range of the input, so an analysis of
         # the whole range is needed. The input may be outside of the range by whole turns.
-        position_analysis, motion = compute_modes_at_inputs(
-            position_analysis_of(mechanism), q[None]
-        )
+        analysis_of_range = position_analysis_of(mechanism)
+        position_analysis, motion = compute_modes_at_inputs(analysis_of_range, q[None])
     else:
-        # With several inputs, modes are computed at these inputs alone. Whole turns matter
-        # only if there are contacts; otherwise they are removed.
+        # With several inputs, modes are computed at these inputs alone, so the function
+        # gets the mechanism. Whole turns matter only if there are contacts; otherwise they
+        # are removed.
         inputs = q if mechanism.has_contacts else wrap_to_pi(q)
         position_analysis, motion = compute_modes_at_inputs(mechanism, inputs[None])
     # The motion has one row for each mode, because there is only one sample.
@@ -555,8 +555,9 @@ def _count_turns(
 ) -> Floats:
     """Return the numbers (variables,) of whole turns in the angles of a configuration.
 
-    Loads such as springs depend on whole turns. The turns of other angles depend on those
-    of the inputs, so they are counted with the full values of the inputs.
+    Loads such as springs depend on whole turns. The turns of an input are known from its
+    full value. Those of other angles are counted along a path of configurations. It leads
+    from one without whole turns, such as the reference pose, to this one.
 
     Parameters
     ----------
@@ -570,8 +571,10 @@ def _count_turns(
         (m,) the inputs with all whole turns, rad.
     """
     solver = position_analysis.solver
+    angle_numbers = solver.angles  # which of the pair variables are angles
+    # `count` has a row for each configuration; here there is one.
     (turns,) = position_analysis.angle_unwrapping.count(
-        mode_number, values[None], q[None], solver.angles
+        mode_number, values[None], q[None], requested=angle_numbers
     )
     turns[list(solver.driven)] = count_whole_turns(q)
     return turns

@@ -50,11 +50,13 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     structure = KinematicStructure.from_mechanism(mechanism, mechanism.inputs[0].pair)
     (scaled_momentum,) = layout.momenta  # p / P
     coordinate_rates = CoordinateRates(structure, layout.variables)
-    moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism))
     (tau,) = coordinate_rates.tau  # there is one coordinate
 
-    # 1 / sqrt(B). The matrix has the only entry B, in the unit `moments.unit` (kg m2).
-    inverse_root_inertia = power(moments.unit * moments.matrix[0][0], -0.5)
+    # `InputMoments` derives the inertia matrix at the inputs, divided by a unit of inertia
+    # (kg m2). There is one input, so the only entry of the matrix is B / unit.
+    input_moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism))
+    inertia = input_moments.unit * input_moments.matrix[0][0]  # B
+    inverse_root_inertia = power(inertia, -0.5)  # 1 / sqrt(B)
     # u = p / sqrt(B), with p = P (p / P).
     speed = layout.momentum_unit * scaled_momentum * inverse_root_inertia
     variable_rates = [derivative * speed for derivative in tau]
@@ -68,12 +70,14 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     # measures their independence.
     tau_square = dot(tau, tau)
     (input_variable,) = structure.inputs
+    input_rate = tau[input_variable]  # dq/dx
     return EquationExpressions(
         layout=layout,
         state_rates=[*variable_rates, sum(momentum_rates, 0.0), *work_rates],
         homogeneous_rates=coordinate_rates.tau,
         independence=tau_square,
-        events=_derive_events(layout, tau[input_variable], input_variable, tau_square),
+        # Rest, a dead centre of the input (input rate 0) and a singularity.
+        events=_derive_events(layout, input_rate, input_variable, tau_square),
         load_state=load_state,
     )
 
@@ -83,8 +87,10 @@ def _derive_momentum_rates(
 ) -> list[Expr]:
     """Return, for each load, its part in the rate of the scaled momentum p / P.
 
-    P is a unit of momentum. The part of a load is Q / (P sqrt(B)), with the generalised
-    force Q of this load alone and the generalised inertia B.
+    The coordinate x has the generalised inertia B, and its momentum is p = sqrt(B) dx/dt.
+    P is a unit of momentum. The equation of motion is dp/dt = Q / sqrt(B), with the sum Q
+    of the generalised forces of all loads. So the part of a load in the rate of p / P is
+    Q / (P sqrt(B)), with the force Q of this load alone.
 
     Parameters
     ----------

@@ -136,7 +136,11 @@ def _find_critical_places(
         return argument_rows
 
     def evaluate_differences(steps: Indices, places: Floats) -> Floats:
-        """Return central differences of the arguments, which vanish at extrema."""
+        """Return central differences of the arguments, which vanish at extrema.
+
+        `END_DISTANCE` is a small part of a step, over which an argument still changes by
+        more than its rounding error.
+        """
         after = evaluate_arguments(steps, places + END_DISTANCE)
         before = evaluate_arguments(steps, places - END_DISTANCE)
         return after - before

@@ -350,9 +350,12 @@ class RunStart:
         (m,) momenta, in the unit square root of joule. With one degree of freedom the
         momentum is sqrt(B) u, with the inertia B and the rate u along the curve of
         configurations. It is positive in the direction of the tangent that the compiled
-        equation computes (`homogeneous_rates`). With several degrees of freedom, m of the
-        pair variables are the coordinates. Each momentum is the rate of a coordinate times
-        sqrt(J). J is the same for all: the sum of the largest moments of inertia of links.
+        equation computes (`homogeneous_rates`).
+
+        With several degrees of freedom, m of the pair variables are the coordinates, and
+        the momenta are simpler. Each is the rate of a coordinate times the constant
+        sqrt(J), which gives it the same unit. J is the sum of the largest moments of
+        inertia of all links.
     momentum_unit
         A typical size of the momenta, not zero, in the same unit. The integrator's state
         has the momenta divided by it, or by their norm if that is larger. They are then at
@@ -478,8 +481,8 @@ class TaylorIntegration:
             # Some loads change abruptly with the sign of a condition, as dry friction with
             # that of the sliding rate. Set the signs at the start.
             self._set_switch_signs(targets[0])
-            # Parameters of the equation, such as values and slopes of torque tables, change
-            # from target to target. These are for the time up to the first target.
+            # Parameters of the equation, such as values and slopes of torque tables, are
+            # constant between two targets. `_integrate_to` changes them for later targets.
             parameters = self._make_parameters(targets[0])
             integrator.start(self.start_state, self.time, parameters)
             for target in targets:
@@ -669,8 +672,8 @@ class TaylorIntegration:
         """Return how many steps agree with the loads, and the longest next step.
 
         A step agrees if its Taylor series satisfies the equation of motion at further times
-        within the step. The first step that does not has missed a change of a load. It has
-        to be repeated so that it ends before this change.
+        within the step. The first step that does not agree has missed a change of a load.
+        This step has to be repeated so that it ends before the change.
 
         Parameters
         ----------
@@ -686,7 +689,9 @@ class TaylorIntegration:
             starts=np.array([step.start for step in steps]),
             lengths=np.array([step.length for step in steps]),
             series=np.array([step.series for step in steps]),
-            # All steps of a segment have the same parameters except the switch signs.
+            # Some loads change abruptly where a condition changes its sign, as dry friction
+            # where the sliding rate does. Switch signs are the signs of these conditions.
+            # All steps of a segment have the same other parameters.
             common_parameters=self._all_parameters(integrator)[self.layout.common_slice],
             switch_signs=np.array([step.switch_signs for step in steps]),
         )
@@ -790,6 +795,8 @@ class TaylorIntegration:
         return np.array(
             [
                 *self.turns,  # whole turns that were subtracted from each joint angle
+                # The state has the momenta divided by this unit. The equation has factors
+                # of it and of its reciprocal.
                 self.momentum_unit,
                 1.0 / self.momentum_unit,
                 self.min_independence,  # below this, closure equations count as dependent

@@ -162,7 +162,8 @@ class Equilibrium:
     reactions
         (n, columns) sizes of the reactions, one column per reaction (N m or N).
     residual
-        (n,) largest moment by which an equation is missed, N m.
+        (n,) largest error of an equation, N m. Errors of forces are multiplied by a length
+        and so become moments.
     """
 
     reaction_wrenches: Floats
@@ -247,11 +248,15 @@ class NewtonEuler:
         # A length by which forces are multiplied to be comparable in size with moments: the
         # mean distance of contacts from O.
         self.length = float(np.mean(distances)) if distances else 1.0
+        # A wrench (6,) is a moment about O followed by a force. These are the wrenches of a
+        # torque of 1 N m at each pair. Torques of loads and drives are multiples of them.
         self.unit_torque_wrenches = np.stack(
             [_unit_torque_wrench(pair) for pair in mechanism.pairs]
         )
-        sides = np.ones(frames.shape[:2]) if tooth_sides is None else tooth_sides
-        self.unit_wrenches = self._compute_unit_wrenches(sides)
+        if tooth_sides is None:
+            tooth_sides = np.ones(frames.shape[:2])
+        # The wrench of each reaction of size 1.
+        self.unit_wrenches = self._compute_unit_wrenches(tooth_sides)
 
         link_count = len(mechanism.links)
         # A pair acts on its second link, and with the opposite sign on its first.
@@ -263,7 +268,12 @@ class NewtonEuler:
         self._column_to_pair = np.eye(len(mechanism.pairs))[column_pairs]
         self._has_equation = _list_equations(mechanism, forces)
         self.matrix = self._assemble_matrix(column_pairs)
-        self._invert_systems(self._divide_equations(is_coupled=bool(distances)))
+        # A force causes the moment of a contact. If the distance of the contact from O is
+        # known, the same unknown is in equations of moments and of forces. Otherwise these
+        # equations are separate systems.
+        has_forces_in_moments = bool(distances)
+        systems = self._divide_equations(is_coupled=has_forces_in_moments)
+        self._invert_systems(systems)
 
     def _assemble_matrix(self, column_pairs: Sequence[int]) -> Floats:
         """Return the matrix (n, equations, columns) of the wrenches of unit reactions.
@@ -315,7 +325,8 @@ class NewtonEuler:
 
         - `_inverse` (n, columns, equations), which gives reactions from wrenches on links;
         - `is_open` (n, columns), whether the equations leave a reaction undetermined;
-        - `slides` (n, links), whether a link can be displaced from the centre O.
+        - `slides` (n, links), whether a link can be displaced from the centre O: no
+          reactions can balance some force on the link, so an equation can't be solved.
 
         Each system has some of the equations and some of the reactions (columns). Its
         inverse is a block of `_inverse`, which is zero elsewhere.
@@ -331,6 +342,7 @@ class NewtonEuler:
             block = np.ix_(np.arange(n), reactions, equations)
             self._inverse[block] = inverted.inverse
             self.is_open[:, reactions] = ~inverted.is_determined
+            # Whether some loads make the equation impossible to satisfy.
             is_unbalanced[:, equations] = ~inverted.is_always_solvable
         self.slides = self._find_sliding_links(is_unbalanced)
 
@@ -585,6 +597,9 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     force through O. They are independent, so the force is unknown. The force of a contact
     acts at the contact point. If the distance of this point from O is known, the force
     follows from its moment about O. Otherwise it is unknown.
+
+    Some components are known to be zero. Bearings that let the links slide exert no axial
+    force. A contact that slides without friction exerts no tangent force.
     """
     # Floating pairs have bearings that let the links slide along the axis.
     floating_pairs = set()
@@ -824,8 +839,10 @@ def _find_contradicted_sides(
 ) -> Bools:
     """Return at which pairs (n, pairs) teeth do not press on the assumed side.
 
-    Gear teeth press on one of their two sides. The side is the sign of the moment m_y about
-    axis y of the pair, which the force along the common tangent x of the teeth causes.
+    Gear teeth press on one of their two sides. The axes of the pair (contact) are z from
+    the centre of the sphere to the contact, x along the common tangent of the teeth, and y
+    along their normal. The tooth force along x causes a moment m_y about y. The side of the
+    teeth is the sign of m_y.
 
     Parameters
     ----------

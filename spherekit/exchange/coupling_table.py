@@ -278,10 +278,18 @@ class CouplingTable:
     ) -> CouplingValues:
         """Return the values at n points, extrapolated from one corner of their cells.
 
-        A cell is a box between neighbouring nodes of the grid of m inputs. `interpolate`
-        averages the values from all corners of a cell. With the factors 2/3, 1/6 and 1/2
-        below, this average is exact for angles that are cubic functions of the inputs. For
-        one corner alone, a Taylor series with the factors 1 and 1/2 would be better.
+        A cell is a box between neighbouring nodes of the grid of m inputs. Each node has
+        the stored angle f of a variable, its gradient g and its Hessian H by the inputs. At
+        the distance d from the node, the angle is taken as
+
+            f + (2/3) g d + (1/6) d H d,
+
+        and the gradient as g + (1/2) H d. These factors differ from those of a Taylor
+        series, since `interpolate` averages the values from all corners of a cell. For this
+        average they are more accurate: it is exact if f is a cubic function.
+
+        The angular velocities of links relative to other links (`turning`) are extrapolated
+        like gradients.
 
         Parameters
         ----------
@@ -301,20 +309,21 @@ class CouplingTable:
         angle = self.angles[node]  # f (n, K)
         gradient = self.coefficients[node]  # g (n, K, m)
         hessian = self.derivatives[node]  # H (n, K, m, m)
-        # In the sums n is the point, k the variable, p the pole, i and j are inputs, and x
-        # is a component of a vector.
+        # In the sums n is the point, k the variable, i and j are inputs.
         hessian_change = np.einsum("nkij,nj->nki", hessian, distance)  # H d
         # (2/3) g d + (1/6) d H d, with d factored out.
         slope = 2 / 3 * gradient + hessian_change / 6
         angle_change = np.einsum("nki,ni->nk", slope, distance)
-        turning_change = np.einsum(
-            "npijx,nj->npix", self.turning_derivatives[node], distance
-        )
+        # Angular velocities per unit rate of input i: p counts the pairs of links, and x is
+        # a component of a vector.
+        turning = self.turning[node]  # (n, P, m, 3)
+        turning_derivatives = self.turning_derivatives[node]  # by input j, (n, P, m, m, 3)
+        turning_change = np.einsum("npijx,nj->npix", turning_derivatives, distance)
         return CouplingValues(
             angles=angle + angle_change,
             coefficients=gradient + 0.5 * hessian_change,
             derivatives=hessian,
-            turning=self.turning[node] + 0.5 * turning_change,
+            turning=turning + 0.5 * turning_change,
         )
 
 

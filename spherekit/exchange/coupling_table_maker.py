@@ -473,7 +473,12 @@ def _measure_errors_at_part(
     """Return the errors (cells,) of interpolation at one point in each cell of a table.
 
     A cell is a box between neighbouring nodes of the table. The point has the same position
-    in all cells. Interpolated values are compared with computed values on a refined grid.
+    in all cells. Interpolated values are compared with computed values on a refined grid:
+
+    - angles of the passive variables (joint angles that are not inputs);
+    - `coefficients`, the rates of these variables per unit rate of each input;
+    - `turning`, angular velocities of links relative to other links, per unit rate of each
+      input.
 
     Parameters
     ----------
@@ -498,14 +503,17 @@ def _measure_errors_at_part(
     # Index of the same point on the refined grid, along each input and in one row.
     point_indices = PARTS_PER_CELL * cells + part
     points = np.ravel_multi_index(tuple(point_indices.T), refined_counts)
+    angle_errors = _largest_differences(
+        interpolated.angles, grid_values.angles[mode, points]
+    )
+    coefficient_errors = _largest_differences(
+        interpolated.coefficients, grid_values.coefficients[mode, points]
+    )
+    turning_errors = _largest_differences(
+        interpolated.turning, grid_values.turning[mode, points]
+    )
     return InterpolationErrors(
-        angles=_largest_differences(interpolated.angles, grid_values.angles[mode, points]),
-        rates=np.maximum(
-            _largest_differences(
-                interpolated.coefficients, grid_values.coefficients[mode, points]
-            ),
-            _largest_differences(interpolated.turning, grid_values.turning[mode, points]),
-        ),
+        angles=angle_errors, rates=np.maximum(coefficient_errors, turning_errors)
     )
 
 

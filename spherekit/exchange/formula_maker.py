@@ -245,14 +245,20 @@ def _find_configuration_of_mode(
     if assembly_mode is None:
         return None
     position_analysis = position_analysis_of(mechanism, crossings)
-    if not position_analysis.by_rank:
+    # Degrees of freedom are counted from the numbers of links and pairs. If constraints are
+    # redundant, this count is wrong, and the rank of the velocity equations is used.
+    has_redundant_constraints = position_analysis.by_rank
+    if not has_redundant_constraints:
         return None
     mode_index = position_analysis.find_mode_index(assembly_mode)
     mode_number = position_analysis.assembly_modes[mode_index].number
+    # The motion has rows of all modes.
     motion = position_analysis.sparse(CONFIGURATION_SAMPLES)
-    motion = motion.rows(np.flatnonzero(motion.assembly_mode == mode_number))
-    configurations = most_regular_configurations(motion)
-    return configurations[0] if configurations else None
+    rows_of_mode = np.flatnonzero(motion.assembly_mode == mode_number)
+    configurations = most_regular_configurations(motion.rows(rows_of_mode))
+    if not configurations:
+        return None
+    return configurations[0]
 
 
 def _is_link_size(variable: DesignVariable) -> bool:
@@ -490,10 +496,9 @@ def _find_motion_arguments(
     results contain them:
 
     - rates and accelerations of the inputs, and the time;
-    - the whole revolutions (rad, a multiple of 2 pi) of each passive pair (joint that is
-    not
-      driven) with a load that depends on its angle, such as a spring. The formulas compute
-      its angle from -pi to pi only;
+    - the whole revolutions (rad, a multiple of 2 pi) of some pairs (joints). These are not
+      driven and have a load that depends on the angle, such as a spring. The formulas
+      compute their angles from -pi to pi only;
     - torques from tables over time.
 
     Parameters
@@ -505,7 +510,10 @@ def _find_motion_arguments(
     """
     # Sample symbols are the inputs, their rates, their accelerations, and the time.
     inputs = design_expressions.inputs
-    sample_units = [unit for unit in ("rad", "rad/s", "rad/s2") for _ in inputs] + ["s"]
+    sample_units = []
+    for unit in ("rad", "rad/s", "rad/s2"):
+        sample_units += [unit] * len(inputs)
+    sample_units.append("s")
     unit_by_symbol = dict(zip(design_expressions.sample_symbols, sample_units, strict=True))
     for pair, symbol in design_expressions.revolution_symbols.items():
         unit_by_symbol[symbol] = (

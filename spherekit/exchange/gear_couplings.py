@@ -70,8 +70,8 @@ class ImportedPair(NamedTuple):
         Variable (joint angle, rad) in the pose of the model.
     joint
         Number of its joint in the model. It is -1 for a pair that is no joint there: one
-        that closes a loop, or that carries an idler wheel. Such a wheel is added between
-        two gears that turn about one axis.
+        that closes a loop, or that carries an idler wheel. Two gears that turn about one
+        axis do not touch, so an idler wheel is added that touches both.
     """
 
     name: str
@@ -590,17 +590,21 @@ def _find_coaxial_equations(
     for path in _link_paths(hinges):
         if len(path.hinges) != 2:
             continue
+        # Successive hinges about one axis are one group. Both hinges must be in one.
         axes = _group_by_axis(hinges, path)
         if len(axes) != 1:
             continue
         axis = axes[0].axis
-        # The path leads from the first link over the carrier to the second link. A hinge on
-        # the path turns its far end relative to its near end.
+        # The path leads from the first link over the carrier to the second link. At each
+        # hinge, the link after the hinge turns relative to the link before it. Its angular
+        # velocity about `axis` is the rate of the hinge times `sense`, which is 1 or -1.
         to_carrier, from_carrier = axes[0].hinges
+        # x and y as sums of factors times the rates of all hinges.
         rotations = np.zeros((2, len(hinges)))
-        # x: of the first link relative to the carrier, so against the path.
+        # x is the first link relative to the carrier. The hinge has the carrier relative to
+        # the first link, so the sign changes.
         rotations[0, to_carrier.hinge] = -to_carrier.sense
-        # y: of the second link relative to the carrier.
+        # y is the second link relative to the carrier.
         rotations[1, from_carrier.hinge] = from_carrier.sense
         factors = _find_implied_factors(rotations, equations)
         if factors is None:

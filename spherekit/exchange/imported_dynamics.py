@@ -100,6 +100,10 @@ class ImportedDynamics:
         The table has the inertia tensor about the centre of the sphere, the mass and the
         centre of mass. The last two are omitted if the masses of the model are not real.
 
+        MuJoCo can compensate the weight of a body by a force. A mechanism file can't. The
+        centre of mass is then computed as if this body were at the centre of the sphere,
+        where its weight has no moment. A comment in the file tells the user.
+
         Parameters
         ----------
         link
@@ -172,13 +176,13 @@ class ImportedDynamics:
         return arms
 
     def _find_centre_of_weight(self, bodies: list[int]) -> Floats:
-        """Return the point (3,) of a link at which its whole mass has the right weight.
+        """Return the point (3,) of a link at which the weight of its mass acts.
 
-        A mechanism file has one mass and one centre of mass for a link. The moment of the
-        weight follows from these. In MuJoCo, a body of the link can be weightless. It is
-        placed at the centre of the sphere here, where its weight has no arm. Without
-        weightless bodies the result is the centre of mass. The inertia tensor does not
-        depend on the result.
+        A mechanism file has one mass and one centre of mass for a link. The weight of the
+        link has a moment about the centre of the sphere, which follows from these two. In
+        MuJoCo, a link can consist of several bodies, and some may be weightless. These are
+        placed at the centre of the sphere here, so that their weight has no moment. Without
+        weightless bodies the result is the centre of mass.
 
         Returns
         -------
@@ -443,8 +447,11 @@ class ImportedDynamics:
         # imported links coincide with the ground axes, so the components are the same.
         rotation = self._mj_data.site_xmat[axes_site].reshape(3, 3)
         link = self._linkage.link_by_body[mj_model.site_bodyid[site]]
+        # MuJoCo multiplies the size of an actuator's force by six numbers, its gear. This
+        # gives the components of the force and then those of the moment. The size of a
+        # constant force is the first parameter of the bias.
         magnitude = mj_model.actuator_biasprm[actuator][0]
-        wrench = mj_model.actuator_gear[actuator] * magnitude  # force, then moment
+        wrench = mj_model.actuator_gear[actuator] * magnitude
         # From the centre of the sphere to the point at which the force acts (m).
         arm = self._mj_data.site_xpos[site] - self._linkage.centre
         link_name = self._linkage.link_name(link)

@@ -142,16 +142,24 @@ def _velocity_equations(linkage: ImportedLinkage) -> Floats:
     # `LoopTree` needs links numbered without gaps (bodies): here by their positions in
     # `linkage.links`.
     body_by_link = {link: body for body, link in enumerate(linkage.links)}
-    ends = tuple(
-        (body_by_link[first], body_by_link[second])
-        for first, second in (pair.links for pair in pairs)
+    ends = []
+    for pair in pairs:
+        first_link, second_link = pair.links
+        ends.append((body_by_link[first_link], body_by_link[second_link]))
+    loop_tree = LoopTree(
+        count=len(linkage.links),
+        ends=tuple(ends),
+        # Each pair has one variable, its angle, so variable k belongs to pair k.
+        pair_of_variable=tuple(range(len(pairs))),
     )
-    loop_tree = LoopTree(len(linkage.links), ends, tuple(range(len(pairs))))
-    loop_equations = loop_tree.jacobian(np.array([[pair.axis for pair in pairs]]))[0]
-    coupling_equations = [
-        [coupling.factors.get(pair.joint, 0.0) for pair in pairs]
-        for coupling in linkage.foreign_model.couplings
-    ]
+    # `jacobian` expects the axes in any number of poses; there is one.
+    axes = np.array([[pair.axis for pair in pairs]])
+    loop_equations = loop_tree.jacobian(axes)[0]
+    coupling_equations = []
+    for coupling in linkage.foreign_model.couplings:
+        # A pair that is not in the coupling has the factor 0.
+        factors = [coupling.factors.get(pair.joint, 0.0) for pair in pairs]
+        coupling_equations.append(factors)
     return np.vstack([loop_equations, *coupling_equations])
 
 

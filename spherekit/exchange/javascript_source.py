@@ -174,7 +174,7 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         source,
         nan_literal="NaN",
         infinity_literal="Infinity",
-        # Lines that shift q into the range of the input by whole periods.
+        # Text of lines that shift q into the range of the input by whole periods.
         moved_template=JAVASCRIPT_MOVED_INPUT_TEMPLATE,
     )
     # Without a closed form, `step` has the terms of a step of Newton's method.
@@ -183,14 +183,16 @@ def _write_smooth_modes(source: FormulaSource) -> Iterator[str]:
         input_lines = ""
         returned = source.mode_argument  # the name of the array, ``mode``
     else:
-        # `interval` is a variable of the written function: the interval of q.
+        # The written function has a table `inputs`: for each interval and mode the input of
+        # the known configuration. `interval` is its variable for the interval of q. Without
+        # an input (q is NaN), the result is NaN.
         input_lines = f"  const inputs = {texts.known_inputs};\n"
         returned = "Number.isNaN(q) ? NaN : inputs[interval][k]"
     yield JAVASCRIPT_SMOOTH_MODE_TEMPLATE.format(
-        **source.smooth_mode_fields,
-        starts=texts.interval_starts,
-        places=texts.mode_values,
+        **source.smooth_mode_fields,  # names of the function and of the array, and sizes
+        starts=texts.interval_starts,  # the q at which intervals begin
+        places=texts.mode_values,  # by interval and mode
         inputs=input_lines,
-        moved=texts.shift_lines,
+        moved=texts.shift_lines,  # lines that shift q into the range of the input
         returned=returned,
     )

@@ -389,14 +389,19 @@ class PositionFormulas:
         ground_axes
             (3, 3) matrix with the axes i, j, k of the ground in its columns.
         """
-        i, j, k = (
-            self._formula_list.declare_symbol(
-                rf"\mathbf{{{letter}}}_{{{self._formula_list.link_labels[0]}}}",
+        ground_label = self._formula_list.link_labels[0]
+        frame_symbols = []
+        for letter, column in zip("ijk", ground_axes.T.tolist(), strict=True):
+            components = ", ".join(map(number, column))
+            symbol = self._formula_list.declare_symbol(
+                rf"\mathbf{{{letter}}}_{{{ground_label}}}",
                 "axis of the ground",
-                f"$({', '.join(map(number, column))})$",
+                f"$({components})$",
             )
-            for letter, column in zip("ijk", ground_axes.T.tolist(), strict=True)
-        )
+            frame_symbols.append(symbol)
+        i, j, k = frame_symbols
+        # `_write_frame` needs the tangent at k of an arc to an axis, and this axis. This is
+        # the second axis here, whose tangent is j.
         second_axis = self._axes_by_link[0][1]
         self._write_frame(0, first_vector=k, tangent=j, axis=second_axis, i=i)
 
@@ -464,13 +469,16 @@ class PositionFormulas:
 
         The reference arc of a link leads from the axis of the pair to the first other axis
         of the link. The second link has a known frame, and t2 is the tangent to its
-        reference arc. Two rotations about the axis of the pair lead from t1 to t2: first by
-        the zero angle of the pair, which gives the direction z, then by the input angle.
-        They are undone in reverse order.
+        reference arc. z is the direction that t2 has if the input angle is zero. The zero
+        angle of the pair is the constant angle from t1 to z, about the axis of the pair.
+
+        So z is t2 rotated back by the input angle, and t1 is z rotated back by the zero
+        angle.
         """
         input_rotation = self._make_input_rotation(input_pair)
         _, second_link = self._mechanism.ends[input_pair]
-        second_tangent = self._write_tangent(second_link, input_pair)
+        second_tangent = self._write_tangent(second_link, input_pair)  # t2
+        # z. With sense=-1.0, the rotation is by the opposite of the angle.
         direction_at_zero = self._formula_list.write_indexed(
             r"\mathbf{z}",
             self._pair_labels[input_pair],
@@ -759,19 +767,20 @@ class PositionFormulas:
     ) -> Expr:
         """Write the axis j of a link: the tangent of the arc from k to its second axis.
 
-        k is the first axis of the link. j is another tangent at k, rotated about k by minus
-        its azimuth b:
+        k is the first axis of the link. Let t be the known tangent at k of the arc to some
+        other axis. The azimuth b is the angle about k from j to t. So j is t rotated about
+        k by -b:
 
-            j = cos(b) tangent + sin(b) tangent x k.
+            j = cos(b) t + sin(b) t x k.
 
         Parameters
         ----------
         link
             Number of the link.
         tangent
-            The unit tangent at k of the arc to any other axis of the link.
+            The unit tangent t at k of the arc from k to some axis of the link.
         azimuth
-            Angle b about k from the second axis to that axis.
+            Angle b about k from the second axis of the link to that axis.
         """
         label = self._formula_list.link_labels[link]
         k = self._axes_by_link[link][0].vector

@@ -75,14 +75,16 @@ class LatexText(NamedTuple):
     rank
         Its position among the factors of a product: numbers first, vectors last.
     is_variable
-        Whether it is the name of a variable.
+        Whether it is the name of a variable. Then it needs no brackets in a sine or cosine,
+        or before an exponent.
     has_exponent
         Whether it ends with an exponent, such as a square or the name ``c^{(1)}``. LaTeX
-        refuses two exponents on one symbol.
+        refuses two exponents on one symbol, so it needs brackets before another one.
     is_negative
         Whether the text begins with a minus sign.
     is_spaced_product
-        Whether it is a product with factors separated by thin spaces.
+        Whether it is a product with factors separated by thin spaces. Then it needs no
+        brackets as a factor, in contrast to a vector product.
     """
 
     text: str
@@ -203,11 +205,12 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
     first_text, second_text = arguments
     if first_argument == -1.0:
         return _print_negative(second_text)
+    # Equal nodes are always one object.
     if first_argument is second_argument:
         return _print_square(first_text)
     if isinstance(first_argument, float):
         return _print_multiple(first_text, second_text)
-    # Scalars are printed before vectors.
+    # Scalars have a smaller rank than vectors and are printed before them.
     first_factor, last_factor = sorted(arguments, key=lambda factor: factor.rank)
     return LatexText(
         rf"{_print_factor(first_factor)} \, {_print_factor(last_factor)}",

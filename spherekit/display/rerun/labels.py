@@ -188,10 +188,11 @@ class Names:
     def place_names(self, bodies: Sequence[Body]) -> dict[str, list[Name]]:
         """Return the names that links show, each with the point at which it is written.
 
-        A name moves with its link. Whether it covers other names is therefore judged in
-        several pictures (perspective images of the mechanism in one configuration each).
-        For each name, the place with the lowest cost is chosen from a list of possible
-        places. Long names are placed first, because it is hardest to find space for them.
+        A name moves with its link. So the function computes where names are in several
+        pictures (perspective images of the mechanism in a few configurations). A possible
+        place of a name has a high cost if the name would cover other names there, or the
+        dots that mark pair axes. The place with the lowest cost is chosen. Long names are
+        placed first, because space for them is hardest to find.
 
         Parameters
         ----------
@@ -204,7 +205,10 @@ class Names:
         pairs (joints) that no other link shows.
         """
         requests: list[_NameRequest] = []
-        for body, rotations in zip(bodies, _picture_rotations(bodies), strict=True):
+        # For each link its orientations (pictures, 3, 3) in the pictures.
+        rotations_of_bodies = _picture_rotations(bodies)
+        for body, rotations in zip(bodies, rotations_of_bodies, strict=True):
+            # Names should not cover the dots that mark the pair axes.
             self._obstacles += self._dot_boxes(body, rotations)
             requests += self._pair_name_requests(body, rotations)
             requests += self._link_name_requests(body, rotations)

@@ -34,25 +34,26 @@ def draw_portrait(portrait: Portrait) -> Stills:
     """Yield the parts of a portrait (a plot of one quantity against another).
 
     The parts are frame, curves, marks (labelled points) and legend. Marks with equal labels
-    are one kind. Up to `MAX_LEGEND_KINDS` kinds are named in the legend. More kinds are
-    not: then each mark has its label beside it, if there are at most `MAX_SHOWN_LABELS`
-    marks. More labels would cover each other.
+    are one kind. Up to `MAX_LEGEND_KINDS` kinds are named in the legend. If there are more
+    kinds, each mark has its label beside it instead. If there are also more than
+    `MAX_SHOWN_LABELS` marks, no labels are shown, because they would cover each other.
 
     Yields
     ------
     For each part its name below that of the portrait in the recording, and its drawing.
     """
+    # Angles (units deg, deg/s and so on) have ticks with steps such as 30 or 45.
     x = frame_side(
         title_with_unit(portrait.x_label, portrait.x_unit),
         portrait.x_range,
-        portrait.x_unit.startswith("deg"),
-        portrait.logarithmic,
+        is_degrees=portrait.x_unit.startswith("deg"),
+        is_logarithmic=portrait.logarithmic,
     )
     y = frame_side(
         title_with_unit(portrait.y_label, portrait.y_unit),
         portrait.y_range,
-        portrait.y_unit.startswith("deg"),
-        portrait.logarithmic,
+        is_degrees=portrait.y_unit.startswith("deg"),
+        is_logarithmic=portrait.logarithmic,
     )
     yield from draw_frame(PORTRAIT_WIDTH, x, y)
     for number, curve in enumerate(portrait.curves):

@@ -1,6 +1,6 @@
 """A recording of a mechanism before any run: links, pairs, arcs and zero positions."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -200,6 +200,29 @@ def _zero_arcs(motion: Motion, row: int) -> list[Primitive]:
     return arcs
 
 
+def _list_arcs(axes: Mapping[str, Floats]) -> str:
+    """Return the arcs between successive pair axes of a link, as text for a table.
+
+    An arc is written as the names of two pairs and its size in degrees. The text of a link
+    with a single axis is the name of its pair, since there is no arc.
+
+    Parameters
+    ----------
+    axes
+        By the name of each pair the unit vector (3,) of its axis, in link axes.
+    """
+    names = [markdown_text(pair) for pair in axes]
+    if len(names) == 1:
+        return names[0]
+    arcs = []
+    for (first_name, second_name), (first_axis, second_axis) in zip(
+        pairwise(names), pairwise(axes.values()), strict=True
+    ):
+        size = _degrees(arc(first_axis, second_axis))
+        arcs.append(f"{first_name}\u2013{second_name} {size}")
+    return ", ".join(arcs)
+
+
 def _size_table(motion: Motion, row: int, note: str) -> Text:
     """Return a page of text with two tables: the arcs of links, and the angles of pairs.
 
@@ -217,11 +240,7 @@ def _size_table(motion: Motion, row: int, note: str) -> Text:
     lines += ["| link | arcs between its axes, deg |", "|---|---|"]
     # First table: for each link the arcs (deg) between successive axes of its pairs.
     for link, axes in link_axes(mechanism).items():
-        names = [markdown_text(pair) for pair in axes]
-        arcs = [_degrees(arc(first, second)) for first, second in pairwise(axes.values())]
-        ends = [f"{first}\u2013{second}" for first, second in pairwise(names)]
-        sizes = [f"{end} {size}" for end, size in zip(ends, arcs, strict=True)]
-        lines.append(f"| {markdown_text(link)} | {', '.join(sizes or names)} |")
+        lines.append(f"| {markdown_text(link)} | {_list_arcs(axes)} |")
     lines += ["", "| pair | type | links | here, deg | driven |", "|---|---|---|---|---|"]
     # Second table: for each pair its variables (deg) in this configuration.
     input_ranges = {
@@ -229,11 +248,14 @@ def _size_table(motion: Motion, row: int, note: str) -> Text:
         for item in mechanism.inputs
     }
     for number, pair in enumerate(mechanism.pairs):
+        link_names = " ".join(map(markdown_text, pair.links))
         values = motion.values[row, list(mechanism.variables_of(number))]
+        angles = ", ".join(map(_degrees, values))
+        # Only a driven pair has a range.
+        input_range = input_ranges.get(pair.name, "")
         lines.append(
             f"| {markdown_text(pair.name)} | {pair.type} | "
-            f"{' '.join(map(markdown_text, pair.links))} | "
-            f"{', '.join(map(_degrees, values))} | {input_ranges.get(pair.name, '')} |"
+            f"{link_names} | {angles} | {input_range} |"
         )
     lines += ["", "Thin white arcs run from the zero of each R pair to where it is."]
     if mechanism.source is not None:

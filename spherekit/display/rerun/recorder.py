@@ -191,6 +191,11 @@ class RerunRecorder:
             raise ValueError("log: call it after start and before the end of the recording")
         return self._charts
 
+    @property
+    def _layout(self) -> Layout:
+        """The arrangement of the viewer's window; errors as for `_open_charts`."""
+        return self._open_charts.layout
+
     def __enter__(self) -> Self:
         """Open all destinations."""
         self._outputs.open()
@@ -222,6 +227,7 @@ class RerunRecorder:
             not move.
         """
         # From where the viewer looks at the sphere: eye, target and upward direction.
+        # `focus` is the direction from the centre to the middle of the mechanism.
         sight = facing(head.focus)
         layout, timeline_note = self._make_layout(head, sight)
         # Each assembly mode has a page of the window, with a number and a title.
@@ -231,7 +237,8 @@ class RerunRecorder:
         if "logged" in head.properties:
             timeline_note += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
-        # Number of samples in one line of a grid of several inputs; None without a grid.
+        # The samples of several inputs form a grid. This is the number of samples in one
+        # line of the grid; None without a grid.
         self._grid_row_length = head.row
         # `Names` places names so that they do not cover each other as seen from `sight`.
         # The key None stands for names that all pages show.
@@ -247,7 +254,11 @@ class RerunRecorder:
         # A text explains the recording, unless there is nothing to look at.
         if head.scenes or layout.pages:
             notes = NOTES.format(
-                name=self.name, timeline=timeline_note, compared=MAX_COMPARED_CURVES
+                name=self.name,
+                timeline=timeline_note,
+                # One page compares the assembly modes. Plots with more curves than this are
+                # left out there.
+                compared=MAX_COMPARED_CURVES,
             )
             self._introduce(None, Text("notes", "About", notes))
         if layout.pages:
@@ -386,7 +397,7 @@ class RerunRecorder:
         row_count
             Number of rows of the block.
         """
-        layout = self._open_charts.layout
+        layout = self._layout
         # Arrows with the same direction share one label, so labels change with the row.
         labels = arrow_labels(scene.primitives)
         for primitive in scene.primitives:
@@ -431,7 +442,7 @@ class RerunRecorder:
         bodies = [item for item in scene.primitives if isinstance(item, Body)]
         if not bodies:
             return False
-        layout = self._open_charts.layout
+        layout = self._layout
         is_failed = np.zeros(row_count, bool)
         for body in bodies:
             # The ground does not move and has no quaternions.
@@ -474,7 +485,7 @@ class RerunRecorder:
         ]
         # Name of the timeline that the viewer plays. `_ticks_per_degree` is set only for a
         # timeline of inputs.
-        name = self._open_charts.layout.timeline
+        name = self._layout.timeline
         if name == TIME_TIMELINE:
             if times is None or len(times) != len(samples):
                 raise ValueError("each sample needs its time")
@@ -561,14 +572,14 @@ class RerunRecorder:
         By the path of a new link in the recording: the names to draw with the link (its own
         and those of its pairs), with their positions.
         """
-        layout = self._open_charts.layout
-        # A link is new if nothing has been recorded at its path on this page.
-        new_bodies = [
-            item
-            for item in scene.primitives
-            if isinstance(item, Body)
-            and layout.path(scene.page, item) not in self._outputs.known_paths
-        ]
+        new_bodies = []
+        for item in scene.primitives:
+            if isinstance(item, Body):
+                # The layout of the window gives each link its path on this page. A link is
+                # new if nothing has been recorded at its path.
+                path = self._layout.path(scene.page, item)
+                if path not in self._outputs.known_paths:
+                    new_bodies.append(item)
         return self._find_names(scene.page).place_names(new_bodies)
 
     def _find_names(self, page: Page) -> Names:
@@ -591,8 +602,8 @@ class RerunRecorder:
     ) -> bool:
         """Write the static data of a primitive to the recording if they are not there yet.
 
-        A new primitive is also added to the layout (the arrangement of the viewer's
-        window).
+        A new primitive is also added to the layout. The layout arranges the viewer's
+        window, and gives each primitive its path (name in the recording).
 
         Parameters
         ----------
@@ -610,7 +621,7 @@ class RerunRecorder:
         -------
         Whether the primitive is new.
         """
-        path = self._open_charts.layout.path(page, primitive)
+        path = self._layout.path(page, primitive)
         is_new = self._outputs.log_first(path, entities.draw_static(primitive, names))
         if is_new:
             self._add_to_layout(page, path, primitive, has_findings)

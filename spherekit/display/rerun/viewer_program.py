@@ -78,14 +78,20 @@ def run_viewer(
         raise OutputError("the viewer is missing; install the package rerun-sdk")
 
     binary = Path(spec.origin).parent / ("rerun.exe" if os.name == "nt" else "rerun")
-    # Log messages would appear in pictures, so only errors are logged. With CI set, the
-    # viewer sends no statistics to its makers.
+    environment = os.environ | {
+        # The viewer is told that another program runs it, so it asks the user no questions.
+        "RERUN_APP_ONLY": "true",
+        # Log messages would appear in pictures, so only errors are logged.
+        "RUST_LOG": "error",
+        # With CI set, the viewer sends no statistics to its makers.
+        "CI": "true",
+    }
     process = subprocess.Popen(
         [str(binary), *words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=messages,
-        env=os.environ | {"RERUN_APP_ONLY": "true", "RUST_LOG": "error", "CI": "true"},
+        env=environment,
     )
     try:
         yield process
