@@ -312,7 +312,7 @@ def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
         if isinstance(load, BearingFriction) and load.friction_coefficient > 0.0:
             raise ModelError(
                 f"{mechanism.name}: loads.{load.name}: its friction depends on the "
-                f"reaction of pair {load.pair}, which {what}; or set coefficient = 0, or "
-                "at an R pair use a load of kind friction instead, whose torque can be "
-                "found with the analysis reactions"
+                f"reaction of pair {load.pair}, which {what}; or set its coefficient to 0; "
+                "or, at an R pair, use a load of kind friction instead, with a torque from "
+                "the analysis reactions"
             )

@@ -636,12 +636,12 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
     _check_name_list(where, "link", mechanism.links)
     _check_name_list(where, "pair", [pair.name for pair in mechanism.pairs])
     # Inputs, masses and joint limits have the name of their pair or link.
-    _check_name_list(where, "input at a", mechanism.input_pairs)
+    _check_name_list(where, "input at pair", mechanism.input_pairs)
     _check_name_list(where, "output", [output.name for output in mechanism.outputs])
     _check_name_list(where, "load", [load.name for load in mechanism.loads])
-    _check_name_list(where, "mass of a", [mass.link for mass in mechanism.masses])
+    _check_name_list(where, "mass of link", [mass.link for mass in mechanism.masses])
     limited_pairs = [limit.pair for limit in mechanism.joint_limits]
-    _check_name_list(where, "joint limit of a", limited_pairs)
+    _check_name_list(where, "joint limit of pair", limited_pairs)
     _check_name_list(where, "mode", [*mechanism.modes])
 
     for reference in _name_references(mechanism):
@@ -678,11 +678,13 @@ def _check_name_list(where: str, what: str, names: Iterable[str]) -> None:
     for name, times in Counter(names).items():
         if not NAME_PATTERN.fullmatch(name) or len(name) > MAX_NAME_LENGTH:
             raise ModelError(
-                f"{where}: {what} name {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} "
-                "letters (A-Z, a-z), digits and underscores"
+                f"{where}: {what} {name[:80]!r}: use 1 to {MAX_NAME_LENGTH} letters "
+                "(A-Z, a-z), digits and underscores as a name"
             )
         if times > 1:
-            raise ModelError(f'{where}: {what} "{name}" is given twice; rename one of them')
+            raise ModelError(
+                f'{where}: {what} "{name}" is given twice; remove or rename one of them'
+            )
 
 
 class _NameReference(NamedTuple):
