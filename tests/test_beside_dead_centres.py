@@ -180,7 +180,8 @@ def test_a_followed_group_has_rows_up_to_its_dead_centre():
     comparison = judge_bounds(mechanism, path[:, None])
     compared_rows = comparison.rows  # rows with status OK
     rows_with_another_status = comparison.failed_rows
-    # The mode is out of reach at the two inputs before its dead centre.
+    # Two modes meet at the dead centre. They have a configuration at two of the four
+    # inputs, and are out of reach at the other two, beyond the dead centre.
     assert rows_with_another_status <= compared_rows
 
 

@@ -273,20 +273,29 @@ def test_no_range_that_a_curve_reaches_is_skipped(monkeypatch):
     """A quick test whether a curve reaches a range of the input skips no piece of it.
 
     The result must be that without the quick test (`_may_reach_range`), wherever a range
-    begins, and with any period of the input.
+    begins, and with any period of the input. Here the input is the angle of a pair that
+    rocks (moves to and fro), so that the curve does not reach all ranges.
     """
-    curve, rocking = curve_with_a_rocking_pair()
+    curve, input_variable = curve_with_a_rocking_pair()
     random = np.random.default_rng(5)
-    cases = [
-        (float(low), float(low + random.uniform(0.01, 3.0)), period)
-        for low in random.uniform(-20.0, 20.0, 12)
-        for period in (TURN, 3.0 * TURN, np.inf)
-    ]
+    # A case has both ends of a range and the period of the input, in rad.
+    cases = []
+    for low in random.uniform(-20.0, 20.0, 12):
+        for period in (TURN, 3.0 * TURN, np.inf):
+            high = low + random.uniform(0.01, 3.0)
+            cases.append((float(low), float(high), period))
 
     def find_piece_starts():
-        """Return the start and the shift of each piece, in a list for each case."""
-        found = [monotone_pieces(curve, rocking, *case) for case in cases]
-        return [[(piece.start, piece.shift) for piece in pieces] for pieces in found]
+        """Return the start and the shift of each piece, in a list for each case.
+
+        The start is an arc length. The shift is the whole periods that are added to the
+        input, so that it is in the range.
+        """
+        starts_by_case = []
+        for low, high, period in cases:
+            pieces = monotone_pieces(curve, input_variable, low, high, period)
+            starts_by_case.append([(piece.start, piece.shift) for piece in pieces])
+        return starts_by_case
 
     starts = find_piece_starts()
     # There are ranges that the curve reaches, and others.

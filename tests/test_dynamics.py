@@ -103,6 +103,7 @@ def four_bar_run(four_bar):
 
 
 def rows_of(frame, assembly_mode, **chosen):
+    """Return the rows of a mode, in which each column in `chosen` has the stated value."""
     for name, value in chosen.items():
         frame = frame[frame[name] == value]
     return frame[frame["assembly_mode"] == assembly_mode]
@@ -119,8 +120,9 @@ def test_tables_1_and_2_of_the_source(four_bar_run, exact, assembly_mode):
 
     The source is Di Gregorio (2024), whose Tables 1 and 2 have these quantities.
     `four_bar_run` is the run, and `exact` has the closed forms in 60 digits, by the mode
-    that `mode_of` finds. The sign of a pole direction is arbitrary, and the coefficients of
-    the pole 31 change their sign with it.
+    that `mode_of` finds. A pole is the axis of the relative rotation of two links: pole 31
+    is that of the coupler (link 3) relative to the ground (link 1). The sign of a pole
+    direction is arbitrary, and the coefficients of the pole 31 change their sign with it.
     """
     tolerance = 1e-12
     motion = rows_of(four_bar_run.frame("motion"), assembly_mode)
@@ -132,6 +134,7 @@ def test_tables_1_and_2_of_the_source(four_bar_run, exact, assembly_mode):
     w31, w41, dw31, dw41, inertia, inertia_dq, on_crank, on_rocker, tau = reference[4:]
     assert np.max(np.abs(np.sin(0.5 * (theta - theta41)))) < tolerance
 
+    # This table has the poles of all moving links relative to the ground.
     poles = four_bar_run.frame("poles")
     pole_31 = rows_of(poles, assembly_mode, link="3")
     pole_41 = rows_of(poles, assembly_mode, link="4")

@@ -136,12 +136,14 @@ def test_inverse_dynamics_of_a_planned_rotation_drives_the_same_motion():
     The plan is the rotation of the end effector (link 4) between two poses of Chen et al.
     2021, Table 3, in shortest time under limits of rate and acceleration. Base and end
     effector are mirror images of each other, so a pose is stated by the normal of the
-    mirror plane (`normal_at`). At 0.6423 of the duration the motion passes a crossing, a
-    configuration from which the mechanism could also move in another way. With
-    `crossings="pass"` the simulation continues there.
+    mirror plane (`normal_at`). Two angles phi and gamma (deg) determine this normal: its
+    first two components are -sin(phi / 2) and sin(gamma / 2). At 0.6423 of the duration the
+    motion passes a crossing, a configuration from which the mechanism could also move in
+    another way. With `crossings="pass"` the simulation continues there.
     """
     mechanism = with_point_masses("two_dof_spm")
-    start, stop = (normal_at(*np.radians(pose)) for pose in [(75, -20), (70, 20)])
+    start = normal_at(phi=np.radians(75.0), gamma=np.radians(-20.0))
+    stop = normal_at(phi=np.radians(70.0), gamma=np.radians(20.0))
     form = sk.mid_plane_form(mechanism)
     # `modes` are the signs of the three legs, each of which can be bent in two ways. Here
     # the driven links point outward, as in Fig. 5(a).

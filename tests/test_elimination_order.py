@@ -314,9 +314,10 @@ def test_singular_configurations_do_not_change_the_orders_of_regular_ones(positi
     none may be spent on a singular configuration. As many singular Jacobians as regular
     ones are placed before, between or after them.
 
-    Elimination computes an inverse of the columns of the passive variables (all but the
-    input). In regular configurations its norm may be larger than that of the
-    pseudo-inverse, the smallest one, by the factor `MAX_AMPLIFICATION` at most.
+    The Jacobian has more equations than passive variables (all but the input). So its
+    columns of these variables have many left inverses, and the pseudo-inverse has the
+    smallest norm of all. Elimination computes another left inverse. In regular
+    configurations its norm may be `MAX_AMPLIFICATION` times the smallest one at most.
     `miura_jacobians` returns the regular Jacobians of a folded sheet.
     """
     jacobians, passive_variables = miura_jacobians()
@@ -328,12 +329,14 @@ def test_singular_configurations_do_not_change_the_orders_of_regular_ones(positi
         singular = jacobians.copy()
         singular[:, :, list(passive_variables)[1:]] = 0.0
     n = len(jacobians)
-    # Configuration k of `arranged` is number sources[k] of regular + singular.
-    sources = {
-        "first": np.r_[n : 2 * n, 0:n],
-        "between": np.arange(2 * n).reshape(2, n).T.ravel(),
-        "last": np.arange(2 * n),
-    }[position]
+    # Numbers below n are regular configurations, those from n on are singular. The array
+    # lists them in the order in which they are arranged.
+    if position == "first":
+        sources = np.r_[n : 2 * n, 0:n]
+    elif position == "between":
+        sources = np.ravel(np.column_stack([np.arange(n), np.arange(n, 2 * n)]))
+    else:
+        sources = np.arange(2 * n)
     arranged = np.concatenate([jacobians, singular])[sources]
 
     assigned = assign_elimination_orders(arranged, passive_variables)

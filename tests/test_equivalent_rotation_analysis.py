@@ -140,7 +140,7 @@ def test_schedule_in_cycles_of_a_controller():
     Without `cycle` it takes the shortest duration that the limit of 30 deg/s allows. With
     it the duration is rounded up, so the inputs are a little slower. If there would be too
     many rows, the table is empty. `findings` and `schedule` read the result of
-    `run_rotation`.
+    `run_rotation`. The table of `schedule` has speeds in deg/s.
     """
     # phi and gamma are the angles (deg) of the mid-plane, in which base and platform are
     # mirror images of each other.
@@ -155,7 +155,7 @@ def test_schedule_in_cycles_of_a_controller():
     assert np.max(np.abs(t - 0.004 * np.arange(len(t)))) < 1e-12
     assert t[-1] == timing["duration_s"]
     assert shortest <= t[-1] < shortest + 0.004
-    speeds = table[["dq_21", "dq_61"]].abs()
+    speeds = table[["dq_21", "dq_61"]].abs()  # deg/s
     assert speeds.to_numpy().max() <= 30.0
     assert speeds.iloc[-1].max() < 1e-9
     assert schedule(run_rotation("two_dof_spm", f"{parameters},cycle=1e-9")).empty
@@ -539,10 +539,14 @@ def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     (``words``), at the angle that the warning has.
     """
     scene, row_count = listener.last_scene("Equivalent rotation")
-    assert len(scene.over[0].values) == row_count == 4
+    assert row_count == 4
+    # `over` has the quantities over which the page plots its values: the angle theta.
+    (theta,) = scene.over
+    assert len(theta.values) == row_count
     primitives = {primitive.path: primitive for primitive in scene.primitives}
     # The mechanism has eleven links. The ground is not drawn.
     assert sum(path.startswith("link/") for path in primitives) == 10
+    # (1, 3) unit vector of the axis of rotation.
     axis = primitives["axis"].directions
     assert np.max(np.abs(axis - findings(table_3)["axis"])) < 1e-15
     pointer_path = primitives["arc/pointer"]
@@ -552,11 +556,11 @@ def test_page_of_a_rotation_draws_axis_path_and_mid_planes(table_3, listener):
     assert np.ptp(line @ axis[0]) < 1e-14
     mid_planes = primitives["mid_plane/now"]
     assert isinstance(mid_planes, GreatCircle)
-    assert np.max(np.abs(np.sum(mid_planes.normals * axis, axis=1))) < 1e-14
-    for name, normal in (
-        ("start", mid_planes.normals[0]),
-        ("end", mid_planes.normals[-1]),
-    ):
+    normals = mid_planes.normals  # (4, 3), of the plane at each angle theta
+    cosines = np.sum(normals * axis, axis=1)
+    # The planes contain the axis, so their normals are perpendicular to it.
+    assert np.max(np.abs(cosines)) < 1e-14
+    for name, normal in (("start", normals[0]), ("end", normals[-1])):
         (circle,) = primitives[f"mid_plane/{name}"].curves
         assert np.max(np.abs(circle @ normal)) < 1e-14
     assert len(primitives["lost"].marks) == 1

@@ -144,10 +144,12 @@ def julia_results(path, exported_formulas, row, q):
 def results_by_language(exported_formulas, folder, row, q, languages):
     """Yield each installed language with the results (results, n) of its source.
 
-    `row` is the number of a mode (way to assemble the links) in the table of modes, and `q`
-    (n,) are inputs in rad. The source is written to a file in `folder`, and run there.
+    `row` is the row of a mode (way to assemble the links) in the list `modes`, and `q` (n,)
+    are inputs in rad. The function `smooth_mode` of the source takes this row in C, C++,
+    JavaScript and Julia. In Python and CasADi it takes the number by which the mechanism
+    names the mode. The source is written to a file in `folder`, and run there.
     """
-    number = exported_formulas.modes[row].number
+    mode_number = exported_formulas.modes[row].number
     endings = {"c": "c", "cpp": "hpp", "js": "mjs", "julia": "jl"}
     installed = {"c": GCC, "cpp": GPP, "js": NODE, "julia": JULIA}
     for language in languages:
@@ -162,9 +164,9 @@ def results_by_language(exported_formulas, folder, row, q, languages):
         elif language == "julia":
             yield language, julia_results(path, exported_formulas, row, q)
         elif language == "casadi":
-            yield language, casadi_results(path, exported_formulas, number, q)
+            yield language, casadi_results(path, exported_formulas, mode_number, q)
         else:
-            yield language, python_results(path, exported_formulas, number, q)
+            yield language, python_results(path, exported_formulas, mode_number, q)
 
 
 def inputs_about(smooth, seed, count=24):

@@ -165,11 +165,14 @@ def test_newton_bounds_are_infinite_if_loops_together_may_have_no_solution(loop_
 
     with the residual g at x = 0 and the curvature k. Its zero next to 0 is x = (1 - sqrt(1
     - 2 k g)) / k, for g up to 1 / (2 k). The bound must be infinite for a larger g, and may
-    be infinite for a smaller one. The derivatives of the loops are -1, so the
-    pseudo-inverse of the Jacobian, a column of L equal numbers, has the norm 1 / sqrt(L).
+    be infinite for a smaller one.
+
+    The Jacobian has one derivative for each loop, all -1 at x = 0: a column of L numbers.
+    Its pseudo-inverse is a row of L numbers -1 / L, which has the norm 1 / sqrt(L).
     """
     curvature = 0.1
     largest_closing_residual = 1.0 / (2.0 * curvature)
+    # Four cases; each is the residual g of every loop.
     residuals = np.array([0.01, 0.5, 1.0, 1.01]) * largest_closing_residual
     inverse_norms = np.full(len(residuals), 1.0 / np.sqrt(loop_count))
     curvatures = np.full(len(residuals), curvature)

@@ -83,21 +83,29 @@ def regular(solver):
 
     Solutions in all working modes are taken. A working mode is a choice of one of two ways
     to bend each leg (chain from an input to the output). `solver` has the mechanism.
+
+    At a singularity of type I an input turns without moving the output; at type II the
+    output can move although the inputs are locked. A measure of 0 to 1 says how far a
+    solution is from each type: `type_1` for each input, and `type_2`.
     """
     all_pairs = range(len(solver.mechanism.pairs))
     poses = poses_for(solver, 60)
     rows = solver.inverse(poses, solver.labels, all_pairs)
     is_regular = np.asarray(rows.status == sk.Status.OK)
-    is_regular &= rows.type_1.min(axis=1) > LEAST_MEASURE
+    worst_input = rows.type_1.min(axis=1)
+    is_regular &= worst_input > LEAST_MEASURE
     is_regular &= rows.type_2 > LEAST_MEASURE
     assert np.sum(is_regular) > 40
-    is_pointer = solver.points
+    directions = None
+    # The solver is for a pointer if its output is a direction and no orientation.
+    if solver.points:
+        directions = poses[rows.pose[is_regular]]
     return RegularSolutions(
         values=rows.values[is_regular],
         rates=rows.rates[is_regular],
         type_1=rows.type_1[is_regular],
         type_2=rows.type_2[is_regular],
-        directions=poses[rows.pose[is_regular]] if is_pointer else None,
+        directions=directions,
     )
 
 

@@ -443,22 +443,30 @@ def test_the_four_bar_of_the_paper_term_by_term(p):
     Derivatives of the source are numerical. The torque is that of Eksergian's equation. The
     loads are those of the shipped file: torques -sin(q) and -5 sin(theta_41), and viscous
     friction of 2 N m s/rad, at the pairs 21 and 41.
+
+    Two signs differ by convention. The document selects the mode p by the sign s_1 =
+    -(-1)^p. It has the unit vector u_31 on the pole axis of links 3 and 1 in the opposite
+    sense, and so the opposite sign of the coefficient m_31.
     """
     text = latex(sk.load("four_bar"))
     q, dq, ddq = map(mpmath.mpf, ("0.9", "1.3", "-0.7"))
-    # The document selects the assembly mode by the sign s_1, the paper by (-1)^p.
-    given = {"q": q, r"\dot{q}": dq, r"\ddot{q}": ddq, "s_{1}": -((-1) ** p)}
+    sign_of_mode = -((-1) ** p)
+    given = {"q": q, r"\dot{q}": dq, r"\ddot{q}": ddq, "s_{1}": sign_of_mode}
     known = evaluate_document(text, given)
     with mpmath.workdps(40):
         theta, vectors, ratios, parts = four_bar_of_the_paper(q, p)
         assert abs(mpmath.sin((theta - known[r"\theta_{41}"]) / 2)) < 1e-15
         for name, vector in vectors.items():
-            # A pole axis has two opposite unit vectors. The document and the paper have
-            # opposite ones for u_31, and so opposite signs of its coefficient m_31.
-            sense = -1 if name == "u_{31}" else 1
+            if name == "u_{31}":
+                expected = -vector
+            else:
+                expected = vector
             # The document sets vectors in bold: the name u_{31} is there \mathbf{u}_{31}.
-            ours = known[rf"\mathbf{{{name[0]}}}{name[1:]}"]
-            assert mpmath.norm(sense * vector - ours) < 1e-15
+            letter = name[0]
+            indices = name[1:]
+            printed = known[rf"\mathbf{{{letter}}}{indices}"]
+            assert mpmath.norm(expected - printed) < 1e-15
+        # The sum is zero because the signs of m_31 are opposite.
         assert abs(ratios["m_{31}"] + known["m_{31}"]) < 1e-15
         assert abs(ratios["m_{41}"] - known["m_{41}"]) < 1e-15
 
@@ -511,9 +519,11 @@ def test_sizes_that_vary_stay_symbols():
     """Sizes named in `vary` remain symbols in the printed formulas.
 
     With other values for the arcs of links 3 and 4, the formulas must give an angle of the
-    mechanism with these arcs. An inertia tensor is a symbol as a whole. An element of it
-    can vary only without loads, because loads such as gravity depend on the mass, which has
-    no symbol.
+    mechanism with these arcs.
+
+    If an element of an inertia tensor varies, the whole tensor is a symbol. A mechanism
+    with loads refuses this. Loads such as gravity depend on the mass, and the formulas have
+    the mass as a number.
     """
     mechanism = sk.load("universal_joint")
     keys = ["links.3.arc", "links.4.arc", "mass.3.tensor.0.0"]

@@ -448,8 +448,10 @@ class AnalysisWithTexts(MinimalAnalysis):
     """An analysis with a table of texts that CSV has to quote, and two further tables.
 
     It tests how tables are written. One further table has no column of assembly modes, and
-    the other one has no rows. With `plain` the texts need no quotes. The texts are not in
-    order, and some of them occur for the first time in later blocks of samples.
+    the other one has no rows. With `plain` the texts need no quotes.
+
+    The texts are not in alphabetical order. The text changes after every five samples, so
+    that later blocks of a run have texts that are new there.
     """
 
     name: ClassVar = "words"
@@ -464,8 +466,14 @@ class AnalysisWithTexts(MinimalAnalysis):
     plain: bool = False
 
     def compute(self, batch):
-        texts = ["b", "a", "zz"] if self.plain else ['a "b"', "c,d", "é\nf", " a"]
-        column = [texts[k * k % len(texts)] for k in batch.sample.tolist()]
+        if self.plain:
+            texts = ["b", "a", "zz"]
+        else:
+            texts = ['a "b"', "c,d", "é\nf", " a"]
+        column = []
+        for sample in batch.sample.tolist():
+            number = sample // 5 % len(texts)
+            column.append(texts[number])
         no_rows = np.zeros(0)
         return {
             "words": with_row_columns(batch, word=column),
@@ -576,23 +584,29 @@ def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch
     for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK_ROWS", 1024)
 
+    # The same for all runs, so that a block adds the same memory to each of them. The
+    # compared runs have two blocks and eight.
+    samples_in_block = count // 2
+
     def measure(samples):
         """Return the peak of memory, the growth of Arrow's memory, and the size of tables.
 
-        All three are in bytes.
+        All three are in bytes, for a run (`job` of the test) with this many samples.
         """
         pool = pa.default_memory_pool()
         arrow_bytes_before = pool.bytes_allocated()
         tracemalloc.start()
         try:
-            result = job(tmp_path / str(samples), samples=samples, block=count // 2)
+            result = job(tmp_path / str(samples), samples=samples, block=samples_in_block)
             peak = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
         assert result.summary["samples"] == samples
-        tables = result.summary["cost"]["tables"].values()
-        table_bytes = sum(8 * table["rows"] * table["columns"] for table in tables)
-        return peak, pool.bytes_allocated() - arrow_bytes_before, table_bytes
+        table_bytes = 0
+        for table in result.summary["cost"]["tables"].values():
+            table_bytes += 8 * table["rows"] * table["columns"]
+        arrow_growth = pool.bytes_allocated() - arrow_bytes_before
+        return peak, arrow_growth, table_bytes
 
     measure(count // 5)  # imports and caches
     small_peak, _, small_table_bytes = measure(count)

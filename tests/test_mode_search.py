@@ -73,16 +73,26 @@ def test_curves_that_are_short_along_the_input_are_met():
     The input is the rocker of a four-bar, which a crank of 0.2 deg swings by 0.6 deg only.
     The inputs of starts are drawn from a whole turn and change until the loop closes. One
     curve is near the reference pose, at the angle 0. The mirror image of the dyad (coupler
-    and rocker) has the other curve, near 97 deg. More than a fifth of the starts of a round
-    must lead to each.
+    and rocker) has the other curve, near 97 deg.
+
+    Starts are made in rounds of `STARTS_PER_ROUND`. Each curve must be reached by more
+    starts than a fifth of one round.
     """
-    small = np.radians(0.2)
-    crank, coupler = [np.sin(small), 0.0, np.cos(small)], [0.6, 0.6, np.sqrt(0.28)]
-    axes = np.array([[0.0, 0.0, 1.0], crank, coupler, [1.0, 0.0, 0.0]])
+    crank_arc = np.radians(0.2)
+    # Axes of the four pairs in the reference pose: ground and crank, crank and coupler,
+    # coupler and rocker, ground and rocker.
+    axes = np.array(
+        [
+            [0.0, 0.0, 1.0],
+            [np.sin(crank_arc), 0.0, np.cos(crank_arc)],
+            [0.6, 0.6, np.sqrt(0.28)],
+            [1.0, 0.0, 0.0],
+        ]
+    )
     made = mechanism_from_chain("1-2 2-3 3-4 1-4", axes, "p1_4")
     solver = solver_of(made)
     half_turn = np.array([np.pi])
-    # The first result has the closed configurations of the first rounds of starts together.
+    # The first result has the closed configurations of several rounds.
     _, values, _ = next(random_starts(solver, -half_turn, half_turn))
     assert np.max(solver.closure.linearise(values).closure_residual) < 1e-12
     rocker_angle = values[:, solver.input_variable]

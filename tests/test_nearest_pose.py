@@ -228,29 +228,38 @@ class UnreachablePoint:
 def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_returned(
     dimension, points
 ):
-    """Two points are moved outwards until they are reachable; the nearer one is returned.
+    """Two points are moved until they are reachable; the nearer one is returned.
+
+    The asked pose is outside the workspace. A search went from a reachable pose (`start`)
+    towards the asked pose, and ended at a pose at the border that is not reachable
+    (`distance`). So `_move_inside` moves this point back towards its start, which is away
+    from the asked pose. It is reachable from `reachable_beyond` on, if the start is
+    (`can_reach`). All three are distances from the asked pose, in rad.
 
     Poses are stated by coordinates about the asked pose, whose length is the distance from
-    it: 2 for points on the sphere, 3 for orientations. Each point is on an axis of its own.
-    The expected distance is the smaller of both limits of reach.
+    it: 2 for points on the sphere, 3 for orientations. Each point is on a coordinate axis
+    of its own. The expected distance is the smallest of the limits that can be reached.
     """
     chart = NormalCoordinates.around(np.eye(dimension + 1)[0])
     limits = np.array([point.reachable_beyond for point in points])
 
     def is_reachable(poses):
+        """Return whether poses (n,), each on one of both axes, are beyond its limit."""
         coordinates = np.abs(chart.coordinates(poses))
+        distances = np.max(coordinates, axis=1)
         axis = np.argmax(coordinates[:, :2], axis=1)
-        return np.max(coordinates, axis=1) > limits[axis]
+        return distances > limits[axis]
 
     def no_margins(poses):
         """Return margins (n, 1) that say nothing; `_move_inside` does not use them."""
         return np.zeros((len(poses), 1))
 
     search = NearestPoseSearch(no_margins, is_reachable)
+    # One axis for each of both points.
     axes = np.eye(dimension)[:2]
     unreachable = np.array([[point.distance] for point in points]) * axes
-    reachable_starts = np.array([[point.start] for point in points]) * axes
-    nearest = search._move_inside(chart, unreachable, reachable_starts)
+    starts = np.array([[point.start] for point in points]) * axes
+    nearest = search._move_inside(chart, unreachable, starts)
 
     expected_distance = min(point.reachable_beyond for point in points if point.can_reach)
     assert expected_distance <= np.linalg.norm(nearest) < expected_distance + 1e-8

@@ -55,6 +55,8 @@ def test_two_parameters_can_share_a_meaning():
     "third" in the notes is no parameter.
     """
 
+    # The class is here for its docstring, from which the meanings are read. A line end in a
+    # meaning becomes a space. Both kinds of backticks stay as they are.
     class Example:
         """Example.
 

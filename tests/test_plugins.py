@@ -48,6 +48,7 @@ class Swing(MinimalAnalysis):
     pair: str = "41"
 
     def needs(self, mechanism):
+        # This raises an error if the mechanism has no pair of this name.
         mechanism.pair(self.pair)
         return Needs(pair_values=frozenset([self.pair]))
 

@@ -295,17 +295,19 @@ def test_balls_about_a_knot_contain_the_curve_on_both_sides(knot):
             frames = curve(series)
             return np.array([series_coefficient(frames, power) for power in range(7)])
 
-        # Chords are shorter than the curve, by less than a tenth here.
-        chords = np.cumsum(np.arccos(np.vecdot(points[:-1], points[1:])))
         centre = 0.0
         if knot:
-            reach = chords[knot - 1]
-            centre = arc_length_at(curve, points[knot], 0.9 * reach, 1.2 * reach)
+            # The great arcs from point to point up to the knot. The curve is a little
+            # longer than their sum, so the knot is between these limits.
+            great_arcs = np.arccos(np.vecdot(points[:-1], points[1:]))
+            sum_of_arcs = np.cumsum(great_arcs)[knot - 1]
+            low = 0.9 * sum_of_arcs
+            high = 1.2 * sum_of_arcs
+            centre = arc_length_at(curve, points[knot], low, high)
         about_knot = frame_coefficients(widen(exact_ball(centre), radius))
         for side in (-0.5, 0.5):
             beside = frame_coefficients(exact_ball(centre + side * radius))
-            is_inside = [
-                ball.overlaps(value)
-                for ball, value in zip(about_knot.flat, beside.flat, strict=True)
-            ]
-            assert all(is_inside)
+            for ball, value in zip(about_knot.flat, beside.flat, strict=True):
+                # The exact value is somewhere in the tiny ball `value`. The large ball can
+                # contain it only if both overlap.
+                assert ball.overlaps(value)

@@ -57,20 +57,25 @@ def shown_lines(text, width):
     It understands what the progress bar uses: carriage return, line feed, wrapping at
     `width` characters, and the escape sequences A (cursor up) and K (erase the line).
     """
-    lines, row, column = [[]], 0, 0
+    lines = [[]]  # each line is a list of characters
+    row = 0
+    column = 0
     for count, command, character in re.findall(
         r"\x1b\[([?0-9;]*)([A-Za-z])|(.|\n)", text, re.S
     ):
         if character == "\r":
             column = 0
         elif character == "\n" or (character and column >= width):
-            row, column = row + 1, 0
-            lines.extend([] for _ in range(row + 1 - len(lines)))
+            row += 1
+            column = 0
+            if row == len(lines):
+                lines.append([])
         if character and character not in "\r\n":
-            lines[row][column:] = [" "] * max(column - len(lines[row]), 0) + [
-                character,
-                *lines[row][column + 1 :],
-            ]
+            line = lines[row]
+            # The cursor can be behind the end of the line; then spaces fill the gap.
+            while len(line) <= column:
+                line.append(" ")
+            line[column] = character
             column += 1
         if command == "A":
             row = max(row - int(count or 1), 0)

@@ -100,13 +100,16 @@ def test_eight_bars_driven_at_any_pair_have_a_construction_with_three_unknowns()
 def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them():
     """Modes proven for all sizes within 1e-6 rad enclose those of such mechanisms.
 
-    A mode is one way to assemble the mechanism at the input. Arcs of the file are changed
-    by random numbers of up to 1e-6 rad, five times. The proven joint angles of each changed
-    mechanism overlap the intervals of one mode.
+    A mode is one way to assemble the mechanism at the input, which is 40 deg here. Arcs of
+    the file are changed by random numbers of up to 1e-6 rad, five times. The proven joint
+    angles of each changed mechanism overlap the intervals of one mode.
     """
-    modes = certified_modes_of("four_bar", pair=None, inputs=("40",), tolerance=1e-6)
+    # With None the input is that of the file. Its angle is a decimal number as text.
+    angle_deg = ("40",)
+    modes = certified_modes_of("four_bar", pair=None, inputs=angle_deg, tolerance=1e-6)
     assert modes.is_complete
     assert len(modes.real) == 2
+    # For each mode an interval for each joint angle.
     enclosures = modes.angles()
     random_numbers = random.Random(5)
     mechanism = modes.decimal_mechanism.mechanism
@@ -115,11 +118,14 @@ def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them
         for link, sizes in mechanism.geometry.links.items():
             arcs[link] = [arc + random_numbers.uniform(-1e-6, 1e-6) for arc in sizes.arcs]
         changed = mechanism.with_sizes(angle_unit="rad", arcs=arcs)
-        for angles in certify_modes(read_decimals(changed), ("40",)).angles():
-            assert any(
-                all(a.overlaps(b) for a, b in zip(angles, enclosure, strict=True))
-                for enclosure in enclosures
-            )
+        changed_modes = certify_modes(read_decimals(changed), angle_deg)
+
+        def is_enclosed(angles, enclosure):
+            """Return whether the angles of a mode overlap the intervals of another one."""
+            return all(a.overlaps(b) for a, b in zip(angles, enclosure, strict=True))
+
+        for angles in changed_modes.angles():
+            assert any(is_enclosed(angles, enclosure) for enclosure in enclosures)
 
 
 def tampered(certificate, random_choice):

@@ -186,8 +186,10 @@ def tamper_with_systems(certificate, random_choice):
     Parameters
     ----------
     certificate
-        Dictionary of a file of a proof: "systems" are the systems of equations with their
-        solutions, "roots" the complex modes, and "modes" is the number of real modes.
+        Dictionary of a file of a proof. "systems" are the systems of equations, which are
+        solved one after another. A system is solved once for each solution of the systems
+        before it. "solved" lists these cases, each with its "solutions". "roots" are the
+        complex modes, and "modes" is the number of real modes.
     random_choice
         `random.Random`, which selects the falsification and the entry.
     """
@@ -195,9 +197,9 @@ def tamper_with_systems(certificate, random_choice):
     system = random_choice.choice(systems)
     solutions = random_choice.choice(system["solved"])["solutions"]
     falsification = random_choice.randrange(7)
-    if falsification == 0:  # a solution is missing
-        for entry in systems[0]["solved"]:
-            del entry["solutions"][0]
+    if falsification == 0:  # in each case of the first system a solution is missing
+        for case in systems[0]["solved"]:
+            del case["solutions"][0]
     elif falsification == 1:  # a solution is listed twice, another one is missing
         solutions[0] = copy.deepcopy(solutions[1])
     elif falsification == 2:  # a system is missing

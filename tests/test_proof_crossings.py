@@ -81,6 +81,9 @@ def test_the_proof_knows_on_which_side_a_four_bar_misses_a_crossing(step, link, 
     of u and v. Curves that miss each other join the arms in pairs. If the level sign is
     positive, both arms with v > 0 are joined, and both with v < 0. If it is negative, both
     arms with u > 0 are joined, and both with u < 0.
+
+    Two joined arms are one curve. If the input rises on one of them away from the saddle
+    and falls on the other, the curve passes 180 deg. Otherwise it turns back.
     """
     # A decimal number as text, such as "-1e-6".
     change = sign + step
@@ -104,17 +107,22 @@ def test_the_proof_knows_on_which_side_a_four_bar_misses_a_crossing(step, link, 
     for saddle in curves.saddles:
         assert saddle.level_sign in (1, -1)
         # Two arms are joined if this component of their signs (0: u, 1: v) is equal.
-        joint_component = 1 if saddle.level_sign > 0 else 0
+        if saddle.level_sign > 0:
+            joint_component = 1
+        else:
+            joint_component = 0
         signs_by_arm = saddle.outward_signs
         for arm_a, arm_b in itertools.combinations(signs_by_arm, 2):
-            if arm_a[joint_component] == arm_b[joint_component]:
-                # The sign of the direction along the input, the last variable, in which an
-                # arm leaves. A joined curve passes the input or turns back.
-                side_a = signs_by_arm[arm_a][-1]
-                side_b = signs_by_arm[arm_b][-1]
-                assert side_a != 0
-                assert side_b != 0
-                assert (side_a != side_b) == closes
+            are_joined = arm_a[joint_component] == arm_b[joint_component]
+            if are_joined:
+                # Whether the input, the last variable, rises (1) or falls (-1) on an arm
+                # away from the saddle. It is 0 if this is not proven.
+                input_sign_a = signs_by_arm[arm_a][-1]
+                input_sign_b = signs_by_arm[arm_b][-1]
+                assert input_sign_a != 0
+                assert input_sign_b != 0
+                passes_half_a_turn = input_sign_a != input_sign_b
+                assert passes_half_a_turn == closes
 
 
 @pytest.mark.many

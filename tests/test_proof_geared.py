@@ -98,9 +98,12 @@ def test_the_clearance_of_a_geared_five_bar_is_the_distance_to_a_dead_centre(
 ):
     """The clearance of an input is its distance to the next singularity or end of range.
 
-    It may not exceed the distance to the dead centres, where the input cannot go on, and
-    may be less by 1e-5 deg at most. `dead_centres` computes these by a closed form.
-    Distances of a full cycle are taken around its `laps` turns.
+    `geared` makes a geared five-bar with these numbers of teeth. The clearance may not
+    exceed the distance to the dead centres, where the input cannot go on, and may be less
+    by 1e-5 deg at most. `dead_centres` computes these by a closed form.
+
+    After a cycle of `laps` turns of the input, all configurations return. So two inputs are
+    never farther apart than half a cycle.
     """
     curves = certify_curves(geared(teeth), ends)
     located = locate_singularities(curves)
@@ -115,7 +118,9 @@ def test_the_clearance_of_a_geared_five_bar_is_the_distance_to_a_dead_centre(
     cycle = 360.0 * laps
     distances = [0.5 * cycle]
     for dead_centre in expected_dead_centres:
-        distances.append(abs((dead_centre - q + 0.5 * cycle) % cycle - 0.5 * cycle))
+        # The difference plus or minus whole cycles, between minus half and half a cycle.
+        difference = (dead_centre - q + 0.5 * cycle) % cycle - 0.5 * cycle
+        distances.append(abs(difference))
     if not curves.is_full_cycle:
         distances += [abs(low - q), abs(high - q)]
     clearance = np.degrees(located.clearance(np.radians(q)))

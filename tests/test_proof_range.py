@@ -99,9 +99,10 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
 def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
     """A turning point of the input beside a long piece of a curve is proven.
 
-    A piece is a box with exactly one arc of the curve, by proof. The longer the box, the
-    wider the bounds of rates in it. The two random eight-bars have pieces of nearly the
-    largest possible length.
+    A piece is a box with exactly one arc of the curve, by proof. Rates are the derivatives
+    of all variables along this arc, by the coordinate along the box. Rates and their own
+    derivatives have a lower and an upper bound, which are wide in a long box. The two
+    random eight-bars have pieces of nearly the largest possible length.
 
     If a lower bound of a rate were above the upper one, the rate would have a wrong sign,
     which would hide a turning point. The number of modes (ways to assemble the links) would
@@ -161,7 +162,8 @@ def test_singularities_proven_are_those_that_a_run_reports(name, pair):
 def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
     """Curves are proven for all sizes within a tolerance of 1e-7 rad.
 
-    The input at a dead centre depends on the sizes. With 1e-5 rad, a range of the input
+    The curves of a four-bar are proven over a whole turn of its input 41 (`TURN`). The
+    input at a dead centre depends on the sizes. With 1e-5 rad, a range of the input
     about each of the four dead centres is therefore undecided, 0.01 to 0.02 rad wide.
     Between these ranges there are two modes or none. With 0.03 rad and at most 3000 boxes
     nothing is proven.
@@ -170,7 +172,10 @@ def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
     assert len(curves.turning_points) == 4
     coarse = curves_over_range("four_bar", "41", TURN, tolerance=1e-5)
-    assert coarse.completeness.box < 0.022 and len(coarse.undecided_ranges) == 4
+    # `box` is the width (rad) of the largest undecided range.
+    assert coarse.completeness.box < 0.022
+    assert len(coarse.undecided_ranges) == 4
+    # Each interval of the input has its ends and the number of modes.
     assert [count for _, _, count in coarse.intervals] == [0, 2, 0, 2, 0]
     decimal_mechanism = read_decimals(driven_at(sk.load("four_bar"), "41"), tolerance=0.03)
     monkeypatch.setattr("spherekit.proof.configuration_curves.MAX_CURVE_BOXES", 3000)
