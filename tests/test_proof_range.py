@@ -172,7 +172,7 @@ def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
     assert len(curves.turning_points) == 4
     coarse = curves_over_range("four_bar", "41", TURN, tolerance=1e-5)
-    # `box` is the width (rad) of the largest undecided range.
+    # What may be missing fits into a box of this width (rad).
     assert coarse.completeness.box < 0.022
     assert len(coarse.undecided_ranges) == 4
     # Each interval of the input has its ends and the number of modes.
@@ -274,17 +274,20 @@ def test_the_input_is_clear_of_singularities_as_far_as_is_said():
 
     It must never exceed the distance by the analysis `singularities`, and may be smaller by
     error bounds only (1e-6 rad). It also ends at the ends of the proven range.
+
+    The analysis lists places where the input rests and places where the output rests. For
+    the latter the proof needs the pair of the output as a variable (`wanted`).
     """
     mechanism = driven_at(sk.load("four_bar"), "41")
-    curves = curves_over_range(
-        mechanism,
-        wanted=find_output_pairs(read_decimals(mechanism)).values(),
-    )
+    output_pairs = find_output_pairs(read_decimals(mechanism)).values()
+    curves = curves_over_range(mechanism, wanted=output_pairs)
     proven = locate_singularities(curves)
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
     for q in np.radians([-100.0, 77.7]):
         gaps = np.abs(wrap(frame["q"].to_numpy() - q))
         assert np.min(gaps) - 1e-6 < proven.clearance(q) <= np.min(gaps)
+    # From 71 deg, the end of a range from 70 to 80 deg is 1 deg away. Only this end matters
+    # here, so singularities of the output are not asked for.
     narrow = locate_singularities(curves_over_range(mechanism, ends=("70", "80")))
     assert narrow.clearance(np.radians(71.0)) <= np.radians(1.0)
 

@@ -273,28 +273,34 @@ def test_directions_of_outputs_by_quantities_are_those_of_rotations(name, compar
 @pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_forces_and_free_accelerations_are_those_of_inverse_dynamics(name):
-    """Forces, torques and energy by name are those of inverse dynamics.
+    """Forces, torques, inertia and energy by name are those of inverse dynamics.
 
-    `RowsOfFirstSample` has them from a sweep. The free acceleration is that of the inputs
-    if no torque drives them. The inputs follow a law of time with another acceleration.
-    From M ddq + h = torque, with the mass matrix M, follows M (free acceleration -
-    acceleration of the law) = -torque.
+    `RowsOfFirstSample` has them from a sweep. B is the mass matrix by its name. The free
+    acceleration is that of the inputs if no torque drives them. The inputs follow a law of
+    time with another acceleration. From M ddq + h = torque, with the mass matrix M, follows
+    M (free acceleration - acceleration of the law) = -torque.
     """
-    # "B_" are derivatives of the acceleration by torques.
-    rows = RowsOfFirstSample(
-        name, lambda x: x.startswith(("torque", "gen", "free", "kin", "B_"))
-    )
+    beginnings = ("torque", "generalized", "free", "kinetic", "B")
+    rows = RowsOfFirstSample(name, lambda quantity: quantity.startswith(beginnings))
     dynamics = rows.dynamics
     input_suffixes = [suffix for suffix, _ in rows.input_suffixes()]
     is_good = dynamics.status == sk.Status.OK
     assert np.any(is_good)
     free = rows.quantities("free_acceleration", rows.component_suffixes())
     excess = free - dynamics.input_accelerations
+    torques_of_excess = (dynamics.M @ excess[:, :, None])[:, :, 0]
+    # The mass matrix row by row: (modes, inputs * inputs).
+    matrix_suffixes = []
+    for component in rows.component_suffixes():
+        for suffix in input_suffixes:
+            matrix_suffixes.append(component + suffix)
+    mass_matrix = dynamics.M.reshape(len(dynamics.M), -1)
     for computed, expected in (
         (rows.quantities("generalized_force", input_suffixes), dynamics.Q_all),
         (rows.quantities("torque", input_suffixes), dynamics.torques),
         (rows.quantities("kinetic_energy"), dynamics.kinetic[:, None]),
-        (np.einsum("nij,nj->ni", dynamics.M, excess), -dynamics.torques),
+        (rows.quantities("B", matrix_suffixes), mass_matrix),
+        (torques_of_excess, -dynamics.torques),
     ):
         scale = np.max(np.abs(expected[is_good]), axis=1, keepdims=True) + 1e-9
         assert np.max(np.abs(computed - expected)[is_good] / scale) < 1e-9
@@ -329,20 +335,19 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
 
     Control needs them. From M ddq + h(q, dq) = torque, A_q and A_dq are -M^-1 times the
     derivatives of the torque by q and dq at constant accelerations, and B_torque is M^-1.
-    The reference are five-point differences in each input, with steps of `STEP` rad or
-    rad/s.
+    The reference are five-point differences of the torques that inverse dynamics finds. One
+    angle or one rate is changed at a time, by -2, -1, 1 and 2 times `STEP` (rad or rad/s).
 
-    One run of inverse dynamics evaluates all states of the differences. It takes laws of
-    time, so the states are put at times that are `MOMENT` apart, and `StencilLaw` returns
-    the state of number t / `MOMENT`. Loads hardly change in so short a time.
+    One call of inverse dynamics evaluates all these states. It takes laws of time, so each
+    state has a time of its own: state k belongs to the time k `MOMENT`. `StencilLaw` is
+    such a law. The times are so short that loads hardly depend on them.
     """
     # The quantities by their names, at the first sample of a run.
     rows = RowsOfFirstSample(name, lambda x: x.startswith(("A_", "B_torque")))
     count = len(rows.inputs)
     state = np.array([rows.q, RATES[:count], ACCELERATIONS[:count]])
-    # Order: angle or rate, input, position in the stencil.
-    positions = (-2, -1, 1, 2)
-    changes = list(product((0, 1), range(count), positions))
+    # A change has its kind (0: angle, 1: rate), the number of the input, and its steps.
+    changes = list(product((0, 1), range(count), (-2, -1, 1, 2)))
     states = np.tile(state, (len(changes), 1, 1))
     for row, (kind, j, steps) in enumerate(changes):
         states[row, kind, j] += steps * STEP
@@ -351,13 +356,16 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
         laws[pair] = StencilLaw(states[:, :, k].T)
     times = MOMENT * np.arange(len(states))
     torques = sk.inverse_dynamics(rows.mechanism, laws, times).torques
+    # The rows of `torques` are the states of mode 0, then those of mode 1, and so on. Here
+    # they get the axes (modes, kinds, changed inputs, steps, torques).
     torques = torques.reshape(-1, 2, count, 4, count)
-    # The axes are those of `changes`, for every mode and torque. In the letters below,
-    # n: modes, k: angle or rate, j: changed input, s: stencil, i: torque.
-    weights = [1.0, -8.0, 8.0, -1.0]  # of `positions`
-    slopes = np.einsum("s,nkjsi->nkij", weights, torques) / (12.0 * STEP)
+    two_back, one_back, one_ahead, two_ahead = np.moveaxis(torques, 3, 0)
+    differences = two_back - 8.0 * one_back + 8.0 * one_ahead - two_ahead
+    # (modes, kinds, torques, changed inputs)
+    slopes = np.swapaxes(differences / (12.0 * STEP), 2, 3)
     inverse_mass = np.linalg.inv(rows.dynamics.M)
-    expected = -np.einsum("nim,nkmj->nkij", inverse_mass, slopes)
+    # The same matrix is used for both kinds.
+    expected = -(inverse_mass[:, None] @ slopes)
     is_good = np.all(np.isfinite(expected), axis=(1, 2, 3))
     assert np.any(is_good)
 

@@ -150,6 +150,10 @@ def test_scenes_come_block_by_block_while_the_run_goes_on():
     grow with each report of progress. At the end every drawing has all samples. The page
     "Construction" has three rows, one for each step in which poles are constructed. `focus`
     is the direction in which the camera looks.
+
+    Static drawings are the same at all samples. The recorder gets three of them before the
+    first block: the ground (link 1), the plan of the construction as a text, and the graph
+    of links and pairs.
     """
     listener = SceneListener()
     reports = []

@@ -437,11 +437,14 @@ def four_bar_with_spring_and_inertia(stiffness=3.0, rest=40.0, tensor=0.4):
     """Return a four-bar with a torsion spring, and inertia of coupler and rocker.
 
     `stiffness` is in N m/rad, the rest angle `rest` of the spring in degrees, and `tensor`
-    is the moment of inertia (kg m^2) of the rocker about its z axis.
+    is the moment of inertia (kg m^2) of the rocker about its z axis. Arcs are in degrees.
     """
     coil = {"kind": "spring", "pair": "hinge", "stiffness": stiffness, "rest": rest}
     return crank_rocker(
-        **{**BESIDE_A_DEAD_CENTRE, "base": 60.0, "crank": 25.0},
+        base=60.0,
+        crank=25.0,
+        coupler=100.0,
+        rocker=110.0,
         inputs={"drive": (0, 360)},
         mass={
             "rocker": {"tensor": np.diag([1.0, 0.9, tensor]).tolist()},

@@ -27,6 +27,9 @@ def test_tables_of_forces_have_numbers_and_no_failed_rows(name):
     The loads in the files must have an effect: the largest torque of each input exceeds
     1e-3 N m. A pair transmits a moment to its two bearings by a couple of forces. The
     largest of these forces exceeds 0.1 N in each pair with bearings.
+
+    A row has a status. The only one other than OK is OUT_OF_REACH: the mode does not exist
+    at the inputs of this row, so nothing can be computed there.
     """
     run = sk.run(name, ["dynamics", "reactions", "statics"], samples=13)
     assert not run.failures
@@ -37,7 +40,7 @@ def test_tables_of_forces_have_numbers_and_no_failed_rows(name):
             finite_numbers = numbers.to_numpy()[np.isfinite(numbers)]
             assert len(rows) > 0, table.name
             assert np.any(finite_numbers != 0.0), table.name
-            assert not np.isin(rows["status"], ("OVERFLOW", "NOT_CONVERGED")).any()
+            assert set(rows["status"]) <= {"OK", "OUT_OF_REACH"}, table.name
     for analysis in ("dynamics", "statics"):
         torques = run.frame(analysis).filter(like="tau")
         largest_by_input = torques.abs().max()

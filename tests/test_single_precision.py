@@ -245,7 +245,9 @@ def test_a_number_type_of_the_user_compiles_and_gives_derivatives(tmp_path):
     """An exported C++ template gives derivatives if it is used with dual numbers.
 
     A dual number has a value and a derivative by the input (`dual_number_program`). Both
-    must be those of `sk.evaluate` for all pair angles.
+    must be those of `sk.evaluate` for all pair angles. The program evaluates them at one
+    input: that of the known configuration of mode 0, which is exported with the mode
+    (`at`).
     """
     exported = formulas("four_bar", ["theta_*", "pole_4_2_*"])
     (tmp_path / "x.hpp").write_text(source(exported, "cpp"))
@@ -257,7 +259,8 @@ def test_a_number_type_of_the_user_compiles_and_gives_derivatives(tmp_path):
     printed = subprocess.check_output([str(program)], text=True)
     results = np.array([line.split() for line in printed.splitlines()], dtype=float)
 
-    evaluation = sk.evaluate("four_bar", exported.modes[0].at[0], assembly_mode=0)
+    (known_input,) = exported.modes[0].at
+    evaluation = sk.evaluate("four_bar", known_input, assembly_mode=0)
     angle_names = [name for name in exported.results if name.startswith("theta_")]
     # Angles are the first results.
     for (value, derivative), name in zip(results, angle_names, strict=False):

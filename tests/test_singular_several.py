@@ -404,9 +404,10 @@ def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
 def cosine_between_elbows(first_input, second_input):
     """Return the cosine of the arc between the elbows of a five-bar at two inputs in rad.
 
-    The elbows are the free ends of both cranks. It is an independent formula: the first
-    fixed axis is z, and the base arc lies in the y-z plane. The input of a crank is its
-    angle from the base arc, which at the second axis points towards the first.
+    The elbows are the free ends of both cranks. It is an independent formula. The first
+    fixed axis is z; the second is in the y-z plane, on the side of y. At the input 0 each
+    crank points along the base arc, towards the other fixed axis. From there it turns in
+    the positive sense about its own axis: the first elbow towards -x, the second towards x.
     """
     base, crank_1, crank_2 = np.radians([BASE_DEG, FIRST_LEG_DEG[0], SECOND_LEG_DEG[0]])
     first_elbow = (
@@ -414,11 +415,14 @@ def cosine_between_elbows(first_input, second_input):
         np.sin(crank_1) * np.cos(first_input),
         np.cos(crank_1),
     )
+    # Components of the second elbow: on its axis (0, sin(base), cos(base)), and along the
+    # base arc, which has the direction (0, -cos(base), sin(base)) there.
+    on_axis = np.cos(crank_2)
     along_base = np.sin(crank_2) * np.cos(second_input)
     second_elbow = (
         np.sin(crank_2) * np.sin(second_input),
-        np.cos(crank_2) * np.sin(base) - along_base * np.cos(base),
-        np.cos(crank_2) * np.cos(base) + along_base * np.sin(base),
+        on_axis * np.sin(base) - along_base * np.cos(base),
+        on_axis * np.cos(base) + along_base * np.sin(base),
     )
     return sum(a * b for a, b in zip(first_elbow, second_elbow, strict=True))
 

@@ -204,11 +204,11 @@ def test_folding_four_bars_have_the_right_types(name):
 def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
     """Near a parallelogram, the type of a singularity is right or called undecided.
 
-    The base is 10^-power rad too long: 1e-8 or 1e-12 rad. With equal opposite links all
-    axes can lie in one plane, a singularity of type III. With the longer base there is one
-    of type I and one of type II, close to each other. At 1e-8 rad both must be told apart.
-    At 1e-12 rad rounding does not allow that, and each row must say type III, not certain,
-    undecided.
+    With equal opposite links all axes lie in one plane at the inputs 0 and 180 deg, which
+    are singularities of type III. Here the base is 10^-power rad too long: 1e-8 or 1e-12
+    rad. The mechanism then has two singularities of type I close to the input 0, and two of
+    type II close to 180 deg. At 1e-8 rad these types must be found. At 1e-12 rad rounding
+    does not allow that, and each row must say type III, not certain, undecided.
     """
     arcs = np.radians(FOLDING["parallelogram"][0])
     arcs[0] += 10.0**-power
@@ -221,7 +221,8 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
         assert frame["kind"].value_counts().to_dict() == {"I": 2, "II": 2}
         assert set(frame["certain"]) == {"yes"}
         return
-    assert set(frame["kind"]) == {"III"} and set(frame["certain"]) == {"no"}
+    assert set(frame["kind"]) == {"III"}
+    assert set(frame["certain"]) == {"no"}
     assert all("undecided within tolerance" in words for words in frame["note"])
     assert "AT_SINGULARITY" in set(relation["status"].astype(str))
 

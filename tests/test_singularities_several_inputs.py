@@ -28,13 +28,15 @@ def five_bar_run(tmp_path_factory):
 def test_points_of_singular_curves_say_why_they_are_singular(five_bar_run):
     """Points of singular curves of a five-bar with two inputs state their condition.
 
-    `five_bar_run` is a run of the analysis. Let input k move at the rate q_k' while the
-    other one is locked. The output then turns at a rate y' about an axis u_k, and c_k y' =
-    d_k q_k'.
+    `five_bar_run` is a run of the analysis. One input, k, moves at a rate q_k' while the
+    other one is locked. The output link then turns about an axis u_k, at a rate y'. The two
+    rates are related by the equation c_k y' = d_k q_k', whose factors depend on the
+    configuration. The output is a direction that is fixed in this link.
 
-    - At type II both couplers are in line. Both c are 0, and both axes u_k coincide.
-    - At type I either a d is 0, or u_k is along the direction that is the output. The
-      direction then rests, because it lies on the axis of rotation.
+    - At type II both couplers are in line. Then c_k is 0 for both inputs, and both axes u_k
+      coincide.
+    - At type I the output rests. Either d_k is 0 for an input, or the axis u_k is along the
+      output itself, which then does not move.
 
     The column `signs` has the sign of the dyad (the two couplers). It is 0 where the
     assembly modes 0 and 1 meet.
@@ -43,6 +45,7 @@ def test_points_of_singular_curves_say_why_they_are_singular(five_bar_run):
     frame = result.frame("singularities")
     columns = "kind condition assembly_mode q_21 q_51 inside"
     assert list(frame)[:6] == columns.split()
+    # Curves are searched in boxes of inputs. All that are larger than a box were found.
     assert set(frame.guarantee) == {"complete to a box size"}
     assert frame.residual.max() < 1e-12
     conditions_1 = set(frame[frame.kind == "I"].condition)
@@ -87,6 +90,37 @@ def test_findings_count_aspects_and_singular_curves_as_the_tables_do(five_bar_ru
     )
 
 
+def parse_reach(text):
+    """Return the inputs that curves reach, from a text such as "21 = 74, 51 = 41 to 140".
+
+    Curves are separated by "; ", and inputs by ", ". An input is one angle (deg) or a
+    range. Without a curve the text is "-".
+
+    Returns
+    -------
+    list with an item for each curve: a list of (lowest, highest) angle of each input
+    """
+    if text == "-":
+        return []
+    curves = []
+    for text_of_curve in text.split("; "):
+        limits = []
+        for text_of_input in text_of_curve.split(", "):
+            _, angles = text_of_input.split(" = ")
+            numbers = [float(angle) for angle in angles.split(" to ")]
+            limits.append((min(numbers), max(numbers)))
+        curves.append(limits)
+    return curves
+
+
+def is_within(point, limits):
+    """Return whether inputs (deg) are within limits that are rounded to a degree."""
+    for angle, (lowest, highest) in zip(point, limits, strict=True):
+        if not lowest - 0.5 <= angle <= highest + 0.5:
+            return False
+    return True
+
+
 def test_the_screen_says_how_many_singular_curves_there_are_and_where(five_bar_run):
     """The printed table of singular curves agrees with the table of their points.
 
@@ -101,29 +135,26 @@ def test_the_screen_says_how_many_singular_curves_there_are_and_where(five_bar_r
         "Singularities of the output pointer (3/1) in the ranges"
     )
     points = result.frame("singularities")
-    rows = {row[0].split(" (")[0].removeprefix("type "): row for row in table["rows"]}
+    row_by_kind = {}
+    for row in table["rows"]:
+        # Such as "type II (the locked inputs do not hold the output)".
+        kind, *_ = row[0].removeprefix("type ").split(" (")
+        row_by_kind[kind] = row
+    words_of_count = {0: "none", 1: "1 curve"}
     for kind in ("I", "II"):
         of_kind = points[points.kind == kind]
         inside = of_kind[of_kind.inside == "yes"]
-        count = inside.curve.nunique()
-        _, inside_text, outside_text, reach = rows[kind]
-        word = "curve" if count == 1 else "curves"
-        assert inside_text == (f"{count} {word}" if count else "none")
-        outside = of_kind.curve.nunique() - count
-        assert outside_text.startswith(str(outside) if outside else "none")
-        reaches = [
-            [[float(x) for x in part.split(" = ")[1].split(" to ")] for part in parts]
-            for parts in (text.split(", ") for text in reach.split("; ") if text != "-")
-        ]
-        degrees = np.degrees(inside[["q_21", "q_51"]].to_numpy())
-        for point in degrees:
-            assert any(
-                all(
-                    limits[0] - 0.5 <= angle <= limits[-1] + 0.5
-                    for limits, angle in zip(curve, point, strict=True)
-                )
-                for curve in reaches
-            )
+        inside_count = inside.curve.nunique()
+        _, inside_text, outside_text, reach_text = row_by_kind[kind]
+        assert inside_text == words_of_count.get(inside_count, f"{inside_count} curves")
+        outside_count = of_kind.curve.nunique() - inside_count
+        if outside_count:
+            assert outside_text.startswith(str(outside_count))
+        else:
+            assert outside_text.startswith("none")
+        limits_of_curves = parse_reach(reach_text)
+        for point in np.degrees(inside[["q_21", "q_51"]].to_numpy()):
+            assert any(is_within(point, limits) for limits in limits_of_curves)
 
 
 def test_recording_has_the_curves_on_the_sphere_and_in_the_plane_of_inputs(

@@ -115,7 +115,10 @@ def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, rou
     """
     mechanism = open_chain(chain)
     input_count = len(mechanism.inputs)
-    path = LAST_ANGLES[:, None] * np.linspace(1.0, 0.5, input_count)
+    # (samples, pairs) pair angles, rad. The first pair turns by `LAST_ANGLES`, the last one
+    # by half as much.
+    part_of_pair = np.linspace(1.0, 0.5, input_count)
+    path = LAST_ANGLES[:, None] * part_of_pair
     position_analysis = PositionAnalysis(mechanism, path=path)
     motion = position_analysis.motion()
     assert np.all(motion.status == Status.OK)
@@ -131,8 +134,9 @@ def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, rou
             reference_axis = mechanism.geometry.axes[pair.name]
             axis = rotations[pair.links[0]].apply(reference_axis)
             for number, link in enumerate(mechanism.links):
-                rate = axis if link in moved_links else np.zeros(3)
-                assert np.max(np.abs(field.w[number][row] - rate)) < 1e-14
+                # The pair moves at unit rate.
+                angular_velocity = axis if link in moved_links else np.zeros(3)
+                assert np.max(np.abs(field.w[number][row] - angular_velocity)) < 1e-14
                 rotation = rotations[link].as_matrix()
                 difference = motion.rotations[row, number] - rotation
                 assert np.max(np.abs(difference)) < 1e-14

@@ -107,8 +107,9 @@ def test_a_reference_pose_at_a_dead_centre_is_singular_and_closes_on_one_side(
     """A reference pose at a dead centre is singular, and the loop closes on one side only.
 
     `axes_at_dead_centre` returns random joint axes at a dead centre of the driven pair. The
-    pose is a double root of the equations. So it is found to 1e-6 rad only, about the
-    square root of rounding.
+    pose is a double root of the equations. An error of the equations then moves the root by
+    about its square root. Rounding errors are 1e-16 or a few powers of ten larger, so the
+    pose is found to 1e-6 rad only.
     """
     random = np.random.default_rng(11)
     for _ in range(2):

@@ -232,22 +232,28 @@ def test_nondominated_rows_are_those_that_no_row_of_their_mode_beats():
 def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
     """A synthesized five-bar has a larger least sine over a cone than the agile eye.
 
-    The sine is that of the angle between the distal arcs, which is maximized over a cone of
-    25 degrees. The five axes of the five-bar are A and D at the base, the elbows B and E,
-    and C on the platform. C is led round a cone whose axis is at right angles to A and D.
-    The distal arcs are those from C to B and from C to E. Pair F has the same axis as C, so
-    that the angle between the distal arcs is theta_C - theta_F.
+    The five axes of a five-bar are A and D at the base, the elbows B and E, and C on the
+    platform. The distal arcs are those from C to B and from C to E. Link 6 leads C round a
+    cone of 25 degrees about an axis W of the base. Pair F has the same axis as C, so that
+    the angle between the distal arcs is theta_C - theta_F. The synthesis maximizes the
+    least sine of this angle on the cone: its objective is the negative of this sine.
 
-    With all arcs of 90 degrees, as in the agile eye, the sine has a closed form. B is along
-    A x C and E along D x C. The cosine between the distal arcs has the size a d /
-    sqrt((1-a^2)(1-d^2)), with the components a and d of C along A and D. On the cone a^2 +
-    d^2 = sin(25 deg)^2. The cosine is therefore largest, and the sine least, where a = d.
-    This is at 45 degrees on the cone, which is one of 73 samples. The objective of the
-    synthesis is the negative of the least sine.
+    The agile eye has four moving links with arcs of 90 degrees, and W, A and D at right
+    angles to each other. Its sine has a closed form. With the components a and d of C along
+    A and D, the cosine between the distal arcs has the size
+
+        a d / sqrt((1 - a^2) (1 - d^2)).
+
+    On the cone a^2 + d^2 = sin(25 deg)^2. So the cosine is largest, and the sine least,
+    where a = d. This is at 45 degrees on the cone, which is one of the 73 samples.
     """
     result = sk.synthesize(EXAMPLES / "cone.toml", designs=512, starts=1)
+    # The only value of each size, in degrees. Those of the base (link 1) are the arcs from
+    # W to A and to D, and the angle between these arcs.
     arcs = {f"links.{link}.arc": [90.0] for link in "2345"}
-    arcs |= {f"links.1.{key}": [90.0] for key in ("arcs.A", "arcs.D", "angles.D")}
+    arcs["links.1.arcs.A"] = [90.0]
+    arcs["links.1.arcs.D"] = [90.0]
+    arcs["links.1.angles.D"] = [90.0]
     agile_eye = sk.sweep(
         EXAMPLES / "five_bar_cone.toml",
         arcs,
@@ -255,7 +261,8 @@ def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
         samples=73,
     ).frame()
     a_squared = np.sin(np.radians(25.0)) ** 2 / 2.0
-    least_sine = np.sqrt(1.0 - a_squared**2 / (1.0 - a_squared) ** 2)
+    largest_cosine = a_squared / (1.0 - a_squared)
+    least_sine = np.sqrt(1.0 - largest_cosine**2)
     assert agile_eye["least_sine"].to_numpy() == pytest.approx(least_sine, rel=1e-12)
     assert -result.objectives[0, 0] > agile_eye["least_sine"].max()
 

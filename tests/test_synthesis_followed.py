@@ -326,10 +326,12 @@ def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
 ):
     """An assembly mode that is followed to another design and back has returned.
 
-    The two designs have the longitudes -8 and 20 degrees of axis C. A mode is stored as a
-    design, its origin, with its configurations (variables, samples) there. In another
-    design they are tracked from the origin, while the sizes change gradually.
-    Configurations are NaN at samples at which the mode does not close or is lost.
+    The two designs have the longitudes -8 and 20 degrees of axis C. A mode is known by its
+    configurations (variables, samples) in one design, which is called its origin. Those in
+    another design are found from there: the sizes change gradually, and the configurations
+    follow (`track_to`). They are NaN at samples at which the mode does not close or is
+    lost. `with_origin` returns the same mode with another design as its origin.
+    `continues_in` says whether a mode, tracked to the design of another mode, is that mode.
     """
     longitude = np.array([-8.0])
     other_longitude = np.array([20.0])

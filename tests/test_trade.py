@@ -226,6 +226,8 @@ def test_recommended_settings_meet_the_tolerance(name, count, samples):
         plan = make_analysis_plan(sampling, create_analysis("poles"))
         (motion,) = plan.sampling.blocks(samples)
         reference = compute_reference_tables(plan, motion)
+        # Both unit vectors along a pole axis are right. Those of this setting get the
+        # senses of the reference, so that they can be compared.
         tables, _, _ = compute_timed_tables(
             plan.sampling, *plan.analyses, chosen.setting, reference.pole_fields
         )

@@ -415,26 +415,31 @@ def test_modes_half_a_turn_of_the_arm_apart_are_two_although_a_planet_has_turned
 ):
     """Two modes half a turn of the arm apart are counted as two.
 
-    `PLANET_WITH_PIN` is a planet on a fixed sun, and a rod from its pin to a crank. When
-    the arm turns by half a revolution, the planet turns once relative to it. At three of
-    the crank angles two modes happen to be that far apart. The expected arm angles come
-    from a scan: the rod fits where the distance between its ends is 50 deg.
+    `PLANET_WITH_PIN` is a planet on a fixed sun, and a rod from its pin to a crank. The arm
+    carries the planet. The sun has twice as many teeth as the planet, so the planet turns
+    relative to the arm by twice the angle of the arm: once while the arm makes half a turn.
+    At three of the crank angles two modes happen to be that far apart. The expected arm
+    angles come from a scan: the rod fits where the distance between its ends is 50 deg.
     """
     mechanism = loads(PLANET_WITH_PIN.format(crank_arc_deg))
     path = np.array([[np.radians(crank_deg)]])
     motion = PositionAnalysis(mechanism, path=path).motion()
     arms = motion.values[:, mechanism.angles["arm_pivot"]]
+    # Axes in the first mode, from which the scan turns the arm.
     axes = {name: motion.axes[0, k] for name, k in mechanism.pair_number.items()}
     arm_turns = np.linspace(-3.0, -3.0 + 2.0 * np.pi, 4001)
-    # The planet turns by as much as the arm, and by twice as much relative to the arm.
-    turned_by_arm = Rotation.from_rotvec(np.outer(arm_turns, axes["arm_pivot"]))
-    turned_on_arm = Rotation.from_rotvec(2.0 * np.outer(arm_turns, axes["planet_axis"]))
-    pins = turned_by_arm.apply(turned_on_arm.apply(axes["pin"]))
+    # The pin turns with the planet relative to the arm, and then with the arm.
+    rotation_on_arm = Rotation.from_rotvec(2.0 * np.outer(arm_turns, axes["planet_axis"]))
+    rotation_of_arm = Rotation.from_rotvec(np.outer(arm_turns, axes["arm_pivot"]))
+    pins = rotation_of_arm.apply(rotation_on_arm.apply(axes["pin"]))
     misses = pins @ axes["crank_pin"] - np.cos(np.radians(50.0))
+    # The rod fits where the sign changes.
     changes = np.flatnonzero(misses[1:] * misses[:-1] < 0.0)
     scanned = arm_turns[changes] + arms[0]
     # The scan begins 3 rad before the first mode, and ends after a whole turn.
     assert len(scanned) == len(motion.values) == 4
+    # (modes, scanned) half sines, which ignore whole turns. Each mode is near a scanned
+    # angle, and each scanned angle is near a mode.
     distances = np.abs(np.sin(0.5 * (arms[:, None] - scanned)))
     assert np.max(np.min(distances, axis=1)) < 1e-3
     assert np.max(np.min(distances, axis=0)) < 1e-3

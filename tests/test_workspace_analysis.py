@@ -149,8 +149,9 @@ def test_area_of_the_five_bar_is_that_of_intersected_caps(least_angle_deg):
     areas = result.frame("workspace", "areas")
     whole = areas[areas.part == "whole"]
     assert np.abs(whole["size"] - exact_area_sr).max() < 1e-6 * exact_area_sr
-    # Components and holes of one mode cover the sphere.
-    parts = areas[areas["working_mode"] == "++"].query("part != 'whole'")
+    # The other rows of a mode are the reachable component, the outside and the holes.
+    # Together these cover the sphere.
+    parts = areas[(areas["working_mode"] == "++") & (areas["part"] != "whole")]
     assert abs(parts["size"].sum() - 4.0 * np.pi) < 1e-9
 
 
@@ -213,11 +214,10 @@ def test_points_of_the_five_bar_border_lie_on_their_limit(five_bar_result):
 
 
 def test_area_of_the_mid_plane_mechanism_is_that_of_the_paper(mid_plane_kinematics):
-    """The workspace of a mechanism of Chen et al.
+    """The two largest parts of the workspace have the area by the formula of the paper.
 
-    (2021) has two equal largest parts.
-
-    By the rule of the paper, two pairs of axes stay at least 10 degrees apart. With the
+    The mechanism is that of Chen et al. 2021. By the rule of the paper, the axes of the
+    pairs 21 and 43 stay at least 10 degrees apart, and those of 61 and 54 too. With the
     reach of the legs there are five limits (`bounds`). The exact area of one of the two
     parts is a double integral (`mid_plane_area`). All eight working modes (ways to bend the
     legs) have the same workspace, so seven are reported to be the same as the first
