@@ -98,7 +98,8 @@ class IndeterminateForces:
                 f"which bearings of the pairs {listing(self.floating)}, or of others in "
                 "their loops, take no axial force (key axial)"
             )
-        # Even all this information is not enough if other constraints are redundant.
+        # Even all this information does not determine the forces if other constraints are
+        # redundant.
         if not self.enough:
             wanted.append("constraints that are not redundant")
         return wanted

@@ -171,8 +171,8 @@ def by_taylor_series(
     path = make_taylor_path(compiled.runs, compiled.momentum_conversions)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds
-    # A run with this end stopped where its equations became dependent. This raises an error
-    # unless curves of configurations cross there.
+    # A run with this end stopped where its equations became dependent. `_check_crossing`
+    # raises an error unless curves of configurations cross there.
     if last_run.end == "singularity":
         _check_crossing(problem, last_run)
     return Simulation(

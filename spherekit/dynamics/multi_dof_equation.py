@@ -182,8 +182,9 @@ def _derive_closure_determinant(coordinate_rates: CoordinateRates, freedoms: int
     rate_products = []  # T T^T
     for row in tau:
         rate_products.append([dot(row, other_row) for other_row in tau])
+    # Division by the power D^(2 m - 2).
     return _divide_repeatedly(
-        determinant(rate_products), coordinate_rates.scale, 2 * freedoms - 2
+        determinant(rate_products), divisor=coordinate_rates.scale, count=2 * freedoms - 2
     )
 
 

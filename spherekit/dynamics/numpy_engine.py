@@ -499,8 +499,8 @@ class Collocation:
         if self.equation.freedoms == 1:
             self.rate_weights = last_rates
         elif np.linalg.norm(last_rates, 2) > MAX_VARIABLE_RATE:
-            # Some pair variable moves fast compared with the coordinates. This shows that
-            # they are nearly dependent.
+            # The pair variables move fast compared with the coordinates. This shows that
+            # the coordinates are nearly dependent.
             state, self.rate_weights = self.equation.renew_coordinates(
                 state, self.rate_weights
             )
@@ -844,6 +844,7 @@ class Collocation:
         crossing_time = step.find_crossing(determinants, record)
         if ends_near_crossing or crossing_time is None:
             return False
+        # The sign also changes if the step has changed to another set that is near.
         return self._is_true_crossing(step, crossing_time)
 
     def _is_true_crossing(self, step: CollocationStep, t: float) -> bool:

@@ -372,10 +372,10 @@ class Simulation:
         """Estimates of the errors of the simulation, see `Checks`.
 
         The states contain the momenta p = R u, with the rates u of the coordinates and the
-        symmetric root R of the inertia matrix. The kinetic energy is p^2 / 2, and its rate
-        is p dp/dt. The error of dp/dt is its value on the computed path minus its value by
-        the equation of motion. Four errors are computed at several times, and the largest
-        of each kind is returned:
+        symmetric root R of the inertia matrix M = R R. The kinetic energy is p^2 / 2, and
+        its rate is p dp/dt. The error of dp/dt is its value on the computed path minus its
+        value by the equation of motion. Four errors are computed at several times, and the
+        largest of each kind is returned:
 
         - Energy: the change of kinetic energy minus the work of the loads.
         - Momentum: the error of dp/dt times the length of the step. This is the error of p

@@ -684,15 +684,17 @@ class TaylorIntegration:
         """
         if not steps:
             return ProbeResult(agreeing_steps=0)
+        # Some loads change abruptly where a condition changes its sign. An example is dry
+        # friction where the sliding rate changes its sign. Switch signs are the signs of
+        # these conditions. Each step has its own switch signs; other parameters are common.
+        parameters = self._all_parameters(integrator)
+        common_parameters = parameters[self.layout.common_slice]
         probe = StepProbe(
             equation=self.equation,
             starts=np.array([step.start for step in steps]),
             lengths=np.array([step.length for step in steps]),
             series=np.array([step.series for step in steps]),
-            # Some loads change abruptly where a condition changes its sign, as dry friction
-            # where the sliding rate does. Switch signs are the signs of these conditions.
-            # All steps of a segment have the same other parameters.
-            common_parameters=self._all_parameters(integrator)[self.layout.common_slice],
+            common_parameters=common_parameters,
             switch_signs=np.array([step.switch_signs for step in steps]),
         )
         # For each step, the place of its first error as a fraction of the step; infinity if
@@ -788,15 +790,16 @@ class TaylorIntegration:
         such as joint limits and pieces of torque tables. `EquationLayout` defines their
         order.
         """
+        # Torque tables are linear in time during the interval.
         table_parameters = [self.time]
         for table in self.tables:
-            # Value and slope of the table.
+            # Value at this time, and slope, of the table.
             table_parameters += _linear_piece(table, self.time, interval_end)
         return np.array(
             [
                 *self.turns,  # whole turns that were subtracted from each joint angle
-                # The state has the momenta divided by this unit. The equation has factors
-                # of it and of its reciprocal.
+                # The state has the momenta divided by this unit. The equation contains both
+                # the unit and its reciprocal.
                 self.momentum_unit,
                 1.0 / self.momentum_unit,
                 self.min_independence,  # below this, closure equations count as dependent

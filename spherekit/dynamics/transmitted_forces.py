@@ -259,13 +259,16 @@ class NewtonEuler:
         self.unit_wrenches = self._compute_unit_wrenches(tooth_sides)
 
         link_count = len(mechanism.links)
-        # A pair acts on its second link, and with the opposite sign on its first.
+        # A row for each pair. A pair acts on its second link (1 in the column of the link),
+        # and with the opposite sign on its first (-1).
         first_links, second_links = np.array(mechanism.ends).T
         self._pair_to_link = (
             np.eye(link_count)[second_links] - np.eye(link_count)[first_links]
         )
+        # A row for each reaction, with 1 in the column of its pair.
         column_pairs = [pair for pair, _ in self.columns]
         self._column_to_pair = np.eye(len(mechanism.pairs))[column_pairs]
+        # Which components of the moment and force on which link have an equation.
         self._has_equation = _list_equations(mechanism, forces)
         self.matrix = self._assemble_matrix(column_pairs)
         # A force causes the moment of a contact. If the distance of the contact from O is
@@ -339,6 +342,7 @@ class NewtonEuler:
             equations = system.is_equation
             reactions = system.is_reaction
             inverted = _invert(self.matrix[:, equations][:, :, reactions])
+            # In all rows the elements of these reactions and equations.
             block = np.ix_(np.arange(n), reactions, equations)
             self._inverse[block] = inverted.inverse
             self.is_open[:, reactions] = ~inverted.is_determined

@@ -606,6 +606,7 @@ def _find_coaxial_equations(
         rotations[0, to_carrier.hinge] = -to_carrier.sense
         # y is the second link relative to the carrier.
         rotations[1, from_carrier.hinge] = from_carrier.sense
+        # u and v, or None if the couplings imply no equation of x and y.
         factors = _find_implied_factors(rotations, equations)
         if factors is None:
             continue

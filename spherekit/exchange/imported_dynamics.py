@@ -98,7 +98,8 @@ class ImportedDynamics:
         """Return the table of the inertia of a link: the sum over its bodies.
 
         The table has the inertia tensor about the centre of the sphere, the mass and the
-        centre of mass. The last two are omitted if the masses of the model are not real.
+        centre of mass. The last two are omitted if the masses of the model are not real:
+        MuJoCo needs masses, so spherekit invents some when it exports a mechanism.
 
         MuJoCo can compensate the weight of a body by a force. A mechanism file can't. The
         centre of mass is then computed as if this body were at the centre of the sphere,
@@ -189,8 +190,10 @@ class ImportedDynamics:
         (3,) vector from the centre of the sphere, m.
         """
         masses = self._mj_model.body_mass[bodies]
+        # Weightless bodies get the mass 0 here. They count in the total mass.
         masses_with_weight = masses * ~self._is_weightless(bodies)
-        centre: Floats = masses_with_weight @ self._find_arms(bodies) / np.sum(masses)
+        arms = self._find_arms(bodies)  # from the sphere's centre to the centres of mass
+        centre: Floats = masses_with_weight @ arms / np.sum(masses)
         return centre
 
     def _find_rotors(self) -> dict[int, Floats]:

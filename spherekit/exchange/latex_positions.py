@@ -478,7 +478,7 @@ class PositionFormulas:
         input_rotation = self._make_input_rotation(input_pair)
         _, second_link = self._mechanism.ends[input_pair]
         second_tangent = self._write_tangent(second_link, input_pair)  # t2
-        # z. With sense=-1.0, the rotation is by the opposite of the angle.
+        # z. With sense=-1.0 the rotation goes back.
         direction_at_zero = self._formula_list.write_indexed(
             r"\mathbf{z}",
             self._pair_labels[input_pair],
@@ -783,7 +783,7 @@ class PositionFormulas:
             Angle b about k from the second axis of the link to that axis.
         """
         label = self._formula_list.link_labels[link]
-        k = self._axes_by_link[link][0].vector
+        k = self._axes_by_link[link][0].vector  # of the first axis
         # The tangent occurs twice, so it gets a symbol, unless the sine is zero.
         if azimuth.sine != 0.0:
             tangent = self._formula_list.write_indexed(r"\mathbf{d}", label, tangent)

@@ -81,7 +81,8 @@ class LatexText(NamedTuple):
         Whether it ends with an exponent, such as a square or the name ``c^{(1)}``. LaTeX
         refuses two exponents on one symbol, so it needs brackets before another one.
     is_negative
-        Whether the text begins with a minus sign.
+        Whether the text begins with a minus sign. A sum shows it as ``a - b`` instead of
+        ``a + -b``.
     is_spaced_product
         Whether it is a product with factors separated by thin spaces. Then it needs no
         brackets as a factor, in contrast to a vector product.
@@ -216,7 +217,7 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
         rf"{_print_factor(first_factor)} \, {_print_factor(last_factor)}",
         Binding.PRODUCT,
         # A scalar times a vector is a vector.
-        last_factor.rank,
+        rank=last_factor.rank,
         is_spaced_product=True,
     )
 

@@ -204,6 +204,7 @@ class Names:
         By the path of each link in the recording: the names of the link itself, and of its
         pairs (joints) that no other link shows.
         """
+        # A request is a name of a link or pair with the places to choose from.
         requests: list[_NameRequest] = []
         # For each link its orientations (pictures, 3, 3) in the pictures.
         rotations_of_bodies = _picture_rotations(bodies)
@@ -219,7 +220,8 @@ class Names:
             best = int(np.argmin(self._place_costs(request)))
             name = (request.text, request.places[best], request.is_pair)
             names[request.path].append(name)
-            # Names that follow avoid the rectangle of this name.
+            # Names that follow avoid the rectangle of this name. `centres` are its middles
+            # in all pictures.
             box = _Box(
                 cost=1.0,
                 centres=request.centres[:, best],
